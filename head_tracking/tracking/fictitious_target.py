@@ -1,0 +1,54 @@
+"""The tutorial's target that nobody sees: a point that swings in front of the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from head_tracking.parameters import parameter
+from head_tracking.transforms import Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class FictitiousTargetParameters:
+    """The path x, y, z = centre + amplitude * (sin t, sin t, |sin t|); defaults: the tutorial's."""
+
+    center: tuple[float, ...] = parameter(
+        (0.5, 0.0, -0.1), "Middle of the path: x, y, z.", unit="m", minimum=-1e3, maximum=1e3
+    )
+    amplitude: tuple[float, ...] = parameter(
+        (0.25, 0.5, 0.5),
+        "Swing in x, y and z; all 0: the target stands still.",
+        unit="m",
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    step: float = parameter(
+        0.025,
+        "How far t advances from one message to the next.",
+        unit="rad",
+        minimum=0.0,
+        maximum=3.0,
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("center", "amplitude"):
+            if len(getattr(self, name)) != 3:
+                raise ValueError(f"{name} is {list(getattr(self, name))}; it needs x, y and z")
+
+
+def path(parameters: FictitiousTargetParameters) -> Iterator[Vector3]:
+    """The points of the path [m], one a message, without end."""
+    t = 0.0
+    while True:
+        yield point_at(t, parameters)
+        t += parameters.step
+
+
+def point_at(t: float, parameters: FictitiousTargetParameters) -> Vector3:
+    """The point [m] at the phase `t` [rad]."""
+    sine = math.sin(t)
+    x, y, z = parameters.center
+    dx, dy, dz = parameters.amplitude
+    return x + dx * sine, y + dy * sine, z + dz * abs(sine)

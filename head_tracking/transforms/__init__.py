@@ -1,0 +1,44 @@
+"""Transforms between frames: a replacement for tf2 that computes the robot's own at lookup."""
+
+from head_tracking.transforms.buffer import LATEST, TransformBuffer
+from head_tracking.transforms.exceptions import (
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    RobotModelError,
+    TimeoutException,
+    TransformException,
+)
+from head_tracking.transforms.history import JointHistory, TransformHistory
+from head_tracking.transforms.joint import Joint, JointLimits, JointType, Mimic
+from head_tracking.transforms.robot_model import RobotModel
+from head_tracking.transforms.rotation import Rotation, Vector3
+from head_tracking.transforms.transform import StampedTransform, Transform
+from head_tracking.transforms.urdf import load_robot_model, parse_robot_model, with_fixed_root
+
+__all__ = [
+    "LATEST",
+    "ConnectivityException",
+    "ExtrapolationException",
+    "InvalidArgumentException",
+    "Joint",
+    "JointHistory",
+    "JointLimits",
+    "JointType",
+    "LookupException",
+    "Mimic",
+    "RobotModel",
+    "RobotModelError",
+    "Rotation",
+    "StampedTransform",
+    "TimeoutException",
+    "Transform",
+    "TransformBuffer",
+    "TransformException",
+    "TransformHistory",
+    "Vector3",
+    "load_robot_model",
+    "parse_robot_model",
+    "with_fixed_root",
+]

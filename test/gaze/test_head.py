@@ -1,0 +1,255 @@
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from head_tracking.gaze import GazeStatus, PanTiltHead
+from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
+
+PAN, TILT = "head_pan_joint", "head_tilt_joint"
+
+
+def head_urdf(
+    pan_axis: str = "0 0 1",
+    tilt_axis: str = "0 1 0",
+    pan_rpy: str = "0 0 0",
+    tilt_rpy: str = "0 0 0",
+    camera_rpy: str = "0 0 0",
+    tilt_xyz: str = "0.03 -0.02 0.05",
+    camera_xyz: str = "0.05 0.03 0.0615",
+    limit: float = 2.0,
+) -> str:
+    bounds = f'<limit lower="{-limit}" upper="{limit}"/>'
+    return f"""
+    <robot name="head">
+      <link name="base"/><link name="pan"/><link name="tilt"/><link name="camera"/>
+      <joint name="{PAN}" type="revolute"><parent link="base"/><child link="pan"/>
+        <origin xyz="0.1 0.02 0.5" rpy="{pan_rpy}"/><axis xyz="{pan_axis}"/>{bounds}</joint>
+      <joint name="{TILT}" type="revolute"><parent link="pan"/><child link="tilt"/>
+        <origin xyz="{tilt_xyz}" rpy="{tilt_rpy}"/><axis xyz="{tilt_axis}"/>{bounds}</joint>
+      <joint name="mount" type="fixed"><parent link="tilt"/><child link="camera"/>
+        <origin xyz="{camera_xyz}" rpy="{camera_rpy}"/></joint>
+    </robot>"""
+
+
+SQUARE = {
+    "ordinary": {},
+    "pan axis down": {"pan_axis": "0 0 -1"},
+    "tilt axis right": {"tilt_axis": "0 -1 0"},
+    "both turned": {"pan_axis": "0 0 -1", "tilt_axis": "0 -1 0"},
+    "pan joint upside down": {"pan_rpy": "3.141592653589793 0 0", "pan_axis": "0 0 -1"},
+    "tilt servo on its side": {"tilt_rpy": "1.5707963267948966 0 0", "tilt_axis": "0 0 -1"},
+    "camera looks up by default": {"camera_rpy": "0 -0.6 0"},
+    "camera rolled": {"camera_rpy": "0.9 0 0"},
+    "leaning torso": {"pan_rpy": "0.2 0.3 -0.4"},
+}
+OBLIQUE = {
+    "camera squints": {"camera_rpy": "0 0 0.2"},
+    "tilt axis not square": {"tilt_axis": "0.1 0.99 0.1"},
+    "everything crooked": {
+        "pan_rpy": "0.3 -0.1 0.2",
+        "tilt_rpy": "0.1 0.2 -0.15",
+        "camera_rpy": "0.3 0.1 -0.2",
+    },
+}
+
+
+def make_head(options: dict[str, str]) -> tuple[RobotModel, PanTiltHead]:
+    model = parse_robot_model(head_urdf(**options))
+    return model, PanTiltHead(model, PAN, TILT, "camera")
+
+
+def miss_by_kinematics(model, head, target, pan, tilt, axis=(1.0, 0.0, 0.0)):
+    """The angle from the model's own transforms, independent of the gaze's geometry."""
+    T_camera_base = model.transform(head.pointing_frame, head.base_frame, {PAN: pan, TILT: tilt})
+    seen = T_camera_base @ target
+    along = sum(a * s for a, s in zip(axis, seen, strict=True))
+    distance = math.hypot(*seen)
+    return math.atan2(math.sqrt(max(0.0, distance**2 - along**2)), along)
+
+
+def reachable_targets(model, head, count, seed, angles=1.2):
+    rnd = random.Random(seed)
+    for _ in range(count):
+        pan, tilt = rnd.uniform(-angles, angles), rnd.uniform(-angles, angles)
+        T_base_camera = model.transform(
+            head.base_frame, head.pointing_frame, {PAN: pan, TILT: tilt}
+        )
+        yield T_base_camera @ (10 ** rnd.uniform(-0.5, 1.0), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", SQUARE)
+def test_the_closed_form_is_exact(name):
+    model, head = make_head(SQUARE[name])
+    for target in reachable_targets(model, head, 200, seed=1):
+        gaze = head.gaze(target, 0.3, -0.2)
+        assert gaze.status is GazeStatus.REACHED, gaze
+        assert miss_by_kinematics(model, head, target, gaze.pan, gaze.tilt) < 1e-7
+        assert gaze.miss < 1e-12
+
+
+@pytest.mark.parametrize("name", OBLIQUE)
+def test_newton_finds_the_gaze_of_oblique_heads(name):
+    model, head = make_head(OBLIQUE[name])
+    for target in reachable_targets(model, head, 200, seed=2, angles=0.9):
+        gaze = head.gaze(target, 0.3, -0.2)
+        assert gaze.status is GazeStatus.REACHED, gaze
+        assert miss_by_kinematics(model, head, target, gaze.pan, gaze.tilt) < 1e-7
+
+
+@pytest.mark.parametrize("frame", ["camera_link", "camera_optical_frame", "left_eye_link"])
+def test_both_robots_point_any_frame_of_the_head(robot, frame):
+    if frame not in robot.links:
+        pytest.skip("this robot has no eyes")
+    head = PanTiltHead(robot, PAN, TILT, frame)
+    axis = (0.0, 0.0, 1.0) if "optical" in frame else (1.0, 0.0, 0.0)
+    rnd = random.Random(3)
+    for _ in range(300):
+        target = [rnd.uniform(0.3, 3.0), rnd.uniform(-2, 2), rnd.uniform(-0.5, 1.0)]
+        gaze = head.gaze(target, 0.0, 0.0)
+        assert gaze.reached
+        assert miss_by_kinematics(robot, head, target, gaze.pan, gaze.tilt, axis) < 1e-7
+
+
+def test_any_axis_can_be_pointed(kinectbot):
+    head = PanTiltHead(kinectbot, PAN, TILT, "head_link", pointing_axis=(2.0, 0.0, 1.0))
+    target = (1.0, 0.4, 0.2)
+    gaze = head.gaze(target, 0.0, 0.0)
+    norm = math.sqrt(5)
+    axis = (2 / norm, 0.0, 1 / norm)
+    assert gaze.reached
+    assert miss_by_kinematics(kinectbot, head, target, gaze.pan, gaze.tilt, axis) < 1e-7
+
+
+def test_signs_follow_the_tutorial(kinectbot):
+    """Left is positive pan; positive tilt looks down."""
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
+    left_and_down = head.gaze((1.0, 1.0, -0.4), 0.0, 0.0)
+    assert left_and_down.pan > 0.7
+    assert left_and_down.tilt > 0.2
+
+
+def test_a_far_point_straight_ahead_centres_the_head(kinectbot):
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
+    for pan, tilt in ((0.0, 0.0), (1.2, 0.8), (-2.0, -1.0)):
+        gaze = head.gaze((100.0, 0.0, 0.0), pan, tilt)
+        assert gaze.pan == pytest.approx(0.0, abs=0.002)
+        assert gaze.tilt == pytest.approx(0.0, abs=0.002)
+
+
+def test_the_gaze_does_not_depend_on_where_the_head_stands(robot):
+    head = PanTiltHead(robot, PAN, TILT, "camera_link")
+    first = head.gaze((0.6, 0.5, 0.1), 0.0, 0.0)
+    second = head.gaze((0.6, 0.5, 0.1), -1.5, 1.0)
+    assert (first.pan, first.tilt) == pytest.approx((second.pan, second.tilt), abs=1e-12)
+
+
+def test_behind_the_head_is_out_of_reach_and_the_miss_is_told(kinectbot):
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
+    gaze = head.gaze((-2.0, 0.1, 0.0), 0.0, 0.0)
+    assert gaze.status is GazeStatus.OUT_OF_REACH
+    assert gaze.pan == 2.6
+    assert gaze.miss == pytest.approx(
+        miss_by_kinematics(kinectbot, head, (-2.0, 0.1, 0.0), gaze.pan, gaze.tilt), abs=1e-7
+    )
+    assert "head_pan_joint 3.0" in gaze.reason
+    assert "allowed -2.60 to 2.60" in gaze.reason
+
+
+def test_the_answer_out_of_reach_is_the_nearest_gaze():
+    model, head = make_head({})
+    target = (-1.0, 0.6, 0.3)
+    gaze = head.gaze(target, 0.0, 0.0)
+    assert gaze.status is GazeStatus.OUT_OF_REACH
+    grid = [-2.0 + 4.0 * i / 80 for i in range(81)]
+    best = min(miss_by_kinematics(model, head, target, p, t) for p in grid for t in grid)
+    assert gaze.miss <= best + math.radians(2)
+
+
+def test_a_target_on_the_pan_axis_keeps_the_pan(kinectbot):
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
+    gaze = head.gaze((0.0115, 0.0, 2.0), 0.7, 0.1)
+    assert gaze.status is GazeStatus.ON_PAN_AXIS
+    assert gaze.pan == 0.7
+    assert gaze.tilt < -1.4
+
+
+def test_a_target_at_the_camera_is_too_close(robot):
+    head = PanTiltHead(robot, PAN, TILT, "camera_link")
+    at_camera = robot.transform(head.base_frame, "camera_link", {PAN: 0.4, TILT: 0.3}).translation
+    assert head.gaze(at_camera, 0.4, 0.3).status is GazeStatus.TOO_CLOSE
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_target_that_is_not_finite_is_answered_and_the_head_stays(kinectbot, bad):
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
+    gaze = head.gaze((1.0, bad, 0.0), 0.3, 0.2)
+    assert gaze.status is GazeStatus.NOT_FINITE
+    assert (gaze.pan, gaze.tilt) == (0.3, 0.2)
+
+
+@settings(max_examples=300)
+@given(st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3), st.floats(-9, 9))
+def test_gaze_never_raises_and_never_leaves_the_limits(target, present):
+    for options in ({}, OBLIQUE["everything crooked"]):
+        _, head = make_head(options)
+        gaze = head.gaze(target, present, present)
+        assert head.pan_limits.contains(gaze.pan)
+        assert head.tilt_limits.contains(gaze.tilt)
+        assert gaze.reached == (gaze.reason == "")
+
+
+def test_limits_can_be_narrowed(kinectbot):
+    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link", tilt_limits=(-0.3, 0.3))
+    gaze = head.gaze((1.0, 0.0, -1.0), 0.0, 0.0)
+    assert gaze.tilt == 0.3
+    assert gaze.status is GazeStatus.OUT_OF_REACH
+
+
+def test_a_continuous_pan_takes_the_short_way_round():
+    urdf = head_urdf().replace(
+        'type="revolute"><parent link="base"', 'type="continuous"><parent link="base"'
+    )
+    head = PanTiltHead(parse_robot_model(urdf), PAN, TILT, "camera")
+    gaze = head.gaze((-3.0, -0.5, 0.5), 3.0, 0.0)
+    assert gaze.reached
+    assert 3.0 < gaze.pan < 3.6
+
+
+@pytest.mark.parametrize(
+    ("joints", "frame", "words"),
+    [
+        (("no_joint", TILT), "camera_link", "'no_joint'.*head_pan_joint"),
+        ((PAN, TILT), "nose", "no link 'nose'.*camera_link"),
+        ((PAN, TILT), "head_pan_link", "'head_pan_link' is not carried.*neck_link"),
+        ((PAN, TILT), "pan_tilt_bracket", "not carried"),
+        ((TILT, PAN), "camera_link", "not carried"),
+        (("camera_link_mount", TILT), "camera_link", "must be revolute"),
+    ],
+)
+def test_a_head_that_cannot_be_is_refused(kinectbot, joints, frame, words):
+    with pytest.raises(RobotModelError, match=words):
+        PanTiltHead(kinectbot, *joints, frame)
+
+
+def test_parallel_axes_are_refused():
+    with pytest.raises(RobotModelError, match="same direction"):
+        make_head({"tilt_axis": "0 0 1"})
+
+
+def test_a_joint_that_moves_behind_the_tilt_is_refused():
+    urdf = head_urdf().replace('name="mount" type="fixed"', 'name="mount" type="continuous"')
+    with pytest.raises(RobotModelError, match=r"'mount'.*moves too"):
+        PanTiltHead(parse_robot_model(urdf), PAN, TILT, "camera")
+
+
+def test_limits_without_anything_between_are_refused(kinectbot):
+    with pytest.raises(RobotModelError, match="nothing in common"):
+        PanTiltHead(kinectbot, PAN, TILT, "camera_link", pan_limits=(3.0, 4.0))
+
+
+def test_no_axis_is_refused(kinectbot):
+    with pytest.raises(RobotModelError, match="no direction"):
+        PanTiltHead(kinectbot, PAN, TILT, "camera_link", pointing_axis=(0.0, 0.0, 0.0))

@@ -1,0 +1,116 @@
+import math
+
+import pytest
+
+from head_tracking.tracking import Target, TargetPlacer
+from head_tracking.transforms import (
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    TransformBuffer,
+)
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def buffer(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    buffer.set_joint_positions(SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
+    buffer.set_joint_positions(2 * SECOND, {"head_pan_joint": 1.0, "head_tilt_joint": 0.0})
+    return buffer
+
+
+@pytest.fixture
+def placer(buffer):
+    return TargetPlacer(buffer, "head_pan_link", timeout=1.0)
+
+
+def ahead(stamp: int, frame: str = "camera_link") -> Target:
+    return Target(stamp, frame, (2.0, 0.0, 0.0))
+
+
+def bearing(point) -> float:
+    return math.atan2(point[1], point[0] - 0.0115)
+
+
+def test_a_target_is_placed_with_the_joints_as_they_were_at_its_stamp(placer):
+    placer.offer(ahead(SECOND + SECOND // 2), 0.0)
+    _, point = placer.place(0.0, {})
+    assert bearing(point) == pytest.approx(0.5)
+
+
+def test_a_target_without_a_stamp_is_placed_where_the_head_was_sent(placer):
+    placer.offer(ahead(0), 0.0)
+    _, point = placer.place(0.0, {"head_pan_joint": 1.25, "head_tilt_joint": 0.0})
+    assert bearing(point) == pytest.approx(1.25)
+
+
+def test_a_fixed_target_needs_no_joints():
+    from head_tracking.transforms import parse_robot_model
+
+    buffer = TransformBuffer()
+    buffer.set_model(
+        parse_robot_model(
+            '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="fixed">'
+            '<parent link="a"/><child link="b"/><origin xyz="0 0 1"/></joint></robot>'
+        )
+    )
+    placer = TargetPlacer(buffer, "a", 1.0)
+    placer.offer(ahead(5 * SECOND, "b"), 0.0)
+    assert placer.place(0.0, {})[1] == pytest.approx((2, 0, 1))
+
+
+def test_a_target_waits_for_the_joint_states_of_its_stamp(placer, buffer):
+    placer.offer(ahead(2 * SECOND + SECOND // 2), 0.0)
+    assert placer.place(0.1, {}) is None
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
+    _, point = placer.place(0.2, {})
+    assert bearing(point) == pytest.approx(0.5)
+    assert placer.place(0.3, {}) is None
+
+
+def test_the_newest_target_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
+    placer.offer(ahead(SECOND), 0.0)
+    placer.offer(ahead(2 * SECOND), 0.1)
+    placer.offer(ahead(3 * SECOND), 0.2)
+    target, _ = placer.place(0.3, {})
+    assert target.stamp == 2 * SECOND
+    assert placer.place(0.4, {}) is None
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
+    target, _ = placer.place(0.5, {})
+    assert target.stamp == 3 * SECOND
+
+
+def test_a_stream_always_ahead_of_the_joint_states_does_not_starve(placer, buffer):
+    placed = 0
+    for step in range(100):
+        now = 2 * SECOND + step * SECOND // 30
+        placer.offer(ahead(now), step / 30)
+        buffer.set_joint_positions(
+            now - SECOND // 50, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
+        )
+        placed += placer.place(step / 30, {}) is not None
+    assert placed >= 98
+
+
+def test_a_target_that_cannot_be_placed_in_time_is_an_error_once(placer):
+    placer.offer(ahead(99 * SECOND), 0.0)
+    assert placer.place(0.9, {}) is None
+    with pytest.raises(ExtrapolationException, match="future"):
+        placer.place(1.1, {})
+    assert placer.place(1.2, {}) is None
+
+
+def test_an_unknown_frame_is_named(placer):
+    placer.offer(ahead(0, "gripper"), 0.0)
+    with pytest.raises(LookupException, match="'gripper'"):
+        placer.place(2.0, {})
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_target_that_is_not_finite_is_refused(placer, bad):
+    with pytest.raises(InvalidArgumentException, match=r"\(1.000, nan|inf.*camera_link"):
+        placer.offer(Target(0, "camera_link", (1.0, bad, 0.0)), 0.0)
+    assert placer.place(0.0, {}) is None

@@ -1,0 +1,231 @@
+import math
+import threading
+
+import numpy as np
+import pytest
+from random_trees import random_urdf
+
+from head_tracking.transforms import (
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    parse_robot_model,
+)
+
+SECOND = 1_000_000_000
+HEAD = {"head_pan_joint": 0.5, "head_tilt_joint": -0.2}
+
+
+@pytest.fixture
+def buffer(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    buffer.set_joint_positions(SECOND, HEAD)
+    return buffer
+
+
+def moved(x: float) -> Transform:
+    return Transform.from_xyz_rpy((x, 0, 0))
+
+
+def test_the_latest_lookup_is_forward_kinematics(buffer, kinectbot):
+    for source in kinectbot.links:
+        found = buffer.lookup_transform("base_link", source)
+        expected = kinectbot.transform("base_link", source, HEAD)
+        assert np.allclose(found.transform.as_matrix(), expected.as_matrix(), atol=1e-12)
+
+
+def test_the_answer_carries_frames_and_the_latest_common_time(buffer):
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.6})
+    found = buffer.lookup_transform("base_link", "camera_link")
+    assert (found.target_frame, found.source_frame) == ("base_link", "camera_link")
+    assert found.stamp == SECOND  # the tilt joint was not heard of since
+    assert buffer.lookup_transform("base_link", "pan_tilt_bracket").stamp == 3 * SECOND
+    assert buffer.lookup_transform("base_link", "torso_link").stamp == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lookups_in_random_trees_agree_with_forward_kinematics(seed):
+    model = parse_robot_model(random_urdf(seed))
+    buffer = TransformBuffer()
+    buffer.set_model(model)
+    rng = np.random.default_rng(seed)
+    positions = {name: float(rng.uniform(-3, 3)) for name in model.independent_joints}
+    buffer.set_joint_positions(SECOND, positions)
+    for _ in range(20):
+        target, source = rng.choice(model.links, 2)
+        found = buffer.lookup_transform(target, source).transform.as_matrix()
+        assert np.abs(found - model.transform(target, source, positions).as_matrix()).max() < 1e-9
+
+
+def test_a_past_lookup_is_exact_on_the_arc(buffer, kinectbot):
+    later = {"head_pan_joint": 1.5, "head_tilt_joint": 0.4}
+    buffer.set_joint_positions(2 * SECOND, later)
+    found = buffer.lookup_transform("base_link", "camera_link", SECOND + SECOND // 4)
+    between = {name: HEAD[name] + 0.25 * (later[name] - HEAD[name]) for name in HEAD}
+    expected = kinectbot.transform("base_link", "camera_link", between)
+    assert np.allclose(found.transform.as_matrix(), expected.as_matrix(), atol=1e-12)
+
+
+def test_nothing_is_extrapolated(buffer):
+    with pytest.raises(ExtrapolationException, match=r"into the future.*2\.0.*1\.0"):
+        buffer.lookup_transform("base_link", "camera_link", 2 * SECOND)
+    with pytest.raises(ExtrapolationException, match="into the past"):
+        buffer.lookup_transform("base_link", "camera_link", SECOND // 2)
+    assert not buffer.can_transform("base_link", "camera_link", 2 * SECOND)
+
+
+def test_fixed_frames_can_be_looked_up_at_any_time(buffer):
+    assert buffer.can_transform("base_link", "torso_link", 99 * SECOND)
+
+
+def test_joints_can_be_taken_to_stand_elsewhere(buffer, kinectbot):
+    elsewhere = {"head_pan_joint": -1.0, "head_tilt_joint": 0.9}
+    found = buffer.lookup_transform("base_link", "camera_link", joint_positions=elsewhere)
+    expected = kinectbot.transform("base_link", "camera_link", elsewhere)
+    assert found.transform == expected
+    assert buffer.lookup_transform("base_link", "camera_link").transform != expected
+
+
+def test_mimic_joints_follow_in_lookups():
+    buffer = TransformBuffer()
+    buffer.set_model(
+        parse_robot_model(
+            '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
+            '<joint name="j" type="prismatic"><parent link="a"/><child link="b"/>'
+            '<limit lower="-9" upper="9"/></joint>'
+            '<joint name="k" type="prismatic"><parent link="b"/><child link="c"/>'
+            '<limit lower="-9" upper="9"/><mimic joint="j" multiplier="2" offset="1"/></joint>'
+            "</robot>"
+        )
+    )
+    buffer.set_joint_positions(SECOND, {"j": 1.0})
+    assert buffer.lookup_transform("a", "c").transform.translation == pytest.approx((4, 0, 0))
+
+
+def test_a_point_goes_there_and_back(buffer):
+    there = buffer.transform_point((1.0, 2.0, 3.0), "camera_link", "base_link")
+    assert buffer.transform_point(there, "base_link", "camera_link") == pytest.approx((1, 2, 3))
+
+
+def test_static_and_sampled_frames_join_the_model(buffer):
+    buffer.set_transform(0, "world", "base_link", moved(7), static=True)
+    buffer.set_transform(SECOND, "camera_link", "ball", moved(1))
+    buffer.set_transform(2 * SECOND, "camera_link", "ball", moved(3))
+    buffer.set_joint_positions(2 * SECOND, HEAD)
+    found = buffer.lookup_transform("camera_link", "ball", SECOND + SECOND // 2)
+    assert found.transform.translation == pytest.approx((2, 0, 0))
+    assert buffer.lookup_transform("world", "torso_link").transform.translation[0] == 7
+    assert buffer.can_transform("world", "ball", SECOND + SECOND // 2)
+
+
+def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
+    before = buffer.lookup_transform("base_link", "camera_link")
+    buffer.set_transform(SECOND, "torso_link", "head_pan_link", moved(5))
+    assert buffer.lookup_transform("base_link", "camera_link") == before
+
+
+def test_a_new_model_replaces_the_old_one(buffer, turtlebot):
+    buffer.set_model(turtlebot)
+    assert "hair_link" not in buffer.frames()
+    with pytest.raises(LookupException, match="hair_link"):
+        buffer.lookup_transform("base_link", "hair_link")
+    # the head's joints have the same names: their history is still good
+    assert buffer.can_transform("base_link", "camera_link", SECOND)
+    assert not buffer.can_transform("base_link", "left_wheel_link")
+
+
+def test_an_unknown_frame_is_named_with_those_known(buffer):
+    with pytest.raises(LookupException, match=r"'gripper' does not exist.*camera_link"):
+        buffer.lookup_transform("base_link", "gripper")
+    with pytest.raises(LookupException, match="none yet"):
+        TransformBuffer().lookup_transform("a", "b")
+
+
+def test_a_joint_without_a_position_is_named(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    with pytest.raises(LookupException, match=r"head_tilt_joint.*joint_states"):
+        buffer.lookup_transform("head_tilt_link", "camera_link")
+
+
+def test_two_trees_are_not_connected(buffer):
+    buffer.set_transform(SECOND, "map", "odom", moved(1))
+    with pytest.raises(ConnectivityException, match=r"'map'.*'base_link'|'base_link'.*'map'"):
+        buffer.lookup_transform("odom", "camera_link")
+
+
+def test_a_frame_can_change_its_parent(buffer):
+    buffer.set_transform(SECOND, "base_link", "ball", moved(1))
+    buffer.set_transform(2 * SECOND, "torso_link", "ball", moved(2))
+    assert buffer.lookup_transform("torso_link", "ball").transform.translation == (2, 0, 0)
+
+
+def test_a_loop_is_an_error_not_a_hang():
+    buffer = TransformBuffer()
+    buffer.set_transform(SECOND, "a", "b", moved(1))
+    buffer.set_transform(SECOND, "b", "a", moved(1))
+    with pytest.raises(TransformException, match="loop"):
+        buffer.lookup_transform("a", "b")
+
+
+@pytest.mark.parametrize("frame", ["", "/base_link"])
+def test_impossible_frame_names_are_refused(buffer, frame):
+    with pytest.raises(InvalidArgumentException, match="frame name"):
+        buffer.lookup_transform(frame, "camera_link")
+    with pytest.raises(InvalidArgumentException, match="frame name"):
+        buffer.lookup_transform("camera_link", frame)
+
+
+def test_bad_samples_are_refused_and_nothing_is_taken(buffer):
+    before = buffer.lookup_transform("base_link", "camera_link")
+    with pytest.raises(InvalidArgumentException, match="head_tilt_joint"):
+        buffer.set_joint_positions(2 * SECOND, {"head_pan_joint": 1.0, "head_tilt_joint": math.nan})
+    assert buffer.lookup_transform("base_link", "camera_link") == before
+    with pytest.raises(InvalidArgumentException, match="finite"):
+        buffer.set_transform(SECOND, "base_link", "ball", moved(math.inf))
+    with pytest.raises(InvalidArgumentException, match="own parent"):
+        buffer.set_transform(SECOND, "ball", "ball", moved(1))
+    with pytest.raises(InvalidArgumentException, match="two frame names"):
+        buffer.set_transform(SECOND, "", "ball", moved(1))
+    assert "ball" not in buffer.frames()
+
+
+def test_clear_forgets_what_was_recorded(buffer):
+    buffer.set_transform(0, "world", "base_link", moved(7), static=True)
+    buffer.set_transform(SECOND, "world", "ball", moved(7))
+    buffer.clear()
+    assert not buffer.can_transform("base_link", "camera_link")
+    assert "ball" not in buffer.frames()
+    assert buffer.can_transform("world", "torso_link")
+
+
+def test_readers_see_one_moment_while_a_writer_writes(kinectbot):
+    """Pan and tilt are always written equal: a lookup that mixes two moments would show."""
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    buffer.set_joint_positions(1, dict.fromkeys(HEAD, 0.0))
+    stop = threading.Event()
+    mixed: list[float] = []
+
+    def read() -> None:
+        while not stop.is_set():
+            found = buffer.lookup_transform("head_pan_link", "camera_link").transform
+            _, tilt, pan = found.rotation.as_rpy()
+            if abs(tilt - pan) > 1e-9:
+                mixed.append(tilt - pan)
+
+    readers = [threading.Thread(target=read) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    for step in range(2, 3000):
+        angle = 1e-3 * (step % 1000)
+        buffer.set_joint_positions(step, dict.fromkeys(HEAD, angle))
+    stop.set()
+    for reader in readers:
+        reader.join()
+    assert not mixed

@@ -1,0 +1,104 @@
+import io
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import yourdfpy
+from random_trees import random_urdf
+
+from head_tracking.transforms import LookupException, RobotModel, parse_robot_model
+
+
+def yourdfpy_model(model: RobotModel) -> yourdfpy.URDF:
+    return yourdfpy.URDF.load(io.BytesIO(model.urdf.encode()), load_meshes=False)
+
+
+def assert_agrees_with_yourdfpy(model: RobotModel, seed: int) -> None:
+    rnd = random.Random(seed)
+    reference = yourdfpy_model(model)
+    for _ in range(5):
+        positions = {name: rnd.uniform(-3, 3) for name in model.independent_joints}
+        reference.update_cfg(positions)
+        for _ in range(10):
+            target, source = rnd.choice(model.links), rnd.choice(model.links)
+            ours = model.transform(target, source, positions).as_matrix()
+            theirs = reference.get_transform(source, target)
+            assert np.abs(ours - theirs).max() < 1e-9
+
+
+def test_forward_kinematics_of_both_robots_agree_with_yourdfpy(robot):
+    assert_agrees_with_yourdfpy(robot, 1)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_forward_kinematics_of_random_trees_agree_with_yourdfpy(seed):
+    assert_agrees_with_yourdfpy(parse_robot_model(random_urdf(seed)), seed)
+
+
+def test_kinectbot_is_the_tree_of_the_tutorial(kinectbot):
+    chain = [
+        "base_link", "torso_link", "head_pan_link", "pan_tilt_bracket", "head_tilt_link",
+        "neck_link", "head_base_link", "head_post_link", "head_link",
+    ]  # fmt: skip
+    for parent, child in pairwise(chain):
+        assert kinectbot.children(parent) == (child,)
+    assert kinectbot.children("head_link")[:3] == ("hair_link", "left_eye_link", "right_eye_link")
+    assert kinectbot.joints["head_pan_joint"].parent == "head_pan_link"
+    assert kinectbot.joints["head_tilt_joint"].parent == "head_tilt_link"
+
+
+def test_both_robots_have_a_camera_and_a_limited_head(robot):
+    assert {"camera_link", "camera_optical_frame"} <= set(robot.links)
+    tilt = robot.joints["head_tilt_joint"].limits
+    assert (tilt.lower, tilt.upper) == (-1.57, 1.57)
+    assert robot.joints["head_pan_joint"].limits.velocity < 7
+
+
+def test_the_turtlebot_carries_its_head_on_plate_3(turtlebot):
+    assert "plate_3_link" in [joint.parent for joint in turtlebot.joints_above("camera_link")]
+
+
+def test_the_optical_frame_looks_where_the_camera_looks(robot):
+    T_camera_optical = robot.transform("camera_link", "camera_optical_frame", {})
+    assert T_camera_optical.rotation @ (0, 0, 1) == pytest.approx((1, 0, 0))
+    assert T_camera_optical.rotation @ (1, 0, 0) == pytest.approx((0, -1, 0))
+
+
+def test_every_link_has_a_plausible_mass(robot):
+    for link in yourdfpy_model(robot).robot.links:
+        if link.inertial is not None:
+            assert 0.001 < link.inertial.mass < 5
+            assert np.all(np.linalg.eigvalsh(link.inertial.inertia) > 0)
+        else:
+            assert link.name.endswith("_frame")
+
+
+def test_mimic_joints_follow_through_a_chain_in_any_order():
+    model = parse_robot_model(
+        """
+        <robot name="chain">
+          <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+          <joint name="third" type="prismatic">
+            <parent link="c"/><child link="d"/><axis xyz="1 0 0"/>
+            <limit lower="-9" upper="9"/><mimic joint="second" multiplier="3" offset="1"/>
+          </joint>
+          <joint name="second" type="prismatic">
+            <parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
+            <limit lower="-9" upper="9"/><mimic joint="first" multiplier="2"/>
+          </joint>
+          <joint name="first" type="prismatic">
+            <parent link="a"/><child link="b"/><axis xyz="1 0 0"/><limit lower="-9" upper="9"/>
+          </joint>
+        </robot>"""
+    )
+    assert model.independent_joints == ("first",)
+    # first 0.5, second 2 * 0.5 = 1, third 3 * 1 + 1 = 4
+    assert model.transform("a", "d", {"first": 0.5}).translation == pytest.approx((5.5, 0, 0))
+
+
+def test_unknown_links_and_missing_positions_are_named(kinectbot):
+    with pytest.raises(LookupException, match=r"nose_link.*base_link"):
+        kinectbot.transform("base_link", "nose_link", {})
+    with pytest.raises(LookupException, match="head_pan_joint"):
+        kinectbot.transform("base_link", "camera_link", {"head_tilt_joint": 0.0})

@@ -1,0 +1,127 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from head_tracking.transforms import InvalidArgumentException, Rotation
+
+angles = st.floats(-math.pi, math.pi)
+unit_vectors = st.tuples(angles, st.floats(-1, 1)).map(
+    lambda p: (
+        math.sqrt(1 - p[1] ** 2) * math.cos(p[0]),
+        math.sqrt(1 - p[1] ** 2) * math.sin(p[0]),
+        p[1],
+    )
+)
+rotations = st.builds(Rotation.from_axis_angle, unit_vectors, angles)
+points = st.tuples(*[st.floats(-100, 100)] * 3)
+
+
+def same(a: Rotation, b: Rotation, tolerance: float = 1e-9) -> bool:
+    return (a.inverse() @ b).angle() < tolerance * 100 or np.allclose(
+        a.as_matrix(), b.as_matrix(), atol=tolerance
+    )
+
+
+@given(rotations, rotations, rotations)
+def test_composition_is_associative(a, b, c):
+    assert same((a @ b) @ c, a @ (b @ c))
+
+
+@given(rotations)
+def test_the_inverse_undoes(a):
+    assert same(a @ a.inverse(), Rotation.identity())
+    assert same(a.inverse() @ a, Rotation.identity())
+
+
+@given(rotations)
+def test_identity_changes_nothing(a):
+    assert a @ Rotation.identity() == a
+    assert Rotation.identity() @ a == a
+
+
+@given(rotations, points)
+def test_apply_is_the_matrix(a, p):
+    assert np.allclose(a @ p, a.as_matrix() @ np.array(p), atol=1e-9)
+
+
+@given(rotations, rotations, points)
+def test_composition_applies_one_after_the_other(a, b, p):
+    assert np.allclose((a @ b) @ p, a @ (b @ p), atol=1e-9)
+
+
+@given(rotations)
+def test_matrix_round_trip(a):
+    assert np.allclose(Rotation.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
+def test_matrix_round_trip_at_half_a_turn(axis):
+    half_turn = Rotation.from_axis_angle(axis, math.pi)
+    back = Rotation.from_matrix(half_turn.as_matrix())
+    assert np.allclose(back.as_matrix(), half_turn.as_matrix(), atol=1e-12)
+
+
+@given(angles, st.floats(-1.5, 1.5), angles)
+def test_rpy_round_trip(roll, pitch, yaw):
+    back = Rotation.from_rpy(roll, pitch, yaw).as_rpy()
+    assert np.allclose(
+        Rotation.from_rpy(*back).as_matrix(),
+        Rotation.from_rpy(roll, pitch, yaw).as_matrix(),
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
+def test_rpy_straight_up_and_down(pitch):
+    rotation = Rotation.from_rpy(0.3, pitch, 0.8)
+    roll, found, yaw = rotation.as_rpy()
+    assert roll == 0
+    assert found == pytest.approx(pitch)
+    assert np.allclose(
+        Rotation.from_rpy(roll, found, yaw).as_matrix(), rotation.as_matrix(), atol=1e-7
+    )
+
+
+def test_rpy_turns_about_fixed_axes_in_order():
+    turned = Rotation.from_rpy(math.pi / 2, 0, math.pi / 2) @ (0, 1, 0)
+    assert turned == pytest.approx((0, 0, 1))
+
+
+@given(rotations, rotations, st.floats(0, 1))
+def test_slerp_turns_at_constant_speed_the_short_way(a, b, ratio):
+    whole = (a.inverse() @ b).angle()
+    part = (a.inverse() @ a.slerp(b, ratio)).angle()
+    assert part == pytest.approx(ratio * whole, abs=1e-7)
+
+
+@given(rotations, rotations)
+def test_slerp_ends(a, b):
+    assert same(a.slerp(b, 0.0), a)
+    assert same(a.slerp(b, 1.0), b)
+
+
+@given(unit_vectors, st.floats(0, math.pi))
+def test_angle(axis, angle):
+    assert Rotation.from_axis_angle(axis, angle).angle() == pytest.approx(angle, abs=1e-9)
+
+
+def test_a_quaternion_from_outside_is_normalised():
+    rotation = Rotation.from_quaternion_xyzw((0.0, 0.0, 1e-7, 1.0))
+    assert math.hypot(*rotation.quaternion_xyzw) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "words"),
+    [
+        ((0, 0, 0, 0), "norm 0"),
+        ((0, 0, 0, 2), "norm 2"),
+        ((0, 0, math.nan, 1), "finite"),
+        ((0, 0, 1), "four"),
+    ],
+)
+def test_a_bad_quaternion_is_refused(quaternion, words):
+    with pytest.raises(InvalidArgumentException, match=words):
+        Rotation.from_quaternion_xyzw(quaternion)
