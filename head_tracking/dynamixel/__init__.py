@@ -1,0 +1,98 @@
+"""Servo bus driver for Dynamixel servos; see `ServoBus` and `BusThread`."""
+
+from head_tracking.dynamixel.bus_thread import BusThread, BusTiming, CycleSchedule
+from head_tracking.dynamixel.command import CommandResult, Goal, Torque
+from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
+from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
+from head_tracking.dynamixel.exceptions import (
+    BusStoppedError,
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    DynamixelError,
+    GoalError,
+    NotConnectedError,
+    PortBusyError,
+    PortError,
+    PortLostError,
+    PortMissingError,
+    PortPermissionError,
+    RangeError,
+    RegisterRefusedError,
+    ReplyTimeoutError,
+    ServoError,
+    ServoModeError,
+    ServoNotFoundError,
+    TorqueError,
+    UnknownRegisterError,
+    WrongModelError,
+)
+from head_tracking.dynamixel.identification import ServoIdentity
+from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
+from head_tracking.dynamixel.port import Reply, ServoPort
+from head_tracking.dynamixel.protocol1 import ErrorBits, Instruction, describe_errors
+from head_tracking.dynamixel.sdk import Protocol1Port, serial_ports
+from head_tracking.dynamixel.servo_bus import ServoBus
+from head_tracking.dynamixel.servo_state import (
+    BusEvent,
+    BusReading,
+    BusStatistics,
+    EventKind,
+    ServoState,
+    ServoStatistics,
+)
+
+__all__ = [
+    "Access",
+    "Block",
+    "BusEvent",
+    "BusReading",
+    "BusStatistics",
+    "BusStoppedError",
+    "BusThread",
+    "BusTiming",
+    "CommandResult",
+    "CommunicationError",
+    "ConfigurationError",
+    "ControlTable",
+    "CorruptReplyError",
+    "CycleSchedule",
+    "DynamixelError",
+    "ErrorBits",
+    "EventKind",
+    "Goal",
+    "GoalError",
+    "Instruction",
+    "JointConfiguration",
+    "Memory",
+    "NotConnectedError",
+    "PortBusyError",
+    "PortError",
+    "PortLostError",
+    "PortMissingError",
+    "PortPermissionError",
+    "Protocol1Port",
+    "RangeError",
+    "Register",
+    "RegisterRefusedError",
+    "Reply",
+    "ReplyTimeoutError",
+    "ServoBus",
+    "ServoError",
+    "ServoIdentity",
+    "ServoModeError",
+    "ServoModel",
+    "ServoNotFoundError",
+    "ServoPort",
+    "ServoState",
+    "ServoStatistics",
+    "Torque",
+    "TorqueError",
+    "UnknownRegisterError",
+    "WrongModelError",
+    "check_configuration",
+    "describe_errors",
+    "serial_ports",
+    "servo_model",
+    "servo_model_by_number",
+]

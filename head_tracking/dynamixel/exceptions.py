@@ -1,0 +1,157 @@
+"""Everything the servo room can raise; `DynamixelError` is the root."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+
+def _join(values: Iterable[object]) -> str:
+    return ", ".join(str(value) for value in values) or "none"
+
+
+class DynamixelError(Exception):
+    """Root of all errors of this room."""
+
+
+class ConfigurationError(DynamixelError):
+    """A joint, a model name or a baud rate is described in a way that cannot work."""
+
+
+class RangeError(DynamixelError, ValueError):
+    """A value does not fit the register or the unit it was meant for."""
+
+
+class UnknownRegisterError(DynamixelError, LookupError):
+    """A control table has no register of that name."""
+
+
+class NotConnectedError(DynamixelError):
+    """The bus was used before `connect()` or after `close()`."""
+
+
+class BusStoppedError(DynamixelError):
+    """The thread that owns the bus does not run, so a request cannot be carried out."""
+
+
+class GoalError(DynamixelError):
+    """A command was refused; nothing has changed."""
+
+
+class PortError(DynamixelError):
+    """The serial port cannot be opened.
+
+    Attributes:
+        port_name: The device that was to be opened.
+    """
+
+    def __init__(self, port_name: str, reason: str) -> None:
+        super().__init__(f"cannot open {port_name}: {reason}")
+        self.port_name = port_name
+
+
+class PortMissingError(PortError):
+    """There is no such device."""
+
+    def __init__(self, port_name: str, existing: Sequence[str]) -> None:
+        found = (
+            f"serial ports that exist: {_join(existing)}"
+            if existing
+            else "this machine has no serial port; is the adapter plugged in?"
+        )
+        super().__init__(port_name, f"there is no such device; {found}")
+
+
+class PortBusyError(PortError):
+    """Another program holds the device."""
+
+    def __init__(self, port_name: str) -> None:
+        super().__init__(
+            port_name,
+            "another program uses it; only one program can own a servo bus. "
+            f"Stop the other one (`fuser {port_name}` names it)",
+        )
+
+
+class PortPermissionError(PortError):
+    """The user may not open the device."""
+
+    def __init__(self, port_name: str, group: str) -> None:
+        super().__init__(
+            port_name,
+            f"you have no permission; the device belongs to group {group}. "
+            f"Join it with `sudo usermod -a -G {group} $USER`, then log out and in again",
+        )
+
+
+class PortLostError(DynamixelError):
+    """The port was open and has gone: unplugged, or its other end has closed."""
+
+    def __init__(self, port_name: str, reason: object) -> None:
+        super().__init__(
+            f"lost {port_name}: {reason}; check the cable of the adapter, then connect again"
+        )
+        self.port_name = port_name
+
+
+class CommunicationError(DynamixelError):
+    """One transaction failed; the next may succeed."""
+
+
+class ReplyTimeoutError(CommunicationError):
+    """A servo did not answer in time."""
+
+
+class CorruptReplyError(CommunicationError):
+    """A reply was damaged, too short, or did not fit the question."""
+
+
+class ServoError(DynamixelError):
+    """A servo is missing, is another one than configured, or does not do what it is told."""
+
+
+class ServoNotFoundError(ServoError):
+    """Configured servos do not answer a ping.
+
+    Attributes:
+        asked: All ids that were pinged.
+        answered: Those that answered.
+    """
+
+    def __init__(
+        self, asked: Sequence[int], answered: Sequence[int], port_name: str, baud_rate: int
+    ) -> None:
+        missing = [servo for servo in asked if servo not in answered]
+        super().__init__(
+            f"no answer from servo id {_join(missing)} on {port_name} at {baud_rate} baud "
+            f"(asked {_join(asked)}; answered: {_join(answered)}). Check that the servos have "
+            "power, that the cable runs on to every one of them, that each has its own id, and "
+            "that they use this baud rate (AX-12: 1000000 from the factory)"
+        )
+        self.asked = tuple(asked)
+        self.answered = tuple(answered)
+
+
+class WrongModelError(ServoError):
+    """A servo answers, but it is not the model in the configuration."""
+
+
+class ServoModeError(ServoError):
+    """A servo's own settings (wheel mode, status return level) rule out what is needed."""
+
+
+class RegisterRefusedError(ServoError):
+    """A servo answered a write with an error bit, or did not keep the value."""
+
+
+class TorqueError(ServoError):
+    """Torque could not be switched, or could not be confirmed, on some joints.
+
+    Attributes:
+        problems: What went wrong, by joint name. The other joints were switched.
+    """
+
+    def __init__(self, on: bool, problems: Mapping[str, object]) -> None:
+        state = "on" if on else "off"
+        details = "; ".join(f"{joint}: {problem}" for joint, problem in problems.items())
+        super().__init__(f"torque {state} not confirmed: {details}")
+        self.problems = dict(problems)

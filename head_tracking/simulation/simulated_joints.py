@@ -1,0 +1,47 @@
+"""The servos of a configuration, simulated: a port to open, and the truth about the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Self
+
+from head_tracking.dynamixel.configuration import JointConfiguration
+from head_tracking.simulation.servo import SimulatedServo
+from head_tracking.simulation.simulated_port import SimulatedPort
+
+
+class SimulatedJoints:
+    """One simulated servo for each joint, at position 0, behind one port. A context manager.
+
+    Attributes:
+        port: the port of the bus that they share.
+    """
+
+    def __init__(self, joints: Iterable[JointConfiguration]) -> None:
+        self._joints = {joint.joint_name: joint for joint in joints}
+        self.port = SimulatedPort(
+            SimulatedServo(joint.id, joint.model, position=joint.init)
+            for joint in self._joints.values()
+        )
+
+    @property
+    def port_name(self) -> str:
+        """What a driver opens."""
+        return self.port.port_name
+
+    def true_position(self, joint_name: str) -> float:
+        """Where the joint really is [rad], finer than any encoder tells."""
+        joint = self._joints[joint_name]
+        return joint.position(self.port.true_ticks(joint.id))
+
+    def lead(self, joint_name: str, position: float, duration: float) -> None:
+        """Lets a hand lead the joint to a position [rad] within `duration` [s]."""
+        joint = self._joints[joint_name]
+        self.port.lead(joint.id, joint.ticks(position), duration)
+
+    def __enter__(self) -> Self:
+        self.port.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.port.close()

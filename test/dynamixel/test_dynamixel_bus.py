@@ -1,0 +1,415 @@
+"""Connecting and reading: the bus with a fake port and passed-in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, Packet, writes
+
+from head_tracking.dynamixel import (
+    BusEvent,
+    ConfigurationError,
+    CorruptReplyError,
+    ErrorBits,
+    EventKind,
+    Goal,
+    JointConfiguration,
+    NotConnectedError,
+    PortLostError,
+    RegisterRefusedError,
+    ReplyTimeoutError,
+    ServoBus,
+    ServoModeError,
+    ServoNotFoundError,
+    WrongModelError,
+)
+
+JOINTS = (PAN, TILT)
+
+
+def make(port: FakePort, *joints: JointConfiguration) -> tuple[ServoBus, FakeClock]:
+    clock = FakeClock()
+    return ServoBus(port, joints or JOINTS, clock, monotonic=clock), clock
+
+
+def connected(port: FakePort) -> tuple[ServoBus, FakeClock]:
+    bus, clock = make(port)
+    bus.connect()
+    port.take_log()
+    return bus, clock
+
+
+def feedback(servo_id: int) -> Packet:
+    return ("read", servo_id, 36, 8)
+
+
+# Connecting
+
+
+def test_connect_says_which_servos_answered() -> None:
+    bus, _ = make(FakePort())
+    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
+    assert [(servo.id, servo.firmware_version) for servo in bus.servos] == [(1, 24), (2, 24)]
+
+
+def test_summary_of_one_servo_is_singular() -> None:
+    bus, _ = make(FakePort(7), replace(PAN, id=7))
+    assert bus.connect() == "1 AX-12 servo: id 7"
+
+
+def test_connect_relaxes_every_servo_and_writes_nothing_else() -> None:
+    port = FakePort()
+    for servo in port.servos.values():
+        servo["Torque Enable"] = 1
+    bus, _ = make(port)
+    bus.connect()
+    assert writes(port.log) == [("write", 1, 24, b"\x00"), ("write", 2, 24, b"\x00")]
+    for servo_id in (1, 2):
+        written = port.log.index(("write", servo_id, 24, b"\x00"))
+        assert ("read", servo_id, 24, 1) in port.log[written:]  # verified
+
+
+def test_connect_names_missing_ids() -> None:
+    port = FakePort(1)
+    bus, _ = make(port)
+    with pytest.raises(
+        ServoNotFoundError, match=r"servo id 2 on /dev/fake at 1000000 baud"
+    ) as info:
+        bus.connect()
+    assert (info.value.asked, info.value.answered) == ((1, 2), (1,))
+    assert "answered: 1" in str(info.value) and "power" in str(info.value)
+    assert not port.opened
+
+
+def test_connect_asks_a_silent_servo_several_times() -> None:
+    port = FakePort()
+    port.failures[2].extend([ReplyTimeoutError("late"), CorruptReplyError("noise")])
+    bus, _ = make(port)
+    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
+
+
+def test_servo_with_damaged_answers_is_there_but_not_understood() -> None:
+    port = FakePort()
+    port.failures[2].extend([CorruptReplyError("noise")] * 6)
+    bus, _ = make(port)
+    with pytest.raises(CorruptReplyError):
+        bus.connect()
+    assert not port.opened
+
+
+def test_connect_refuses_another_model() -> None:
+    port = FakePort()
+    port.servos[2]["Model Number"] = 29
+    bus, _ = make(port)
+    with pytest.raises(WrongModelError, match=r"servo 2 \(head_tilt_joint\).*29.*AX-12 \(12\)"):
+        bus.connect()
+    assert not [packet for packet in writes(port.log) if packet[1] == 2]  # nothing written to it
+    assert not port.opened
+
+
+def test_connect_refuses_wheel_mode_and_relaxes_it() -> None:
+    port = FakePort()
+    port.servos[1]["CCW Angle Limit"] = 0
+    port.servos[1]["Torque Enable"] = 1
+    bus, _ = make(port)
+    with pytest.raises(ServoModeError, match=r"wheel mode.*registers 6 and 8"):
+        bus.connect()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
+def test_connect_refuses_a_servo_that_answers_no_reads() -> None:
+    port = FakePort()
+    port.servos[1]["Status Return Level"] = 0
+    bus, _ = make(port)
+    with pytest.raises(ServoModeError, match=r"Status Return Level \(register 16\).*set it to 2"):
+        bus.connect()
+
+
+def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:
+    port = FakePort()
+    port.servos[1]["Status Return Level"] = 1
+    bus, _ = connected(port)
+    bus.command({"head_pan_joint": Goal(0.1)})
+    bus.step()
+    assert port.servos[1]["Torque Enable"] == 1
+    bus.set_torque(None, False)
+    assert port.servos[1]["Torque Enable"] == 0
+    assert bus.statistics().servos[0].timeouts == 0
+
+
+def test_connect_refuses_a_servo_that_does_not_relax() -> None:
+    port = FakePort()
+    port.servos[1]["Torque Enable"] = 1
+    port.servos[1].ignored.add(24)
+    bus, _ = make(port)
+    with pytest.raises(RegisterRefusedError, match="Torque Enable"):
+        bus.connect()
+
+
+def test_servos_own_angle_limits_narrow_the_range() -> None:
+    port = FakePort()
+    port.servos[1]["CW Angle Limit"] = 400
+    port.servos[2]["CCW Angle Limit"] = 700
+    bus, _ = connected(port)
+    assert bus.limits("head_pan_joint") == (PAN.position(400), PAN.position(1023))
+    assert bus.limits("head_tilt_joint") == (TILT.position(300), TILT.position(700))
+
+
+def test_limits_of_a_reversed_servo_stay_ordered() -> None:
+    port = FakePort(1)
+    port.servos[1]["CW Angle Limit"] = 400
+    joint = replace(PAN, min=1023, max=0)
+    bus, _ = make(port, joint)
+    bus.connect()
+    lower, upper = bus.limits("head_pan_joint")
+    assert (lower, upper) == (joint.position(1023), joint.position(400))
+    assert lower < upper
+
+
+def test_angle_limits_without_overlap_are_refused() -> None:
+    port = FakePort()
+    port.servos[2]["CCW Angle Limit"] = 250
+    bus, _ = make(port)
+    with pytest.raises(ConfigurationError, match=r"300 to 800, servo 2 itself 0 to 250"):
+        bus.connect()
+
+
+@pytest.mark.parametrize("option", [{"retries": -1}, {"lost_after": 0}, {"poll_interval": 0.0}])
+def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError, match="allowed are"):
+        ServoBus(FakePort(), JOINTS, **option)  # type: ignore[arg-type]
+
+
+def test_bus_must_be_connected() -> None:
+    bus, _ = make(FakePort())
+    for use in (bus.step, bus.hold, lambda: bus.set_torque(None, True), lambda: bus.command({})):
+        with pytest.raises(NotConnectedError, match="not connected"):
+            use()
+
+
+# Reading
+
+
+def test_cycle_is_one_read_per_servo_while_relaxed() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    bus.step()
+    assert port.log == [feedback(1), feedback(2)]
+
+
+def test_reading_has_si_units() -> None:
+    port = FakePort()
+    servo = port.servos[1]
+    servo["Present Position"] = 612
+    servo["Present Speed"] = 1024 + 50
+    servo["Present Load"] = 300
+    servo["Present Voltage"] = 111
+    servo["Present Temperature"] = 41
+    servo.error = ErrorBits.INPUT_VOLTAGE
+    bus, _ = connected(port)
+    state = bus.step().states["head_pan_joint"]
+    assert (state.joint_name, state.id) == ("head_pan_joint", 1)
+    assert state.position == pytest.approx(0.5113, abs=1e-4)
+    assert state.velocity == pytest.approx(-0.5812, abs=1e-4)
+    assert state.load == pytest.approx(300 / 1023)
+    assert state.voltage == pytest.approx(11.1)
+    assert state.temperature == 41.0
+    assert state.error == ErrorBits.INPUT_VOLTAGE
+    assert (state.torque, state.goal) == (False, None)
+
+
+def test_stamp_is_the_middle_of_the_transaction() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    clock.tick = 100
+    start = clock.now
+    reading = bus.step()
+    assert reading.stamp == start + 100
+    assert reading.states["head_pan_joint"].stamp == start + 250  # between 200 and 300
+    assert reading.states["head_tilt_joint"].stamp == start + 450
+
+
+def test_failed_read_is_repeated_at_once() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    port.failures[1].append(CorruptReplyError("noise"))
+    reading = bus.step()
+    assert set(reading.states) == {"head_pan_joint", "head_tilt_joint"}
+    assert port.log == [feedback(1), feedback(1), feedback(2)]
+    statistics = bus.statistics().servos[0]
+    assert (statistics.retries, statistics.corrupt, statistics.timeouts) == (1, 1, 0)
+
+
+def test_number_of_retries_can_be_chosen() -> None:
+    port = FakePort()
+    clock = FakeClock()
+    bus = ServoBus(port, JOINTS, clock, monotonic=clock, retries=0)
+    bus.connect()
+    port.failures[1].append(ReplyTimeoutError("late"))
+    assert bus.step().failed == ("head_pan_joint",)
+
+
+def test_joint_that_was_not_read_is_absent() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    bus.step()
+    port.servos[1].answers = False
+    reading = bus.step()
+    assert set(reading.states) == {"head_tilt_joint"}
+    assert reading.failed == ("head_pan_joint",)
+    assert reading.lost == ()
+
+
+def test_silent_servo_gets_no_second_try_once_it_has_failed() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    port.servos[1].answers = False
+    bus.step()
+    port.take_log()
+    bus.step()
+    assert port.log == [feedback(1), feedback(2)]
+
+
+@pytest.mark.parametrize("register", ["Present Position", "Present Speed", "Present Load"])
+def test_impossible_feedback_counts_as_corrupt(register: str) -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    port.servos[1][register] = 0xFFFF
+    assert bus.step().failed == ("head_pan_joint",)
+    assert bus.statistics().servos[0].corrupt == 2  # and its repetition
+
+
+def test_cycles_are_counted() -> None:
+    bus, _ = connected(FakePort())
+    assert [bus.step().cycle for _ in range(3)] == [1, 2, 3]
+    statistics = bus.statistics()
+    assert statistics.cycles == 3
+    assert [servo.joint_name for servo in statistics.servos] == [PAN.joint_name, TILT.joint_name]
+
+
+# Losing and finding servos
+
+
+def lose_pan(bus: ServoBus, port: FakePort) -> None:
+    port.servos[1].answers = False
+    for _ in range(5):
+        reading = bus.step()
+    assert reading.lost == ("head_pan_joint",)
+    port.take_log()
+
+
+def test_servo_is_lost_after_five_failed_cycles_and_reported_once() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    port.servos[1].answers = False
+    readings = [bus.step() for _ in range(8)]
+    assert [reading.lost for reading in readings[:4]] == [()] * 4
+    assert all(reading.lost == ("head_pan_joint",) for reading in readings[4:])
+    events = [event for reading in readings for event in reading.events]
+    assert [(event.kind, event.joint_name) for event in events] == [
+        (EventKind.LOST, "head_pan_joint")
+    ]
+    assert "5 cycles" in events[0].text and "cable" in events[0].text
+    assert all("head_tilt_joint" in reading.states for reading in readings)
+
+
+def test_one_answer_starts_the_count_again() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    for _ in range(4):
+        port.servos[1].answers = False
+        for _ in range(4):
+            bus.step()
+        port.servos[1].answers = True
+        assert "head_pan_joint" in bus.step().states
+
+
+def test_lost_servo_is_asked_twice_a_second_only() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    lose_pan(bus, port)
+    for _ in range(100):
+        clock.pass_time(0.02)
+        bus.step()
+    asked = [packet for packet in port.log if packet[1] == 1]
+    assert asked == [("ping", 1)] * 4
+
+
+def test_several_lost_servos_are_asked_in_different_cycles() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    for servo in port.servos.values():
+        servo.answers = False
+    for _ in range(5):
+        bus.step()
+    clock.pass_time(1.0)
+    port.take_log()
+    bus.step()
+    assert port.take_log() == [("ping", 1)]
+    bus.step()
+    assert port.take_log() == [("ping", 2)]
+
+
+def test_returned_servo_is_relaxed_without_goal_and_reported_once() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    assert port.servos[1]["Torque Enable"] == 1  # only the answers were lost
+    clock.pass_time(0.6)
+    readings = [bus.step() for _ in range(3)]
+    events = [event for reading in readings for event in reading.events]
+    assert [event.kind for event in events] == [EventKind.RETURNED]
+    assert port.servos[1]["Torque Enable"] == 0
+    assert readings[-1].states["head_pan_joint"].goal is None
+    assert writes(port.log) == [("write", 1, 24, b"\x00")]
+
+
+def test_returned_servo_takes_commands_again() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    clock.pass_time(0.6)
+    bus.step()
+    bus.command({"head_pan_joint": Goal(0.1)})
+    bus.step()
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
+
+
+def test_servo_relaxed_on_request_returns_so() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    bus.set_torque(["head_pan_joint"], False)
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    clock.pass_time(0.6)
+    assert "on request" in bus.step().events[0].text
+
+
+def test_another_servo_in_its_place_is_not_used_and_reported_once() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    port.servos[1]["Model Number"] = 29
+    events: list[BusEvent] = []
+    for _ in range(5):
+        clock.pass_time(0.6)
+        reading = bus.step()
+        events += reading.events
+        assert reading.lost == ("head_pan_joint",)
+    assert [event.kind for event in events] == [EventKind.UNUSABLE]
+
+
+def test_vanished_port_ends_the_cycle() -> None:
+    port = FakePort()
+    bus, _ = connected(port)
+    port.gone = True
+    with pytest.raises(PortLostError):
+        bus.step()
+    assert bus.close() == ("head_pan_joint", "head_tilt_joint")
+    assert bus.close() == ()

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from head_tracking.dynamixel import (
+    ConfigurationError,
+    JointConfiguration,
+    RangeError,
+    check_configuration,
+    servo_model,
+)
+
+STEP = math.radians(300.0) / 1024
+PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
+TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, 512, 300, 800)
+REVERSED = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 500, 800, 200)
+
+
+@pytest.mark.parametrize(
+    "joint", [PAN, TILT, REVERSED, replace(PAN, init=0), replace(PAN, init=1023)]
+)
+def test_every_tick_round_trips(joint: JointConfiguration) -> None:
+    for tick in range(1024):
+        assert joint.ticks(joint.position(tick)) == tick
+
+
+def test_zero_is_at_init_and_positions_rise_with_ticks() -> None:
+    joint = replace(PAN, init=400)
+    assert joint.position(400) == 0.0
+    assert joint.position(401) == pytest.approx(STEP)
+
+
+def test_positions_of_a_reversed_servo_fall_with_ticks() -> None:
+    assert REVERSED.reversed
+    assert REVERSED.position(501) == pytest.approx(-STEP)
+
+
+def test_reversed_servo_turns_velocity_and_load_too() -> None:
+    forward = replace(REVERSED, min=200, max=800)
+    for register in (100, 1024 + 100):
+        assert REVERSED.velocity(register) == -forward.velocity(register) != 0.0
+        assert REVERSED.load(register) == -forward.load(register) != 0.0
+
+
+def test_velocity_and_load_have_si_units() -> None:
+    assert PAN.velocity(100) == pytest.approx(1.16239, abs=1e-5)
+    assert PAN.velocity(1024 + 100) == pytest.approx(-1.16239, abs=1e-5)
+    assert PAN.load(1023) == 1.0
+    assert PAN.load(2047) == -1.0
+
+
+@pytest.mark.parametrize("joint", [TILT, REVERSED])
+def test_limits_are_ordered_whichever_way_round(joint: JointConfiguration) -> None:
+    assert joint.lower < 0.0 < joint.upper
+    assert {joint.ticks(joint.lower), joint.ticks(joint.upper)} == set(joint.tick_range)
+
+
+@pytest.mark.parametrize("position", [3.0, -3.0, math.nan, math.inf])
+def test_position_outside_the_servo_has_no_tick(position: float) -> None:
+    with pytest.raises(RangeError):
+        PAN.ticks(position)
+
+
+@pytest.mark.parametrize(("speed", "ticks"), [(1e-6, 1), (1.0, 86), (2.0, 172), (50.0, 531)])
+def test_speed_is_never_zero_and_never_above_the_limit(speed: float, ticks: int) -> None:
+    assert PAN.speed_ticks(speed) == ticks
+
+
+def test_max_speed_caps_the_speed() -> None:
+    joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
+    assert joint.speed_limit == 1.0
+    assert joint.speed_ticks(5.0) == 86
+
+
+def test_no_load_speed_is_the_limit_unless_configured() -> None:
+    assert PAN.speed_limit == servo_model("AX-12").no_load_speed
+
+
+def test_tutorials_max_of_1024_is_refused_and_not_wrapped() -> None:
+    with pytest.raises(ConfigurationError, match=r"max: 1024 is outside .*0 to 1023; use 1023"):
+        replace(PAN, max=1024)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"min": -1}, r"min: -1 is outside .* use 0"),
+        ({"init": 1024}, "init: 1024"),
+        ({"init": 200, "min": 300}, "init: 200 is not between min: 300 and max: 1023"),
+        ({"init": 900, "min": 800, "max": 200}, "init: 900 is not between"),
+        ({"min": 512, "max": 512}, "could not move"),
+        ({"init": 512.0}, "whole number"),
+        ({"max": True}, "whole number"),
+        ({"id": 254}, "0 to 253"),
+        ({"id": -1}, "0 to 253"),
+        ({"id": "1"}, "no servo id"),
+        ({"joint_name": " "}, "joint_name must be a name"),
+        ({"controller": ""}, "controller must be a name"),
+        ({"joint_speed": math.nan}, "joint_speed: nan"),
+        ({"joint_speed": 0.0}, "joint_speed: 0.0"),
+        ({"joint_speed": -1.0}, "joint_speed: -1.0"),
+        ({"joint_speed": 100.0}, "joint_speed: 100.0"),
+        ({"joint_speed": "fast"}, "joint_speed: 'fast'"),
+        ({"max_speed": math.inf}, "max_speed: inf"),
+        ({"max_speed": 0.0}, "max_speed: 0.0"),
+        ({"max_speed": 1.0}, "joint_speed: 2.0 is above"),
+        ({"joint_speed": 7.0}, "joint_speed: 7.0 is above"),
+    ],
+)
+def test_impossible_configuration_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        replace(PAN, **change)  # type: ignore[arg-type]
+
+
+def test_good_configuration_passes_the_check() -> None:
+    assert check_configuration([PAN, TILT]) == (PAN, TILT)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (replace(TILT, id=1), "id 1 is used twice, by head_pan_joint and head_tilt_joint"),
+        (replace(TILT, joint_name="head_pan_joint"), "joint_name head_pan_joint is used twice"),
+        (replace(TILT, controller="head_pan_controller"), "controller head_pan_controller"),
+    ],
+)
+def test_joints_may_not_share(other: JointConfiguration, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        check_configuration([PAN, other])
+
+
+def test_bus_without_joints_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="no joint"):
+        check_configuration([])

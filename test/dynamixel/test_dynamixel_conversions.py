@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from head_tracking.dynamixel import ErrorBits, RangeError, describe_errors
+from head_tracking.dynamixel.conversions import (
+    decode_sign_magnitude,
+    decode_unsigned,
+    encode_sign_magnitude,
+    encode_unsigned,
+    radians_to_ticks,
+    speed_to_register,
+    ticks_to_radians,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "size", "data"),
+    [(512, 2, "00 02"), (1023, 2, "FF 03"), (120, 1, "78"), (0, 2, "00 00")],
+)
+def test_low_byte_comes_first(value: int, size: int, data: str) -> None:
+    assert encode_unsigned(value, size) == bytes.fromhex(data)
+    assert decode_unsigned(bytes.fromhex(data)) == value
+
+
+@pytest.mark.parametrize(("value", "size"), [(-1, 1), (256, 1), (65536, 2)])
+def test_value_that_does_not_fit_is_refused(value: int, size: int) -> None:
+    with pytest.raises(RangeError, match=f"{256**size - 1}"):
+        encode_unsigned(value, size)
+
+
+@pytest.mark.parametrize(
+    ("raw", "value"), [(0, 0), (100, 100), (1023, 1023), (1024, 0), (1124, -100), (2047, -1023)]
+)
+def test_bit_10_is_the_sign(raw: int, value: int) -> None:
+    assert decode_sign_magnitude(raw) == value
+
+
+@given(st.integers(-1023, 1023))
+def test_sign_and_magnitude_round_trip(value: int) -> None:
+    assert decode_sign_magnitude(encode_sign_magnitude(value)) == value
+
+
+@pytest.mark.parametrize("raw", [-1, 2048, 65535])
+def test_bits_above_the_sign_are_refused(raw: int) -> None:
+    with pytest.raises(RangeError, match="0 to 2047"):
+        decode_sign_magnitude(raw)
+
+
+@pytest.mark.parametrize("value", [1024, -1024])
+def test_magnitude_that_does_not_fit_is_refused(value: int) -> None:
+    with pytest.raises(RangeError, match="-1023 to 1023"):
+        encode_sign_magnitude(value)
+
+
+@given(st.integers(0, 1023), st.integers(0, 1023))
+def test_ticks_round_trip(tick: int, zero: int) -> None:
+    unit = math.radians(300 / 1024)
+    assert round(radians_to_ticks(ticks_to_radians(tick, zero, unit), zero, unit)) == tick
+
+
+@pytest.mark.parametrize("angle", [math.nan, math.inf, -math.inf])
+def test_no_tick_for_what_is_no_number(angle: float) -> None:
+    with pytest.raises(RangeError, match="finite"):
+        radians_to_ticks(angle, 512, 0.005)
+
+
+@pytest.mark.parametrize(
+    ("speed", "register"), [(1e-9, 1), (0.0116239, 1), (0.02, 2), (2.0, 172), (100.0, 1023)]
+)
+def test_speed_register_is_never_zero(speed: float, register: int) -> None:
+    assert speed_to_register(speed, 0.0116239, 1023) == register
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
+def test_impossible_speed_is_refused(speed: float) -> None:
+    with pytest.raises(RangeError, match="above 0"):
+        speed_to_register(speed, 0.0116, 1023)
+
+
+def test_error_bits_in_words() -> None:
+    assert describe_errors(ErrorBits(36)) == "overheating, overload"
+    assert describe_errors(ErrorBits(0)) == "none"

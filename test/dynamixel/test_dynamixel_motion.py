@@ -1,0 +1,512 @@
+"""Commands and torque: what reaches the wire, and what never does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from dynamixel_fakes import GOAL, PAN, TILT, TORQUE, FakeClock, FakePort, Packet, goal_bytes, writes
+
+from head_tracking.dynamixel import (
+    ErrorBits,
+    EventKind,
+    Goal,
+    GoalError,
+    JointConfiguration,
+    ReplyTimeoutError,
+    ServoBus,
+    Torque,
+    TorqueError,
+)
+
+ON, OFF = b"\x01", b"\x00"
+TICK = PAN.resolution
+
+
+def connected(port: FakePort, joints: tuple[JointConfiguration, ...] = (PAN, TILT)) -> ServoBus:
+    clock = FakeClock()
+    bus = ServoBus(port, joints, clock, monotonic=clock)
+    bus.connect()
+    port.take_log()
+    return bus
+
+
+def pin(servo_id: int, ticks: int) -> list[Packet]:
+    """The only way to switch torque on."""
+    return [
+        ("read", servo_id, 36, 2),
+        ("write", servo_id, GOAL, goal_bytes(ticks, 1)),
+        ("read", servo_id, GOAL, 4),
+        ("write", servo_id, TORQUE, ON),
+        ("read", servo_id, TORQUE, 1),
+    ]
+
+
+# Torque
+
+
+def test_first_command_pins_the_servo_before_it_moves() -> None:
+    port = FakePort()
+    port.servos[1]["Present Position"] = 450
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5, 1.0)})
+    assert port.log == []
+    bus.step()
+    assert port.log[2:] == [
+        *pin(1, 450),
+        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0))}),
+    ]
+    assert bus.torque("head_pan_joint") is Torque.ON
+    assert bus.torque("head_tilt_joint") is Torque.OFF_UNTIL_COMMANDED
+
+
+def test_torque_on_holds_the_present_position() -> None:
+    port = FakePort()
+    port.servos[1]["Present Position"] = 450
+    bus = connected(port)
+    bus.set_torque(["head_pan_joint"], True)
+    assert port.take_log() == pin(1, 450)
+    reading = bus.step()
+    assert writes(port.log) == [("sync", GOAL, {1: goal_bytes(450, 1)})]
+    assert reading.states["head_pan_joint"].goal == PAN.position(450)
+    assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
+
+
+def test_old_goal_is_never_executed_after_moving_by_hand() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    bus.set_torque(["head_pan_joint"], False)
+    port.servos[1]["Present Position"] = 300  # moved by hand
+    port.take_log()
+    bus.set_torque(["head_pan_joint"], True)
+    assert port.log == pin(1, 300)
+    bus.step()
+    assert port.servos[1]["Goal Position"] == 300
+
+
+def test_goal_of_the_moment_before_torque_off_is_dropped() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.set_torque(["head_pan_joint"], False)
+    bus.set_torque(["head_pan_joint"], True)
+    bus.step()
+    assert port.servos[1]["Goal Position"] == 512
+
+
+def test_nothing_is_written_to_a_relaxed_servo() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
+    bus.step()
+    bus.set_torque(["head_pan_joint"], False)
+    port.take_log()
+    bus.set_speed("head_pan_joint", 1.0)
+    for _ in range(3):
+        bus.step()
+    assert all(set(packet[2]) == {2} for packet in writes(port.log))  # type: ignore[call-overload]
+    assert port.servos[1]["Torque Enable"] == 0
+
+
+def test_relaxing_is_verified() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.take_log()
+    bus.set_torque(["head_pan_joint"], False)
+    assert port.log == [("write", 1, TORQUE, OFF), ("read", 1, TORQUE, 1)]
+    assert bus.step().states["head_pan_joint"].torque is False
+
+
+def test_torque_of_all_joints() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.set_torque(None, True)
+    assert [bus.torque(joint.joint_name) for joint in bus.joints] == [Torque.ON] * 2
+    bus.set_torque(None, False)
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
+def test_torque_on_twice_does_not_disturb_a_motion() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    bus.set_torque(["head_pan_joint"], True)
+    bus.step()
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.5)
+
+
+@pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
+def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
+    present: int, goal: int
+) -> None:
+    port = FakePort()
+    port.servos[2]["Present Position"] = present
+    bus = connected(port)
+    bus.set_torque(["head_tilt_joint"], True)
+    assert writes(port.log)[0] == ("write", 2, GOAL, goal_bytes(goal, 1))
+
+
+def test_servo_that_refuses_torque_is_left_relaxed() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].error = ErrorBits.ANGLE_LIMIT
+    with pytest.raises(TorqueError, match=r"head_pan_joint: .*refused Goal Position.*angle limit"):
+        bus.set_torque(None, True)
+    assert port.servos[1]["Torque Enable"] == 0
+    assert bus.torque("head_pan_joint") is Torque.OFF_UNTIL_COMMANDED
+    assert bus.torque("head_tilt_joint") is Torque.ON
+
+
+def test_servo_that_keeps_its_old_goal_is_not_switched_on() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].ignored.add(GOAL)
+    with pytest.raises(TorqueError, match="Goal Position"):
+        bus.set_torque(["head_pan_joint"], True)
+    assert ("write", 1, TORQUE, ON) not in port.log
+
+
+def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].error = ErrorBits.RANGE
+    bus.command({"head_pan_joint": Goal(0.5)})
+    events = bus.step().events
+    assert [(event.kind, event.joint_name) for event in events] == [
+        (EventKind.TORQUE_FAILED, "head_pan_joint")
+    ]
+    assert bus.step().events == ()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
+def test_relaxing_a_silent_servo_is_not_called_a_success() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
+    bus.step()
+    port.servos[1].answers = False
+    with pytest.raises(TorqueError, match="head_pan_joint") as info:
+        bus.set_torque(None, False)
+    assert list(info.value.problems) == ["head_pan_joint"]
+    assert port.servos[2]["Torque Enable"] == 0
+
+
+def test_torque_of_a_lost_servo() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    for _ in range(5):
+        bus.step()
+    with pytest.raises(TorqueError, match="does not answer"):
+        bus.set_torque(["head_pan_joint"], True)
+    port.take_log()
+    with pytest.raises(TorqueError, match="does not answer"):
+        bus.set_torque(["head_pan_joint"], False)
+    assert port.log == [("write", 1, TORQUE, OFF)]  # tried all the same
+
+
+def test_torque_of_an_unknown_joint_switches_nothing() -> None:
+    port = FakePort()
+    bus = connected(port)
+    with pytest.raises(GoalError, match=r"no joint 'elbow'.*head_pan_joint, head_tilt_joint"):
+        bus.set_torque(["head_pan_joint", "elbow"], True)
+    assert port.log == []
+
+
+# Commands
+
+
+def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5, 1.0), "head_tilt_joint": Goal(-0.2, 0.5)})
+    bus.step()
+    expected = (
+        "sync",
+        GOAL,
+        {
+            1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0)),
+            2: goal_bytes(TILT.ticks(-0.2), TILT.speed_ticks(0.5)),
+        },
+    )
+    assert port.take_log()[-1] == expected
+    bus.step()
+    assert writes(port.log) == [expected]
+
+
+def test_newest_goal_wins() -> None:
+    port = FakePort()
+    bus = connected(port)
+    for position in (0.1, 0.2, 0.3):
+        bus.command({"head_pan_joint": Goal(position)})
+    bus.step()
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.3)
+
+
+def test_goal_without_speed_uses_the_joints_speed() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(2.0)
+    bus.set_speed("head_pan_joint", 0.5)
+    assert bus.speed("head_pan_joint") == 0.5
+    bus.step()
+    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(0.5)
+
+
+@pytest.mark.parametrize("speed", [1e-12, 1e-3, 5e-3])
+def test_slow_is_never_zero_on_the_wire(speed: float) -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5, speed)})
+    bus.step()
+    assert port.servos[1]["Moving Speed"] == 1
+
+
+def test_fast_is_capped_at_the_speed_limit() -> None:
+    port = FakePort(1)
+    joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
+    bus = connected(port, (joint,))
+    bus.command({"head_pan_joint": Goal(0.5, 50.0)})
+    bus.step()
+    assert port.servos[1]["Moving Speed"] == 86
+
+
+@pytest.mark.parametrize(
+    ("goals", "message"),
+    [
+        ({"head_pan_joint": Goal(math.nan)}, "head_pan_joint: goal position nan"),
+        ({"head_pan_joint": Goal(math.inf)}, "goal position inf"),
+        ({"head_pan_joint": Goal(0.1, 0.0)}, r"speed 0.0 rad/s refused.*above 0"),
+        ({"head_pan_joint": Goal(0.1, -1.0)}, "speed -1.0"),
+        ({"head_pan_joint": Goal(0.1, math.nan)}, "speed nan"),
+        ({"head_pan_joint": Goal(0.1, math.inf)}, "speed inf"),
+        ({"elbow": Goal(0.1)}, "no joint 'elbow'"),
+        ({"head_tilt_joint": Goal(2.0)}, r"2.0000 rad refused; allowed are -1.0840 to 1.4726"),
+        ({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(-2.0)}, "head_tilt_joint"),
+    ],
+)
+@pytest.mark.parametrize("clamp", [False, True])
+def test_bad_command_is_refused_and_nothing_moves(
+    goals: dict[str, Goal], message: str, clamp: bool
+) -> None:
+    if clamp and "head_tilt_joint" in goals:
+        clamp = False  # a position outside the limits is allowed with clamp
+    port = FakePort()
+    bus = connected(port)
+    with pytest.raises(GoalError, match=message):
+        bus.command(goals, clamp=clamp)
+    bus.step()
+    assert writes(port.log) == []
+    assert bus.statistics().refused_commands == 1
+
+
+def test_refused_command_leaves_the_old_goal() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.3)})
+    bus.step()
+    with pytest.raises(GoalError):
+        bus.command({"head_pan_joint": Goal(math.nan)})
+    bus.step()
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.3)
+
+
+def test_one_tick_beyond_the_limit_counts_as_on_the_limit() -> None:
+    port = FakePort()
+    bus = connected(port)
+    result = bus.command({"head_tilt_joint": Goal(TILT.upper + 0.99 * TICK)})
+    assert result.positions == {"head_tilt_joint": TILT.upper}
+    assert result.clamped == {}
+    bus.step()
+    assert port.servos[2]["Goal Position"] == 800
+    with pytest.raises(GoalError):
+        bus.command({"head_tilt_joint": Goal(TILT.upper + 1.01 * TICK)})
+
+
+@pytest.mark.parametrize(("position", "ticks"), [(9.0, 800), (-9.0, 300)])
+def test_clamping_is_reported(position: float, ticks: int) -> None:
+    port = FakePort()
+    bus = connected(port)
+    result = bus.command({"head_tilt_joint": Goal(position)}, clamp=True)
+    limit = TILT.position(ticks)
+    assert result.positions == {"head_tilt_joint": limit}
+    assert result.clamped == {"head_tilt_joint": limit - position}
+    assert bus.statistics().clamped_commands == 1
+    bus.step()
+    assert port.servos[2]["Goal Position"] == ticks
+
+
+def test_goals_stay_within_the_servos_own_limits() -> None:
+    port = FakePort()
+    port.servos[1]["CCW Angle Limit"] = 600
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(2.0)}, clamp=True)
+    bus.step()
+    assert port.servos[1]["Goal Position"] == 600
+
+
+def test_goals_of_a_reversed_servo() -> None:
+    port = FakePort(1)
+    joint = replace(PAN, min=800, max=300)
+    bus = connected(port, (joint,))
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    assert port.servos[1]["Goal Position"] == 512 - 98
+    assert bus.command({"head_pan_joint": Goal(9.0)}, clamp=True).positions == {
+        "head_pan_joint": joint.position(300)
+    }
+
+
+def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.set_torque(["head_pan_joint"], False)
+    with pytest.raises(GoalError, match=r"relaxed on request.*torque_enable.*head_pan_controller"):
+        bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
+    port.take_log()
+    bus.step()
+    assert writes(port.log) == []
+    bus.set_torque(["head_pan_joint"], True)
+    bus.command({"head_pan_joint": Goal(0.1)})
+    bus.step()
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
+
+
+def test_lost_joint_does_not_stop_the_others() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    for _ in range(5):
+        bus.step()
+    result = bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)})
+    assert (result.lost, set(result.positions)) == (("head_pan_joint",), {"head_tilt_joint"})
+    port.take_log()
+    bus.step()
+    assert port.servos[2]["Goal Position"] == TILT.ticks(0.2)
+    with pytest.raises(GoalError, match="head_pan_joint does not answer"):
+        bus.command({"head_pan_joint": Goal(0.1)})
+
+
+def test_lost_joint_gets_no_goals() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)})
+    bus.step()
+    port.servos[1].answers = False
+    for _ in range(6):
+        bus.step()
+    assert set(writes(port.log)[-1][2]) == {2}  # type: ignore[call-overload]
+
+
+def test_command_while_a_servo_goes_missing_is_dropped() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    for _ in range(4):
+        bus.step()
+    bus.command({"head_pan_joint": Goal(0.1)})
+    assert bus.step().lost == ("head_pan_joint",)
+    assert writes(port.log) == []
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
+def test_impossible_joint_speed_is_refused(speed: float) -> None:
+    bus = connected(FakePort())
+    with pytest.raises(GoalError, match="above 0"):
+        bus.set_speed("head_pan_joint", speed)
+    assert bus.speed("head_pan_joint") == 2.0
+
+
+# Stopping
+
+
+def test_hold_makes_the_present_position_the_goal() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    bus.command({"head_tilt_joint": Goal(0.5)})  # not under way yet: must not start
+    port.servos[1]["Present Position"] = 550
+    port.take_log()
+    bus.hold()
+    assert port.log == [
+        ("read", 1, 36, 2),
+        ("sync", GOAL, {1: goal_bytes(550, PAN.speed_ticks(2.0))}),
+    ]
+    bus.step()
+    assert port.servos[2]["Torque Enable"] == 0
+
+
+def test_hold_uses_the_last_known_position_of_a_silent_servo() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.servos[1]["Present Position"] = 540
+    bus.step()
+    port.failures[1].extend([ReplyTimeoutError("late")] * 2)
+    bus.hold()
+    assert port.servos[1]["Goal Position"] == 540
+
+
+def test_close_holds_then_relaxes_then_closes() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.servos[1]["Present Position"] = 530
+    port.take_log()
+    assert bus.close() == ()
+    assert writes(port.log) == [
+        ("sync", GOAL, {1: goal_bytes(530, PAN.speed_ticks(2.0))}),
+        ("write", 1, TORQUE, OFF),
+        ("write", 2, TORQUE, OFF),
+    ]
+    assert not port.opened
+
+
+def test_close_twice_is_harmless() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.close()
+    assert bus.close() == ()
+
+
+def test_close_repeats_a_lost_torque_off() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
+    assert bus.close() == ()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
+def test_close_names_joints_that_did_not_confirm_and_relaxes_the_rest() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
+    bus.step()
+    port.servos[1].answers = False
+    assert bus.close() == ("head_pan_joint",)
+    assert port.servos[2]["Torque Enable"] == 0
+    assert not port.opened
+
+
+def test_bus_can_be_connected_again_after_closing() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.close()
+    bus.connect()
+    port.take_log()
+    bus.step()
+    assert writes(port.log) == []  # the old command is forgotten

@@ -1,0 +1,494 @@
+"""The real port on a pty: exact bytes out, all kinds of bytes back."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from head_tracking.dynamixel import (
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    ErrorBits,
+    NotConnectedError,
+    PortBusyError,
+    PortError,
+    PortLostError,
+    PortMissingError,
+    PortPermissionError,
+    Protocol1Port,
+    Reply,
+    ReplyTimeoutError,
+    sdk,
+    serial_ports,
+)
+from head_tracking.dynamixel.port_diagnosis import port_error
+
+READ = "FF FF 01 04 02 24 02 D2"
+POSITION_512 = "FF FF 01 04 00 00 02 F8"
+PONG = "FF FF 01 02 00 FC"
+
+
+class Peer:
+    """The other end of a pty: for each packet that comes in, says the next line of a script."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.name = os.ttyname(self.slave)
+        self.received: list[str] = []
+        self._thread: threading.Thread | None = None
+
+    def answer(self, *script: tuple[int, str]) -> None:
+        """Answer packets: for each pair, read so many bytes, then say the text."""
+
+        def play() -> None:
+            for length, text in script:
+                data = b""
+                while len(data) < length:
+                    data += os.read(self.master, length - len(data))
+                self.received.append(data.hex(" ").upper())
+                if text:
+                    os.write(self.master, bytes.fromhex(text))
+
+        self._thread = threading.Thread(target=play, daemon=True)
+        self._thread.start()
+
+    def finish(self) -> list[str]:
+        """Return what came in."""
+        assert self._thread is not None
+        self._thread.join(10.0)
+        assert not self._thread.is_alive()
+        return self.received
+
+    def vanish(self) -> None:
+        os.close(self.master)
+        os.close(self.slave)
+        self.master = self.slave = -1
+
+    def close(self) -> None:
+        for descriptor in (self.master, self.slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    p = Peer()
+    yield p
+    p.close()
+
+
+@pytest.fixture
+def port(peer: Peer) -> Iterator[Protocol1Port]:
+    # Patient, because the other end is a thread on a machine that may be busy.
+    p = Protocol1Port(peer.name, reply_timeout=5.0)
+    p.open()
+    yield p
+    p.close()
+
+
+@pytest.fixture
+def hasty(peer: Peer) -> Iterator[Protocol1Port]:
+    """For tests in which the answer never comes."""
+    p = Protocol1Port(peer.name, reply_timeout=0.02)
+    p.open()
+    yield p
+    p.close()
+
+
+Call = Callable[[Protocol1Port], object]
+
+
+@pytest.mark.parametrize(
+    ("call", "sent", "reply", "result"),
+    [
+        (lambda p: p.ping(1), "FF FF 01 02 01 FB", PONG, ErrorBits(0)),
+        (
+            lambda p: p.read(1, 43, 1),
+            "FF FF 01 04 02 2B 01 CC",
+            "FF FF 01 03 00 20 DB",
+            Reply(b"\x20", ErrorBits(0)),
+        ),
+        (lambda p: p.read(1, 36, 2), READ, POSITION_512, Reply(b"\x00\x02", ErrorBits(0))),
+        (
+            lambda p: p.read(1, 36, 8),
+            "FF FF 01 04 02 24 08 CC",
+            "FF FF 01 0A 00 00 02 00 00 00 00 78 1E 5C",
+            Reply(bytes.fromhex("00 02 00 00 00 00 78 1E"), ErrorBits(0)),
+        ),
+        (
+            lambda p: p.read(1, 0, 2),
+            "FF FF 01 04 02 00 02 F6",
+            "FF FF 01 04 00 0C 00 EE",
+            Reply(b"\x0c\x00", ErrorBits(0)),
+        ),
+        (
+            lambda p: p.read(1, 36, 2),
+            READ,
+            "FF FF 01 04 20 00 02 D8",
+            Reply(b"\x00\x02", ErrorBits.OVERLOAD),
+        ),
+        (lambda p: p.write(1, 24, b"\x01"), "FF FF 01 04 03 18 01 DE", PONG, ErrorBits(0)),
+        (lambda p: p.write(1, 24, b"\x00"), "FF FF 01 04 03 18 00 DF", PONG, ErrorBits(0)),
+        (
+            lambda p: p.write(1, 30, b"\x00\x02"),
+            "FF FF 01 05 03 1E 00 02 D6",
+            "FF FF 01 02 02 FA",
+            ErrorBits.ANGLE_LIMIT,
+        ),
+        (
+            lambda p: p.write(1, 30, b"\x00\x02\x64\x00"),
+            "FF FF 01 07 03 1E 00 02 64 00 70",
+            "FF FF 01 02 08 F4",
+            ErrorBits.RANGE,
+        ),
+        (
+            lambda p: p.write(1, 34, b"\xff\x03"),
+            "FF FF 01 05 03 22 FF 03 D2",
+            "FF FF 01 02 24 D8",
+            ErrorBits.OVERLOAD | ErrorBits.OVERHEATING,
+        ),
+        (
+            lambda p: p.write(1, 24, b"\x01", acknowledged=False),
+            "FF FF 01 04 03 18 01 DE",
+            "",
+            ErrorBits(0),
+        ),
+        (
+            lambda p: p.sync_write(30, {0: b"\x10\x00\x50\x01", 1: b"\x20\x02\x60\x03"}),
+            "FF FF FE 0E 83 1E 04 00 10 00 50 01 01 20 02 60 03 67",
+            "",
+            None,
+        ),
+        (
+            lambda p: p.sync_write(30, {1: b"\x00\x02", 2: b"\x2c\x01"}),
+            "FF FF FE 0A 83 1E 02 01 00 02 02 2C 01 22",
+            "",
+            None,
+        ),
+        (
+            lambda p: p.sync_write(30, {1: b"\x00\x02\x64\x00", 2: b"\x2c\x01\x64\x00"}),
+            "FF FF FE 0E 83 1E 04 01 00 02 64 00 02 2C 01 64 00 54",
+            "",
+            None,
+        ),
+    ],
+)
+def test_golden_packets(
+    peer: Peer, port: Protocol1Port, call: Call, sent: str, reply: str, result: object
+) -> None:
+    peer.answer((len(bytes.fromhex(sent)), reply))
+    assert call(port) == result
+    assert peer.finish() == [sent]
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        "00",
+        "FF",
+        "00 01 02 03 04 05 06 07",
+        "FF FF 02 04 00 FF 01 F9",  # an answer of another servo
+        "FF FF FE 02 00 FF",
+        "FF FF 01 02 80 7C",  # bit 7 of the error byte never occurs
+    ],
+)
+def test_noise_before_the_answer_is_skipped(peer: Peer, port: Protocol1Port, noise: str) -> None:
+    peer.answer((8, f"{noise} {POSITION_512}"))
+    assert port.read(1, 36, 2).data == b"\x00\x02"
+
+
+def test_answer_in_pieces_is_put_together(peer: Peer, port: Protocol1Port) -> None:
+    peer.answer((8, "FF FF 01"), (0, "04 00 00"), (0, "02"), (0, "F8"))
+    assert port.read(1, 36, 2).data == b"\x00\x02"
+
+
+def test_silence_is_a_timeout(hasty: Protocol1Port) -> None:
+    with pytest.raises(ReplyTimeoutError, match=r"servo 1 .*read of 2 byte.*20 ms .* 1000000 baud"):
+        hasty.read(1, 36, 2)
+
+
+def test_waiting_costs_hardly_any_processor_time(peer: Peer) -> None:
+    """The SDK's own waiting spins for as long as the timeout lasts."""
+    port = Protocol1Port(peer.name, reply_timeout=0.5)
+    port.open()
+    before = time.thread_time()
+    with pytest.raises(ReplyTimeoutError):
+        port.ping(1)
+    assert time.thread_time() - before < 0.25
+    port.close()
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        "FF FF 01 04 00 00 02 F9",  # checksum
+        "FF FF 01 04 00 00",  # truncated
+        "FF FF 01",
+        "FF FF 01 02 08 F4",  # error without data: IndexError in the SDK
+        "FF FF 01 02 00 FC",  # no data
+        "FF FF 01 03 00 20 DB",  # one byte: the SDK takes the checksum for the second
+        "FF FF 01 06 00 00 02 00 00 F6",  # too long
+        "FF FF 01 00 00 FE",  # impossible length
+        "FF FF 01 01 00 FD",
+        "FF FF 01 04 10 00 02 E8",  # the servo received a damaged packet
+    ],
+)
+def test_damaged_answer_is_never_a_value_nor_a_crash(
+    peer: Peer, hasty: Protocol1Port, reply: str
+) -> None:
+    peer.answer((8, reply))
+    with pytest.raises(CommunicationError):
+        while True:  # the peer may be slower than a hasty timeout
+            try:
+                hasty.read(1, 36, 2)
+            except ReplyTimeoutError:
+                if peer.received:
+                    raise
+    peer.finish()
+
+
+@pytest.mark.parametrize(
+    ("reply", "message"),
+    [
+        ("FF FF 01 02 08 F4", "answered .*read of 2.* with 0 byte.*range"),
+        ("FF FF 01 03 00 20 DB", "with 1 byte"),
+        ("FF FF 01 06 00 00 02 00 00 F6", "with 4 byte"),
+        ("FF FF 01 04 00 00 02 F9", "damaged reply"),
+        ("FF FF 01 04 10 00 02 E8", "servo 1 received a damaged"),
+    ],
+)
+def test_corrupt_answer_is_explained(
+    peer: Peer, port: Protocol1Port, reply: str, message: str
+) -> None:
+    peer.answer((8, reply), (8, POSITION_512))
+    with pytest.raises(CorruptReplyError, match=message):
+        port.read(1, 36, 2)
+    assert port.read(1, 36, 2).data == b"\x00\x02"  # and the port works on
+
+
+def test_old_bytes_are_not_taken_for_the_answer(peer: Peer, port: Protocol1Port) -> None:
+    os.write(peer.master, bytes.fromhex("FF FF 01 04 00 FF 03 F8"))  # late: position 1023
+    assert _eventually(lambda: _waiting(peer) >= 8)
+    peer.answer((8, POSITION_512))
+    assert port.read(1, 36, 2).data == b"\x00\x02"
+
+
+def test_endless_babble_ends_with_the_timeout(peer: Peer, hasty: Protocol1Port) -> None:
+    stop = threading.Event()
+
+    def babble() -> None:
+        os.set_blocking(peer.master, False)
+        while not stop.is_set():
+            try:
+                os.write(peer.master, bytes(200))
+            except BlockingIOError:
+                time.sleep(0.001)
+
+    thread = threading.Thread(target=babble, daemon=True)
+    thread.start()
+    with pytest.raises(CommunicationError):
+        hasty.read(1, 36, 2)
+    stop.set()
+    thread.join(10.0)
+
+
+def test_port_that_takes_no_data_is_lost(peer: Peer) -> None:
+    port = Protocol1Port(peer.name, write_timeout=0.05)
+    port.open()
+    with pytest.raises(PortLostError, match=r"took no data for 0\.05 s"):
+        for _ in range(10_000):  # nobody reads the other end
+            port.sync_write(30, {servo_id: bytes(4) for servo_id in range(40)})
+    assert not port.is_open
+
+
+def test_vanished_port_is_lost(peer: Peer, port: Protocol1Port) -> None:
+    peer.vanish()
+    with pytest.raises(PortLostError, match="cable"):
+        port.read(1, 36, 2)
+    assert not port.is_open
+    with pytest.raises(NotConnectedError):
+        port.ping(1)
+    port.close()
+
+
+def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: Protocol1Port) -> None:
+    peer.answer((8, ""))
+
+    def unplug() -> None:
+        peer.finish()
+        peer.vanish()
+
+    thread = threading.Thread(target=unplug)
+    thread.start()
+    with pytest.raises(PortLostError):
+        port.read(1, 36, 2)
+    thread.join()
+
+
+def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: Protocol1Port) -> None:
+    with pytest.raises(CommunicationError, match="same number"):
+        port.sync_write(30, {1: b"\x00", 2: b"\x00\x00"})
+    port.sync_write(30, {})
+
+
+def test_packet_that_is_too_long_is_refused(port: Protocol1Port) -> None:
+    with pytest.raises(CommunicationError, match="Incorrect instruction packet"):
+        port.sync_write(30, {servo_id: bytes(4) for servo_id in range(60)})
+
+
+class CannedLine:
+    """A line on which the answer is already there."""
+
+    answer = b""
+
+    def __init__(self, descriptor: int) -> None:
+        self._rest = self.answer
+
+    def discard_input(self) -> None:
+        self._rest = self.answer
+
+    def write(self, data: bytes, timeout: float) -> None:
+        pass
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        data, self._rest = self._rest[:limit], self._rest[limit:]
+        return data
+
+
+pieces = st.one_of(
+    st.binary(max_size=12),
+    st.just(b"\xff\xff\x01"),
+    st.sampled_from([bytes.fromhex(READ), bytes.fromhex(POSITION_512), bytes.fromhex(PONG)]),
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.lists(pieces, max_size=6))
+def test_no_bytes_make_a_read_crash_or_return_the_wrong_length(answers: list[bytes]) -> None:
+    class Line(CannedLine):
+        answer = b"".join(answers)
+
+    master, slave = os.openpty()
+    port = Protocol1Port(os.ttyname(slave), reply_timeout=1e-6)
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sdk, "SerialLine", Line)
+            port.open()
+        try:
+            reply = port.read(1, 36, 2)
+        except CommunicationError:
+            return
+        assert len(reply.data) == 2
+        assert reply.data in Line.answer
+    finally:
+        port.close()
+        os.close(master)
+        os.close(slave)
+
+
+def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:
+    port = Protocol1Port(peer.name)
+    port.open()
+    port.open()
+    assert port.is_open
+    port.close()
+    port.close()
+    assert not port.is_open
+
+
+def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(PortMissingError, match=r"cannot open /dev/ttyNone: there is no such"):
+        Protocol1Port("/dev/ttyNone").open()
+    error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), ["/dev/ttyUSB0", "/dev/ttyACM0"])
+    assert "exist: /dev/ttyUSB0, /dev/ttyACM0" in str(error)
+    error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), [])
+    assert "is the adapter plugged in?" in str(error)
+
+
+def test_second_program_finds_the_port_busy(peer: Peer, port: Protocol1Port) -> None:
+    with pytest.raises(PortBusyError, match=r"another program uses it.*fuser"):
+        Protocol1Port(peer.name).open()
+    port.close()
+    again = Protocol1Port(peer.name)
+    again.open()
+    again.close()
+
+
+def test_forbidden_port_names_the_group(peer: Peer) -> None:
+    serial_ports()  # what this imports must be there before the rights go
+    os.chmod(peer.name, 0)
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)  # root may open anything
+    try:
+        with pytest.raises(PortPermissionError, match=r"sudo usermod -a -G \w+ \$USER"):
+            Protocol1Port(peer.name).open()
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+def test_group_is_dialout_when_the_device_does_not_tell() -> None:
+    error = port_error("/dev/ttyNone", OSError(errno.EACCES, ""), [])
+    assert isinstance(error, PortPermissionError)
+    assert "group dialout" in str(error)
+
+
+def test_file_is_no_port() -> None:
+    with pytest.raises(PortError, match="must be a serial device"):
+        Protocol1Port("/etc/passwd").open()
+
+
+@pytest.mark.parametrize("baud_rate", [0, 250_000, 1_000_001])
+def test_baud_rate_the_sdk_cannot_set_lists_the_others(baud_rate: int) -> None:
+    with pytest.raises(ConfigurationError, match=f"{baud_rate} baud; allowed are 9600, .*1000000"):
+        Protocol1Port("/dev/ttyUSB0", baud_rate)
+
+
+@pytest.mark.parametrize("option", ["reply_timeout", "write_timeout"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), 100.0])
+def test_senseless_timeout_is_refused(option: str, value: float) -> None:
+    with pytest.raises(ConfigurationError, match=option):
+        Protocol1Port("/dev/ttyUSB0", **{option: value})  # type: ignore[arg-type]
+
+
+def test_opening_and_failing_leaves_no_descriptor(peer: Peer) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        port = Protocol1Port(peer.name, reply_timeout=0.001)
+        port.open()
+        with pytest.raises(PortBusyError):
+            Protocol1Port(peer.name).open()
+        with pytest.raises(ReplyTimeoutError):
+            port.ping(1)
+        port.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def _waiting(peer: Peer) -> int:
+    import array
+    import fcntl
+    import termios
+
+    count = array.array("i", [0])
+    fcntl.ioctl(peer.slave, termios.FIONREAD, count)
+    return count[0]
+
+
+def _eventually(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.002)
+    return False

@@ -1,0 +1,250 @@
+"""The thread that owns the bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from dynamixel_fakes import PAN, TILT, FakePort
+
+from head_tracking.dynamixel import (
+    BusReading,
+    BusStoppedError,
+    BusThread,
+    ConfigurationError,
+    CycleSchedule,
+    Goal,
+    PortLostError,
+    ServoBus,
+)
+
+PATIENCE = 10.0
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def connected(port: FakePort) -> ServoBus:
+    bus = ServoBus(port, (PAN, TILT))
+    bus.connect()
+    return bus
+
+
+def ignore(reading: BusReading) -> None:
+    del reading
+
+
+# The schedule, with time passed in
+
+
+def test_cycles_stay_on_the_grid() -> None:
+    schedule = CycleSchedule(period=20, start=100)
+    due = []
+    for late in (3, 0, 19, 7):
+        due.append(schedule.due)
+        schedule.advance(schedule.due + late)
+    assert due == [100, 120, 140, 160]
+    assert schedule.missed == 0
+
+
+def test_missed_cycles_are_left_out_and_not_made_up() -> None:
+    schedule = CycleSchedule(period=20, start=100)
+    schedule.advance(175)  # the cycles of 120, 140 and 160 are past
+    assert (schedule.due, schedule.missed) == (180, 3)
+    schedule.advance(185)
+    assert (schedule.due, schedule.missed) == (200, 3)
+
+
+def test_cycle_that_ends_when_the_next_is_due_misses_none() -> None:
+    schedule = CycleSchedule(period=20, start=100)
+    schedule.advance(120)
+    assert (schedule.due, schedule.missed) == (120, 0)
+
+
+# The thread
+
+
+def test_thread_hands_out_readings_and_measures_itself() -> None:
+    readings: list[BusReading] = []
+    thread = BusThread(connected(FakePort()), 200.0, readings.append)
+    thread.start()
+    assert eventually(lambda: thread.timing.reached_rate > 0.0)
+    assert thread.running
+    thread.stop()
+    assert not thread.running
+    assert [reading.cycle for reading in readings] == list(range(1, len(readings) + 1))
+    timing = thread.timing
+    assert timing.update_rate == 200.0
+    assert timing.longest_cycle > 0.0
+    assert thread.error is None
+
+
+def test_stop_holds_relaxes_and_closes() -> None:
+    port = FakePort()
+    bus = connected(port)
+    thread = BusThread(bus, 100.0, ignore)
+    thread.start()
+    bus.command({"head_pan_joint": Goal(0.5)})
+    assert eventually(lambda: port.servos[1]["Torque Enable"] == 1)
+    thread.stop()
+    assert port.servos[1]["Torque Enable"] == 0
+    assert port.servos[1]["Goal Position"] == port.servos[1]["Present Position"]
+    assert not port.opened
+    assert thread.unconfirmed == ()
+    thread.stop()
+
+
+def test_joints_that_did_not_relax_are_named() -> None:
+    port = FakePort()
+    thread = BusThread(connected(port), 100.0, ignore)
+    thread.start()
+    port.servos[2].answers = False
+    thread.stop()
+    assert thread.unconfirmed == ("head_tilt_joint",)
+
+
+def test_thread_that_never_started_closes_the_bus_too() -> None:
+    port = FakePort()
+    BusThread(connected(port), 100.0, ignore).stop()
+    assert not port.opened
+
+
+def test_requests_run_in_the_owners_thread_and_return_results() -> None:
+    bus = connected(FakePort())
+    thread = BusThread(bus, 100.0, ignore)
+    thread.start()
+    name, same = thread.call(lambda owned: (threading.current_thread().name, owned is bus)).result(
+        PATIENCE
+    )
+    assert (name, same) == ("servo bus", True)
+    thread.call(lambda owned: owned.set_torque(None, True)).result(PATIENCE)
+    thread.stop()
+
+
+def test_request_that_raises_hurts_only_its_caller() -> None:
+    thread = BusThread(connected(FakePort()), 100.0, ignore)
+    thread.start()
+    future = thread.call(lambda bus: bus.set_torque(["elbow"], True))
+    assert "elbow" in str(future.exception(PATIENCE))
+    assert thread.call(lambda bus: bus.summary).result(PATIENCE) == "2 AX-12 servos: ids 1, 2"
+    thread.stop()
+
+
+def test_cancelled_request_is_not_run() -> None:
+    bus = connected(FakePort())
+    thread = BusThread(bus, 1.0, ignore)
+    ran: list[int] = []
+    future = thread.call(lambda owned: ran.append(1))
+    assert future.cancel()
+    thread.start()
+    thread.call(lambda owned: None).result(PATIENCE)
+    thread.stop()
+    assert ran == []
+
+
+def test_requests_after_the_end_fail() -> None:
+    thread = BusThread(connected(FakePort()), 100.0, ignore)
+    thread.start()
+    thread.stop()
+    with pytest.raises(BusStoppedError):
+        thread.call(lambda bus: bus.hold()).result(PATIENCE)
+
+
+def test_waiting_requests_fail_when_the_thread_ends() -> None:
+    thread = BusThread(connected(FakePort()), 100.0, ignore)
+    future = thread.call(lambda bus: bus.hold())
+    thread.stop()  # never started
+    assert isinstance(future.exception(PATIENCE), BusStoppedError)
+
+
+def test_exception_in_the_callback_relaxes_the_servos_and_is_reported() -> None:
+    port = FakePort()
+    bus = connected(port)
+    reported: list[tuple[BaseException, int]] = []
+
+    def explode(reading: BusReading) -> None:
+        if reading.states["head_pan_joint"].torque:
+            raise RuntimeError("callback")
+
+    def report(error: BaseException) -> None:
+        reported.append((error, port.servos[1]["Torque Enable"]))
+
+    thread = BusThread(bus, 100.0, explode, report)
+    thread.start()
+    bus.command({"head_pan_joint": Goal(0.5)})
+    assert eventually(lambda: bool(reported))
+    error, torque = reported[0]
+    assert str(error) == "callback"
+    assert torque == 0  # relaxed before anybody heard of it
+    assert thread.error is error
+    assert not thread.running
+    thread.stop()
+
+
+def test_even_system_exit_in_the_callback_relaxes_the_servos() -> None:
+    port = FakePort()
+    bus = connected(port)
+
+    def leave(reading: BusReading) -> None:
+        if reading.states["head_pan_joint"].torque:
+            raise SystemExit(1)
+
+    thread = BusThread(bus, 100.0, leave)
+    thread.start()
+    bus.command({"head_pan_joint": Goal(0.5)})
+    assert eventually(lambda: not thread.running)
+    assert port.servos[1]["Torque Enable"] == 0
+    assert isinstance(thread.error, SystemExit)
+
+
+def test_lost_port_ends_the_thread_and_is_reported() -> None:
+    port = FakePort()
+    reported: list[BaseException] = []
+    thread = BusThread(connected(port), 100.0, ignore, reported.append)
+    thread.start()
+    port.gone = True
+    assert eventually(lambda: bool(reported))
+    assert isinstance(reported[0], PortLostError)
+    assert thread.unconfirmed == ("head_pan_joint", "head_tilt_joint")
+    thread.stop()
+
+
+def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
+    port = FakePort()
+    threads: list[BusThread] = []
+    thread = BusThread(connected(port), 100.0, lambda reading: threads[0].stop())
+    threads.append(thread)
+    thread.start()
+    assert eventually(lambda: not thread.running)
+    assert thread.error is None
+
+
+def test_callback_that_hangs_is_named() -> None:
+    release = threading.Event()
+    entered = threading.Event()
+
+    def hang(reading: BusReading) -> None:
+        entered.set()
+        release.wait(PATIENCE)
+
+    thread = BusThread(connected(FakePort()), 100.0, hang)
+    thread.start()
+    assert entered.wait(PATIENCE)
+    with pytest.raises(BusStoppedError, match="a callback does not return"):
+        thread.stop(timeout=0.05)
+    release.set()
+    thread.stop()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 5000.0])
+def test_senseless_rate_is_refused(rate: float) -> None:
+    with pytest.raises(ConfigurationError, match="1 to 1000"):
+        BusThread(ServoBus(FakePort(), (PAN,)), rate, ignore)

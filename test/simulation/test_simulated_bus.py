@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from simulated_golden_vectors import INSTRUCTIONS, STATUSES
+
+from head_tracking.dynamixel import ErrorBits
+from head_tracking.simulation import (
+    Answer,
+    InstructionPacket,
+    SimulatedBus,
+    SimulatedServo,
+    SimulationError,
+    StatusPacket,
+    UnknownServoError,
+)
+
+ANSWERS = {
+    "ping 1": "ping",
+    "read position": "position 512",
+    "read 36..43": "36..43",
+    "read model": "model 12",
+    "torque on": "ping",
+    "torque off": "ping",
+    "goal 512": "ping",
+    "goal 512, speed 100": "ping",
+    "torque limit 1023": "ping",
+    "reg write goal 500": "ping",
+    "factory reset 0": "factory reset 0",
+}
+
+
+def golden(name: str) -> bytes:
+    return bytes.fromhex(INSTRUCTIONS[name][0])
+
+
+def bus() -> SimulatedBus:
+    return SimulatedBus([SimulatedServo(0), SimulatedServo(1), SimulatedServo(2)])
+
+
+@pytest.mark.parametrize("name", INSTRUCTIONS)
+def test_golden_instructions_get_golden_answers(name: str) -> None:
+    answers = [answer.data for answer in bus().receive(golden(name), 0)]
+    if name == "read temperature":
+        assert answers == [StatusPacket(1, data=b"\x1e").encode()]
+    elif name in ANSWERS:
+        assert answers == [bytes.fromhex(STATUSES[ANSWERS[name]][0])]
+    else:
+        assert answers == []  # broadcasts
+
+
+def test_golden_sync_write_sets_goals_and_speeds() -> None:
+    b = bus()
+    b.receive(golden("sync write goals and speeds"), 0)
+    assert (b[1].register("Goal Position"), b[1].register("Moving Speed")) == (512, 100)
+    assert (b[2].register("Goal Position"), b[2].register("Moving Speed")) == (300, 100)
+    assert b[0].register("Torque Enable") == 0
+
+
+def test_absent_id_is_silent() -> None:
+    assert bus().receive(InstructionPacket.ping(9).encode(), 0) == []
+
+
+def test_packets_in_one_read_are_answered_in_order() -> None:
+    data = InstructionPacket.ping(2).encode() + InstructionPacket.ping(1).encode()
+    answers = bus().receive(data, 0)
+    assert [answer.data for answer in answers] == [
+        StatusPacket(2).encode(),
+        StatusPacket(1).encode(),
+    ]
+
+
+def test_answers_wait_for_the_return_delay() -> None:
+    b = bus()
+    assert b.receive(golden("ping 1"), 0)[0].delay == 500_000
+    b[1].set_register("Return Delay Time", 0)
+    assert b.receive(golden("ping 1"), 0)[0].delay == 0
+
+
+def test_wrong_checksum_is_answered_by_the_servo_it_seems_to_be_for() -> None:
+    data = bytearray(golden("read position"))
+    data[-1] ^= 1
+    answers = bus().receive(bytes(data), 0)
+    assert [answer.data for answer in answers] == [bytes.fromhex(STATUSES["checksum"][0])]
+
+
+def test_wrong_checksum_for_an_absent_servo_is_silent() -> None:
+    data = bytearray(InstructionPacket.ping(9).encode())
+    data[-1] ^= 1
+    assert bus().receive(bytes(data), 0) == []
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_wrong_checksum_is_not_answered_below_status_return_level_2(level: int) -> None:
+    b = bus()
+    b[1].set_register("Status Return Level", level)
+    data = bytearray(golden("read position"))
+    data[-1] ^= 1
+    assert b.receive(bytes(data), 0) == []
+
+
+def test_two_servos_with_one_id_both_answer() -> None:
+    b = SimulatedBus([SimulatedServo(1), SimulatedServo(1)])
+    assert len(b.receive(golden("ping 1"), 0)) == 2
+
+
+def test_every_answer_passes_the_line() -> None:
+    seen: list[Answer] = []
+
+    def deaf(answer: Answer) -> Iterable[Answer]:
+        seen.append(answer)
+        return ()
+
+    b = SimulatedBus([SimulatedServo(1)], line=deaf)
+    assert b.receive(golden("ping 1") + golden("read position"), 0) == []
+    assert [answer.data for answer in seen] == [
+        bytes.fromhex(STATUSES["ping"][0]),
+        bytes.fromhex(STATUSES["position 512"][0]),
+    ]
+
+
+def test_alarm_is_part_of_every_answer() -> None:
+    b = bus()
+    b[1].supply_voltage = 5.0
+    answer = StatusPacket.decode(b.receive(golden("read position"), 0)[0].data)
+    assert answer == StatusPacket(1, ErrorBits.INPUT_VOLTAGE, b"\x00\x02")
+
+
+def test_time_passes_for_all_servos() -> None:
+    b = bus()
+    b.advance(0)
+    b.receive(golden("sync write goals and speeds"), 0)
+    assert not b.at_rest
+    b.advance(10_000_000_000)
+    assert b.at_rest
+    assert b[2].true_ticks == pytest.approx(300, abs=1.5)
+
+
+def test_unknown_servo_is_named() -> None:
+    with pytest.raises(UnknownServoError, match="id 9; there are 0, 1, 2"):
+        bus()[9]
+
+
+def test_bus_needs_a_servo() -> None:
+    with pytest.raises(SimulationError, match="at least one"):
+        SimulatedBus([])

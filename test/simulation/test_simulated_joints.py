@@ -1,0 +1,40 @@
+import time
+
+import pytest
+
+from head_tracking.dynamixel import Goal, JointConfiguration, Protocol1Port, ServoBus
+from head_tracking.simulation import SimulatedJoints
+
+JOINTS = (
+    JointConfiguration("pan", "pan_controller", 3),
+    JointConfiguration("tilt", "tilt_controller", 5, init=600, min=800, max=300),
+)
+
+
+def test_joints_start_at_zero():
+    with SimulatedJoints(JOINTS) as joints:
+        assert joints.true_position("pan") == pytest.approx(0.0, abs=1e-9)
+        assert joints.true_position("tilt") == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
+    with SimulatedJoints(JOINTS) as joints:
+        bus = ServoBus(Protocol1Port(joints.port_name, reply_timeout=0.2), JOINTS)
+        assert bus.connect() == "2 AX-12 servos: ids 3, 5"
+        bus.command({"tilt": Goal(0.6)})
+        deadline = time.monotonic() + 10
+        while abs(joints.true_position("tilt") - 0.6) > 0.01:
+            measured = bus.step().states["tilt"].position
+            assert time.monotonic() < deadline, measured
+        assert bus.step().states["tilt"].position == pytest.approx(0.6, abs=0.015)
+        assert joints.true_position("pan") == pytest.approx(0.0, abs=1e-9)
+        assert bus.close() == ()
+
+
+def test_a_hand_leads_a_joint():
+    with SimulatedJoints(JOINTS) as joints:
+        joints.lead("tilt", -0.5, 0.1)
+        deadline = time.monotonic() + 10
+        while abs(joints.true_position("tilt") + 0.5) > 0.03:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)

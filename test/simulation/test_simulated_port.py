@@ -1,0 +1,195 @@
+"""The simulated bus behind a real pty."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from head_tracking.simulation import (
+    InstructionPacket,
+    PortLinkError,
+    SimulatedPort,
+    SimulatedServo,
+    StatusPacket,
+    UnknownServoError,
+)
+
+PATIENCE = 10.0
+PING = InstructionPacket.ping(1).encode()
+PONG = StatusPacket(1).encode()
+
+
+class Client:
+    """A plain program that has the port open."""
+
+    def __init__(self, port_name: str) -> None:
+        self.descriptor = os.open(port_name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+    def ask(self, data: bytes, length: int) -> bytes:
+        os.write(self.descriptor, data)
+        return self.read(length)
+
+    def read(self, length: int) -> bytes:
+        received = b""
+        deadline = time.monotonic() + PATIENCE
+        while len(received) < length and time.monotonic() < deadline:
+            if select.select([self.descriptor], [], [], 0.1)[0]:
+                received += os.read(self.descriptor, length - len(received))
+        return received
+
+    def close(self) -> None:
+        os.close(self.descriptor)
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return False
+
+
+@pytest.fixture
+def port() -> Iterator[SimulatedPort]:
+    with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as opened:
+        yield opened
+
+
+def test_ping_over_the_pty(port: SimulatedPort) -> None:
+    client = Client(port.port_name)
+    assert client.ask(PING, 6) == PONG
+    client.close()
+
+
+def test_bytes_pass_unchanged(port: SimulatedPort) -> None:
+    """Line disciplines like to change 0x0A, 0x0D, 0x11, 0x13, 0x03, 0x04, 0x7F."""
+    client = Client(port.port_name)
+    for value in (0x03, 0x04, 0x0A, 0x0D, 0x11, 0x13, 0x1A, 0x7F, 0xFF):
+        write = InstructionPacket.write(1, 34, bytes((value, 3))).encode()
+        assert client.ask(write, 6) == PONG
+        read = InstructionPacket.read(1, 34, 2).encode()
+        assert client.ask(read, 8) == StatusPacket(1, data=bytes((value, 3))).encode()
+    client.close()
+
+
+def test_port_can_be_closed_and_opened_again(port: SimulatedPort) -> None:
+    for _ in range(3):
+        client = Client(port.port_name)
+        assert client.ask(PING, 6) == PONG
+        client.close()
+
+
+def test_absent_reader_does_not_block_the_bus(port: SimulatedPort) -> None:
+    client = Client(port.port_name)
+    read = InstructionPacket.read(1, 0, 50).encode()
+    for _ in range(500):  # 28 kB of answers that nobody reads
+        os.write(client.descriptor, read)
+    led = InstructionPacket.write(2, 25, b"\x01").encode()
+    os.write(client.descriptor, led)
+    assert eventually(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
+    client.close()
+
+
+def test_moving_servo_moves_without_being_asked(port: SimulatedPort) -> None:
+    client = Client(port.port_name)
+    goal = InstructionPacket.write(1, 30, bytes.fromhex("F4 01 64 00")).encode()
+    assert client.ask(goal, 6) == PONG
+    assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
+    client.close()
+
+
+def test_servo_can_be_led_and_pushed_from_outside(port: SimulatedPort) -> None:
+    port.lead(1, 600, 0.05)
+    port.push(2, 0.3)
+    assert eventually(lambda: abs(port.true_ticks(1) - 600) < 1.5)
+    assert eventually(lambda: port.true_ticks(2) > 1000)
+
+
+def test_unknown_servo_is_named(port: SimulatedPort) -> None:
+    with pytest.raises(UnknownServoError, match="id 7"):
+        port.true_ticks(7)
+
+
+def test_closing_leaves_no_descriptor_and_no_thread() -> None:
+    def resources() -> tuple[int, int]:
+        return len(os.listdir("/proc/self/fd")), threading.active_count()
+
+    before = resources()
+    for _ in range(5):
+        port = SimulatedPort([SimulatedServo(1)])
+        port.open()
+        client = Client(port.port_name)
+        assert client.ask(PING, 6) == PONG
+        client.close()
+        port.close()
+        port.close()
+    assert resources() == before
+
+
+def test_closing_makes_the_port_vanish() -> None:
+    port = SimulatedPort([SimulatedServo(1)])
+    port.open()
+    name = port.port_name
+    client = Client(name)
+    port.close()
+    assert port.port_name == ""
+    with pytest.raises(OSError):
+        os.write(client.descriptor, PING)
+    client.close()
+    assert not os.path.exists(name)
+
+
+def test_port_can_be_opened_again_after_closing() -> None:
+    port = SimulatedPort([SimulatedServo(1)])
+    for _ in range(2):
+        with port:
+            client = Client(port.port_name)
+            assert client.ask(PING, 6) == PONG
+            client.close()
+
+
+def test_link_names_the_port(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    with SimulatedPort([SimulatedServo(1)], link=link) as port:
+        assert port.port_name == str(link)
+        client = Client(str(link))
+        assert client.ask(PING, 6) == PONG
+        client.close()
+    assert not os.path.lexists(link)
+
+
+def test_stale_link_is_replaced(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    link.symlink_to("/dev/pts/does-not-exist")
+    with SimulatedPort([SimulatedServo(1)], link=link) as port:
+        assert os.path.realpath(port.port_name).startswith("/dev/")
+
+
+def test_link_of_another_simulator_is_left_alone(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    with SimulatedPort([SimulatedServo(1)], link=link):
+        link.unlink()
+        link.symlink_to("/dev/null")
+    assert os.readlink(link) == "/dev/null"
+
+
+def test_link_never_replaces_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "precious"
+    file.write_text("data")
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(PortLinkError, match="something else has that name"):
+        SimulatedPort([SimulatedServo(1)], link=file).open()
+    assert file.read_text() == "data"
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+
+
+def test_link_in_a_missing_directory_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PortLinkError, match="choose a path"):
+        SimulatedPort([SimulatedServo(1)], link=tmp_path / "none" / "ttyHead").open()
