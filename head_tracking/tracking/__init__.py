@@ -1,7 +1,7 @@
 """Following a moving target: placing it, the law that turns the head, and losing it."""
 
 from head_tracking.tracking.error_statistics import ErrorStatistics
-from head_tracking.tracking.fictitious_target import FictitiousTargetParameters, path, point_at
+from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.lost_target import (
     LostTargetParameters,
     LostTargetPolicy,
@@ -13,6 +13,7 @@ from head_tracking.tracking.tracker import Tracker, TrackingStep
 
 __all__ = [
     "ErrorStatistics",
+    "FictitiousTarget",
     "FictitiousTargetParameters",
     "LostTargetParameters",
     "LostTargetPolicy",
@@ -23,6 +24,4 @@ __all__ = [
     "TargetState",
     "Tracker",
     "TrackingStep",
-    "path",
-    "point_at",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from head_tracking.parameters import parameter
@@ -38,17 +37,18 @@ class FictitiousTargetParameters:
                 raise ValueError(f"{name} is {list(getattr(self, name))}; it needs x, y and z")
 
 
-def path(parameters: FictitiousTargetParameters) -> Iterator[Vector3]:
-    """The points of the path [m], one a message, without end."""
-    t = 0.0
-    while True:
-        yield point_at(t, parameters)
-        t += parameters.step
+class FictitiousTarget:
+    """The point on its way; `parameters` may change on the way."""
 
+    def __init__(self, parameters: FictitiousTargetParameters) -> None:
+        self.parameters = parameters
+        self._t = 0.0
 
-def point_at(t: float, parameters: FictitiousTargetParameters) -> Vector3:
-    """The point [m] at the phase `t` [rad]."""
-    sine = math.sin(t)
-    x, y, z = parameters.center
-    dx, dy, dz = parameters.amplitude
-    return x + dx * sine, y + dy * sine, z + dz * abs(sine)
+    def advance(self) -> Vector3:
+        """The point [m] of the next message."""
+        p = self.parameters
+        sine = math.sin(self._t)
+        self._t += p.step
+        x, y, z = p.center
+        dx, dy, dz = p.amplitude
+        return x + dx * sine, y + dy * sine, z + dz * abs(sine)

@@ -15,7 +15,6 @@ from head_tracking.transforms import (
     Vector3,
 )
 
-
 _MOST_WAITING = 32
 
 

@@ -12,6 +12,7 @@ from head_tracking.transforms.exceptions import (
 )
 from head_tracking.transforms.history import JointHistory, TransformHistory
 from head_tracking.transforms.joint import Joint, JointLimits, JointType, Mimic
+from head_tracking.transforms.joint_states import JointState, JointStates
 from head_tracking.transforms.robot_model import RobotModel
 from head_tracking.transforms.rotation import Rotation, Vector3
 from head_tracking.transforms.transform import StampedTransform, Transform
@@ -25,6 +26,8 @@ __all__ = [
     "Joint",
     "JointHistory",
     "JointLimits",
+    "JointState",
+    "JointStates",
     "JointType",
     "LookupException",
     "Mimic",

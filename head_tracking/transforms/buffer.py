@@ -187,18 +187,25 @@ class TransformBuffer:
         with self._lock:
             return tuple(sorted(self._frames()))
 
-    def all_frames_as_string(self) -> str:
-        """One sentence a frame: what it is in."""
+    def tree_as_string(self) -> str:
+        """All frames, each on a line of its own, indented below its parent."""
         with self._lock:
-            return "\n".join(
-                f"Frame {child} exists with parent {edge.parent}."
-                for child, edge in self._edges.items()
-            )
+            children: dict[str, list[str]] = {frame: [] for frame in sorted(self._frames())}
+            for child, edge in self._edges.items():
+                children[edge.parent].append(child)
+            lines: list[str] = []
+            stack = [(frame, 0) for frame in reversed(children) if frame not in self._edges]
+            while stack:
+                frame, depth = stack.pop()
+                lines.append("  " * depth + frame)
+                stack.extend((child, depth + 1) for child in reversed(children[frame]))
+            return "\n".join(lines)
 
-    def latest_joint_positions(self) -> dict[str, float]:
-        """The newest recorded position of every joint that has one [rad or m]."""
+    def latest_joint_position(self, name: str) -> tuple[int, float] | None:
+        """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
         with self._lock:
-            return {name: h.newest_value for name, h in self._joints.items() if h}
+            history = self._joints.get(name)
+            return (history.latest, history.newest_value) if history else None
 
     def _joint_history(self, name: str) -> JointHistory:
         history = self._joints.get(name)

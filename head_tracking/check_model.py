@@ -1,0 +1,43 @@
+"""check_model: prints the tree of a robot model, or says what is wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from head_tracking.share import robot_file
+from head_tracking.transforms import RobotModel, RobotModelError, load_robot_model
+from head_tracking.transforms.robot_model import walk
+
+
+def tree_text(model: RobotModel) -> str:
+    """The tree in the words of urdf's check_urdf."""
+    lines = [
+        f"robot name is: {model.name}",
+        "---------- Successfully Parsed XML ---------------",
+    ]
+    for entry in walk(model):
+        if entry.depth == 0:
+            lines.append(f"root Link: {entry.link} has {entry.children} child(ren)")
+        else:
+            lines.append(f"{'    ' * entry.depth}child({entry.rank}):  {entry.link}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Checks the model named on the command line; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="check_model", description="Checks a robot model and prints its tree."
+    )
+    parser.add_argument("model", help="a URDF or xacro file, or the name of a robot")
+    try:
+        print(tree_text(load_robot_model(robot_file(parser.parse_args(arguments).model))))
+    except (RobotModelError, FileNotFoundError) as error:
+        print(f"check_model: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

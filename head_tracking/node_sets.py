@@ -1,0 +1,69 @@
+"""Which nodes make up a run: data, no decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.node import Node
+
+from head_tracking.nodes.fictitious_target import FictitiousTargetNode
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
+from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.nodes.servo_bus import ServoBusNode
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """One node of a run.
+
+    Attributes:
+        name: the node's name.
+        make: its class.
+        takes: what the run hands to it: "buffer", the transforms that the process shares;
+            "connect", the port of simulated servos, or None.
+        parameters: values that this run gives it, over those of the parameter files.
+    """
+
+    name: str
+    make: Callable[..., Node]
+    takes: tuple[str, ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+ROBOT = (
+    NodeSpec("servo_bus", ServoBusNode, takes=("connect",)),
+    NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer",)),
+    NodeSpec("joint_state_publisher", JointStatePublisherNode),
+)
+
+MODES: Mapping[str, NodeSpec] = {
+    "track": NodeSpec("head_tracker", HeadTrackerNode, takes=("buffer",)),
+    "point": NodeSpec("point_head", PointHeadNode, takes=("buffer",)),
+}
+
+# Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
+SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
+
+TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
+    "none": (),
+    "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode),),
+}
+
+
+def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
+    """The nodes that keep publishing one point [m]: the fictitious target without a swing."""
+    return (
+        NodeSpec(
+            "fictitious_target",
+            FictitiousTargetNode,
+            parameters={
+                "frame_id": frame_id,
+                "center": list(point),
+                "amplitude": [0.0, 0.0, 0.0],
+            },
+        ),
+    )

@@ -1,0 +1,1 @@
+"""ROS nodes: each reads parameters, wires topics to one object of the core, and publishes."""

@@ -1,0 +1,77 @@
+"""fictitious_target: publishes the tutorial's moving point, or any point, as the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import Point, PointStamped
+from rclpy.node import Node
+
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
+
+try:
+    from visualization_msgs.msg import Marker
+except ImportError:  # optional: only RViz shows it
+    Marker = None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetFrameParameters:
+    """Where the target moves, and how often it is sent."""
+
+    frame_id: str = parameter("base_link", "The frame of the target.", fixed=True)
+    rate: float = parameter(
+        40.0, "Targets per second.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
+    )
+
+
+class FictitiousTargetNode(Node):
+    """Publishes `target_point`, and a marker on `target_point_marker` for RViz."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("fictitious_target", **options)
+        p = NodeParameters(self, TargetFrameParameters).value
+        self._frame_id = p.frame_id
+        self._target = FictitiousTarget(
+            NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
+        )
+        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._marker_publisher = (
+            self.create_publisher(Marker, "target_point_marker", 1) if Marker else None
+        )
+        self.create_timer(1.0 / p.rate, self._publish)
+
+    def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
+        self._target.parameters = parameters
+
+    def _publish(self) -> None:
+        x, y, z = self._target.advance()
+        message = PointStamped()
+        message.header.frame_id = self._frame_id
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.point = Point(x=x, y=y, z=z)
+        self._publisher.publish(message)
+        if self._marker_publisher is not None:
+            self._marker_publisher.publish(_marker(message))
+
+
+def _marker(target: PointStamped) -> Any:
+    marker = Marker(header=target.header, ns="target_point", type=Marker.SPHERE)
+    marker.pose.position = target.point
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+    marker.color.r, marker.color.g, marker.color.a = 1.0, 0.6, 1.0
+    return marker
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(FictitiousTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,117 @@
+"""joint_state_publisher: measured joints, joints that follow them, and stated defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState as JointStateMsg
+from std_msgs.msg import String
+
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.transforms import JointState, JointStates, RobotModelError, parse_robot_model
+
+
+@dataclass(frozen=True, slots=True)
+class JointStatePublisherParameters:
+    """Where the joints come from."""
+
+    source_list: tuple[str, ...] = parameter(
+        ("servo_states",), "Topics with measured joints.", fixed=True
+    )
+    rate: float = parameter(
+        10.0,
+        "How often the defaults are sent while nothing is measured.",
+        unit="Hz",
+        minimum=0.1,
+        maximum=1000.0,
+        fixed=True,
+    )
+
+
+class JointStatePublisherNode(Node):
+    """Answers every measurement with a complete `joint_states`, stamped with its time.
+
+    A joint that nobody measured is sent only if a parameter `zeros.<joint>` states its position.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(
+            "joint_state_publisher",
+            automatically_declare_parameters_from_overrides=False,
+            **options,
+        )
+        p = NodeParameters(self, JointStatePublisherParameters).value
+        self._zeros = self._declare_zeros()
+        self._states: JointStates | None = None
+        self._measured = False
+        self._publisher = self.create_publisher(JointStateMsg, "joint_states", 10)
+        self.create_subscription(String, "robot_description", self._on_description, LATCHED)
+        for topic in p.source_list:
+            self.create_subscription(JointStateMsg, topic, self._on_measurement, MEASUREMENT)
+        self.create_timer(1.0 / p.rate, self._publish_defaults)
+
+    def _declare_zeros(self) -> dict[str, float]:
+        """The defaults that were given; their names are those of the model's joints."""
+        prefix = "zeros."
+        return {
+            name.removeprefix(prefix): float(self.declare_parameter(name, value.value).value)
+            for name, value in self._parameter_overrides.items()
+            if name.startswith(prefix)
+        }
+
+    def _on_description(self, message: String) -> None:
+        try:
+            self._states = JointStates(parse_robot_model(message.data), self._zeros)
+        except RobotModelError as error:
+            self.get_logger().error(f"robot_description is not used: {error}")
+
+    def _on_measurement(self, message: JointStateMsg) -> None:
+        self._measured = True
+        if self._states is None:
+            return
+        measured = {
+            name: JointState(*values)
+            for name, *values in zip(
+                message.name,
+                message.position,
+                message.velocity or [0.0] * len(message.name),
+                message.effort or [0.0] * len(message.name),
+                strict=False,
+            )
+        }
+        self._publish(self._states.complete(measured), message.header.stamp)
+
+    def _publish_defaults(self) -> None:
+        if self._states is not None and not self._measured:
+            self._publish(self._states.complete({}), self.get_clock().now().to_msg())
+        self._measured = False
+
+    def _publish(self, states: dict[str, JointState], stamp: Any) -> None:
+        if not states:
+            return
+        message = JointStateMsg()
+        message.header.stamp = stamp
+        message.name = list(states)
+        message.position = _column(state.position for state in states.values())
+        message.velocity = _column(state.velocity for state in states.values())
+        message.effort = _column(state.effort for state in states.values())
+        self._publisher.publish(message)
+
+
+def _column(values: Iterable[float]) -> list[float]:
+    return list(values)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(JointStatePublisherNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,128 @@
+"""Declares the fields of a dataclass as ROS parameters, and keeps its value up to date."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from head_tracking.parameters import ParameterInfo, allowed, checked, parameter_info
+
+P = TypeVar("P")
+
+_LARGEST = 1.7976931348623157e308
+
+
+class NodeParameters(Generic[P]):
+    """The ROS parameters of a node that make up one dataclass.
+
+    A value that is not allowed is refused with the reason and the old one stays.
+
+    Args:
+        node: declares the parameters.
+        kind: a frozen dataclass; :func:`head_tracking.parameters.parameter` makes its fields.
+        prefix: put before the fields' names, such as ``head_pan_controller.``.
+        defaults: values to use instead of the dataclass's own defaults.
+        on_change: called with the new value after somebody set a parameter.
+
+    Raises:
+        ValueError: a value given at the start is not allowed; says what is.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: type[P],
+        prefix: str = "",
+        defaults: dict[str, Any] | None = None,
+        on_change: Callable[[P], None] | None = None,
+    ) -> None:
+        self._prefix = prefix
+        self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+        self._on_change = on_change
+        values = {}
+        for name, field in self._fields.items():
+            default = (defaults or {}).get(name, field.default)
+            values[name] = node.declare_parameter(
+                prefix + name,
+                list(default) if isinstance(default, tuple) else default,
+                _descriptor(parameter_info(field), default),
+            ).value
+        self.value: P = kind(**self._checked(values))
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._take)
+
+    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
+        return {
+            name: checked(
+                self._prefix + name,
+                parameter_info(self._fields[name]),
+                self._fields[name].default,
+                value,
+            )
+            for name, value in values.items()
+        }
+
+    def _changed(self, parameters: Sequence[Parameter]) -> P | None:
+        """The dataclass with those of `parameters` that belong to it; None if none does."""
+        own = {
+            name: parameter.value
+            for parameter in parameters
+            if parameter.name.startswith(self._prefix)
+            and (name := parameter.name.removeprefix(self._prefix)) in self._fields
+        }
+        if not own:
+            return None
+        return dataclasses.replace(self.value, **self._checked(own))  # type: ignore[type-var]
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            self._changed(parameters)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take(self, parameters: Sequence[Parameter]) -> None:
+        changed = self._changed(parameters)
+        if changed is not None:
+            self.value = changed
+            if self._on_change is not None:
+                self._on_change(changed)
+
+
+def _descriptor(info: ParameterInfo, default: Any) -> ParameterDescriptor:
+    unit = f" [{info.unit}]" if info.unit else ""
+    descriptor = ParameterDescriptor(
+        description=info.description + unit,
+        read_only=info.fixed,
+        # lets `rate: 10` stand for 10.0; types and ranges are checked by head_tracking.parameters
+        dynamic_typing=isinstance(default, float | tuple),
+    )
+    if isinstance(default, bool | str | tuple):
+        if info.choices:
+            descriptor.additional_constraints = f"one of: {', '.join(info.choices)}"
+        return descriptor
+    descriptor.additional_constraints = allowed(info)
+    if math.isinf(info.minimum) and math.isinf(info.maximum):
+        return descriptor
+    if isinstance(default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(
+                from_value=max(info.minimum, -_LARGEST), to_value=min(info.maximum, _LARGEST)
+            )
+        ]
+    else:
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(info.minimum), to_value=int(info.maximum), step=1)
+        ]
+    return descriptor

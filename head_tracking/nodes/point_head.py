@@ -1,0 +1,106 @@
+"""point_head: turns the head to a point and says whether it got there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
+from head_tracking.nodes.head_interface import HeadInterface
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.tf import Buffer
+
+
+@dataclass(frozen=True, slots=True)
+class PointHeadParameters:
+    """What to point."""
+
+    pointing_frame: str = parameter("camera_link", "The frame to point.", fixed=True)
+    rate: float = parameter(
+        20.0, "How often the error is published.", unit="Hz", minimum=1.0, maximum=200.0, fixed=True
+    )
+
+
+class PointHeadNode(Node):
+    """Points a frame of the head at `target_point`."""
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("point_head", **options)
+        p = NodeParameters(self, PointHeadParameters).value
+        self._pointing_parameters = NodeParameters(
+            self, PointingParameters, on_change=self._on_parameters
+        )
+        self._pointing: Pointing | None = None
+        self._interface = HeadInterface(
+            self, p.pointing_frame, "~/pointing_error", buffer, self._on_head, self._step
+        )
+        self.create_service(Trigger, "~/recenter", self._on_recenter)
+        self.create_timer(1.0 / p.rate, self._step)
+
+    @property
+    def head(self) -> PanTiltHead | None:
+        """The head that is turned, once the robot's model is known."""
+        return None if self._pointing is None else self._pointing.head
+
+    def _on_head(self, head: PanTiltHead) -> None:
+        self._pointing = Pointing(head, self._pointing_parameters.value)
+        self.get_logger().info(f"ready to point {head.pointing_frame} at target_point")
+
+    def _on_parameters(self, parameters: PointingParameters) -> None:
+        if self._pointing is not None:
+            self._pointing.parameters = parameters
+
+    def _step(self) -> None:
+        if not self._interface.ready() or self._pointing is None:
+            return
+        present = self._interface.positions()
+        if present is None:
+            return
+        self._take_target(self._pointing, present)
+        self._interface.publish_error(self._pointing.miss(present))
+        result = self._pointing.judge(present, self._interface.now)
+        if result is not None:
+            if result.arrived:
+                self.get_logger().info(str(result))
+            else:
+                self.get_logger().warning(str(result))
+
+    def _take_target(self, pointing: Pointing, present: tuple[float, float]) -> None:
+        start = pointing.start_from(present)
+        head = pointing.head
+        placed = self._interface.take_target({head.pan_joint: start[0], head.tilt_joint: start[1]})
+        if placed is None:
+            return
+        target, point = placed
+        gaze, command = pointing.point_at(point, present, self._interface.now)
+        if command is None:
+            self.get_logger().error(
+                f"target {target} refused, nothing moves: {gaze.reason}", throttle_duration_sec=1.0
+            )
+        elif not gaze.reached:
+            self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
+        self._interface.send(command)
+
+    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        present = self._interface.positions() if self._interface.ready() else None
+        if present is None or self._pointing is None:
+            response.message = "the head cannot be recentred: there is no model or no joint state"
+            return response
+        self._interface.forget_targets()
+        self._interface.send(self._pointing.recenter(present, self._interface.now))
+        response.success, response.message = True, "recentring"
+        return response
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(PointHeadNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,166 @@
+"""Runs nodes: one thread and executor each, ended by a signal, by time, or by a node that dies."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from head_tracking.dynamixel import DynamixelError
+from head_tracking.transforms import RobotModelError, TransformException
+
+_POLL = 0.1  # s
+
+EXPLAINED_ERRORS = (
+    DynamixelError,
+    RobotModelError,
+    TransformException,
+    ParameterException,
+    FileNotFoundError,
+    ValueError,
+)
+"""Errors whose message is all that a person needs to know."""
+
+
+class NodeDied(Exception):
+    """A node ended with an error.
+
+    Attributes:
+        name: the node.
+        error: what ended it.
+    """
+
+    def __init__(self, name: str, error: Exception) -> None:
+        super().__init__(f"{name} died: {error or type(error).__name__}")
+        self.name = name
+        self.error = error
+
+
+def describe(error: Exception) -> str:
+    """The error for a person: its message; the traceback too if nobody has foreseen it."""
+    cause = error.error if isinstance(error, NodeDied) else error
+    if isinstance(cause, EXPLAINED_ERRORS):
+        return str(error)
+    return "".join(traceback.format_exception(cause)) + str(error)
+
+
+class StopSignal:
+    """Waits for SIGINT or SIGTERM instead of letting rclpy shut down under the nodes' feet."""
+
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> StopSignal:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self._stopped.set()
+
+    def __call__(self) -> bool:
+        """Whether it is time to stop."""
+        return self._stopped.is_set()
+
+    def set(self) -> None:
+        """Asks to stop."""
+        self._stopped.set()
+
+    def wait(self, seconds: float) -> bool:
+        """Waits for a signal; whether there was one."""
+        return self._stopped.wait(seconds)
+
+
+class NodeThreads:
+    """Nodes that spin, each in a thread of its own.
+
+    Small executors answer faster than one big one: each wakes for its own node only.
+    """
+
+    def __init__(self) -> None:
+        self._nodes: list[Node] = []
+        self._threads: list[threading.Thread] = []
+        self._ending = threading.Event()
+        self._failure: NodeDied | None = None
+
+    @property
+    def failure(self) -> NodeDied | None:
+        """The first node that died."""
+        return self._failure
+
+    def start(self, node: Node) -> None:
+        """Spins a node from now on."""
+        thread = threading.Thread(target=self._spin, args=(node,), name=node.get_name())
+        self._nodes.append(node)
+        self._threads.append(thread)
+        thread.start()
+
+    def wait(self, stop: StopSignal, duration: float | None = None) -> None:
+        """Waits until somebody asks to stop, `duration` [s] is over, or a node dies.
+
+        Raises:
+            NodeDied: a node ended with an error.
+        """
+        end = None if duration is None else time.monotonic() + duration
+        while not stop() and (end is None or time.monotonic() < end):
+            if self._failure is not None:
+                raise self._failure
+            left = _POLL if end is None else max(0.0, min(_POLL, end - time.monotonic()))
+            stop.wait(left)
+
+    def close(self) -> None:
+        """Ends the threads, then destroys the nodes, the last one first."""
+        self._ending.set()
+        for thread in self._threads:
+            thread.join()
+        while self._nodes:
+            self._nodes.pop().destroy_node()
+
+    def _spin(self, node: Node) -> None:
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        try:
+            while not self._ending.is_set():
+                executor.spin_once(timeout_sec=_POLL)
+        except Exception as error:
+            self._failure = self._failure or NodeDied(node.get_name(), error)
+        finally:
+            executor.remove_node(node)
+            executor.shutdown()
+
+
+def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Runs one node as a program until SIGINT or SIGTERM.
+
+    Returns:
+        The exit code: 0, or 1 if the node could not start or died; the reason is printed.
+    """
+    with StopSignal() as stop:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        threads = NodeThreads()
+        try:
+            threads.start(make())
+            threads.wait(stop)
+        except Exception as error:
+            print(describe(error), file=sys.stderr)
+            return 1
+        finally:
+            threads.close()
+            rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,241 @@
+"""head_tracking: all nodes of a head in one process, by one command."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from head_tracking.dynamixel import JointConfiguration
+from head_tracking.node_sets import MODES, ROBOT, SIMULATED_PORT, TARGETS, NodeSpec, fixed_target
+from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
+from head_tracking.nodes.spinning import NodeThreads, StopSignal, describe
+from head_tracking.nodes.status_line import StatusLine
+from head_tracking.share import share_directory
+from head_tracking.simulation import SimulatedJoints
+from head_tracking.tf import Buffer
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a person asked for.
+
+    Attributes:
+        nodes: the nodes to start, in order.
+        head_node: the one that turns the head.
+        simulated: the servos are simulated.
+        parameter_files: for all nodes; later ones win.
+        duration: how long to run [s]; None: until somebody stops it.
+    """
+
+    nodes: tuple[NodeSpec, ...]
+    head_node: str
+    simulated: bool
+    parameter_files: tuple[Path, ...]
+    duration: float | None
+
+
+def parse_arguments(arguments: Sequence[str]) -> Run:
+    """The run that the command line describes; on a mistake the process ends with code 2."""
+    parser = argparse.ArgumentParser(
+        prog="head_tracking",
+        description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
+        epilog="ROS's own arguments follow --ros-args.",
+    )
+    servos = parser.add_mutually_exclusive_group()
+    servos.add_argument("--sim", action="store_true", help="simulate the servos")
+    servos.add_argument("--port", metavar="DEV", help="serial port (default: /dev/ttyUSB0)")
+    parser.add_argument(
+        "--robot",
+        default="kinectbot",
+        metavar="NAME|FILE",
+        help="kinectbot, turtlebot, or a URDF or xacro file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--mode",
+        choices=sorted(MODES),
+        default="track",
+        help="keep the head on the target, or turn it to each target once (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--target",
+        type=_target,
+        metavar="none|fictitious|x,y,z@frame",
+        help="what to look at besides what others publish on /target_point "
+        "(default: fictitious for --sim --mode track, else none)",
+    )
+    parser.add_argument(
+        "--params",
+        action="append",
+        type=_existing_file,
+        default=[],
+        metavar="FILE",
+        help="parameters in YAML, over the robot's own; can be given several times",
+    )
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds")
+    options = parser.parse_args(arguments)
+    if options.target is None:
+        options.target = TARGETS[
+            "fictitious" if options.sim and options.mode == "track" else "none"
+        ]
+    port = {"port_name": options.port} if options.port else {}
+    overrides = {
+        "robot_state_publisher": {"robot": options.robot},
+        "servo_bus": SIMULATED_PORT if options.sim else port,
+    }
+    head = MODES[options.mode]
+    return Run(
+        tuple(
+            replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
+            for node in (*ROBOT, head, *options.target)
+        ),
+        head.name,
+        options.sim,
+        (*_robot_parameters(options.robot), *options.params),
+        options.duration,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """Nodes that run together.
+
+    Attributes:
+        nodes: by name.
+        buffer: the transforms that they share.
+        simulated: the servos, if they are simulated.
+    """
+
+    nodes: Mapping[str, Any]
+    buffer: Buffer
+    simulated: SimulatedJoints | None
+
+
+def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Composition:
+    """Makes the nodes of a run and starts them.
+
+    Args:
+        plan: which nodes.
+        threads: spins them; must be closed before `resources`.
+        resources: gets the simulated servos, if there are any.
+
+    Raises:
+        Exception: a node could not start; says why.
+    """
+    buffer = Buffer()
+    simulated: list[SimulatedJoints] = []
+
+    def simulate(joints: Sequence[JointConfiguration]) -> str:
+        simulated.append(resources.enter_context(SimulatedJoints(joints)))
+        return simulated[0].port_name
+
+    shared = {"buffer": buffer, "connect": simulate if plan.simulated else None}
+    nodes: dict[str, Any] = {}
+    for spec in plan.nodes:
+        overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
+        handed = {name: shared[name] for name in spec.takes}
+        nodes[spec.name] = spec.make(parameter_overrides=overrides, **handed)
+        threads.start(nodes[spec.name])
+    return Composition(nodes, buffer, simulated[0] if simulated else None)
+
+
+def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
+    """Runs the nodes until it is time to stop.
+
+    Raises:
+        NodeDied: a node ended with an error.
+        Exception: a node could not start.
+    """
+    with ExitStack() as resources, closing(NodeThreads()) as threads:
+        head = compose(plan, threads, resources)
+        sources = RunSources(
+            head=lambda: head.nodes[plan.head_node].head,
+            bus_status=head.nodes["servo_bus"].status,
+            true_position=None if head.simulated is None else head.simulated.true_position,
+        )
+        monitor = RunMonitorNode(head.buffer, sources, line)
+        threads.start(monitor)
+        try:
+            threads.wait(stop, plan.duration)
+        finally:
+            line.end(monitor.summary())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the head until Ctrl-C; returns the exit code."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    plan = parse_arguments(remove_ros_args(["head_tracking", *arguments])[1:])
+    line = StatusLine()
+    line.prepare_logging()
+    with StopSignal() as stop:
+        rclpy.init(
+            args=[*ros_arguments(plan), *arguments],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        try:
+            run(plan, stop, line)
+        except Exception as error:
+            line.end(f"head_tracking: {describe(error)}")
+            return 1
+        finally:
+            rclpy.try_shutdown()
+    return 0
+
+
+def ros_arguments(plan: Run) -> list[str]:
+    """What `rclpy.init` must be told of a run: its parameter files."""
+    files = [["--params-file", str(file)] for file in plan.parameter_files]
+    return ["--ros-args", *(word for words in files for word in words), "--"]
+
+
+def _target(text: str) -> tuple[NodeSpec, ...]:
+    if text in TARGETS:
+        return TARGETS[text]
+    point, at, frame_id = text.partition("@")
+    try:
+        x, y, z = (float(number) for number in point.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not at or not frame_id or not all(map(math.isfinite, (x, y, z))):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no target; give none, fictitious, or a point in metres and its frame "
+            "such as 1,0.5,0@base_link"
+        )
+    return fixed_target((x, y, z), frame_id)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no duration; give seconds above 0")
+    return seconds
+
+
+def _existing_file(text: str) -> Path:
+    path = Path(text)
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"there is no file {text}")
+    return path
+
+
+def _robot_parameters(robot: str) -> list[Path]:
+    """The head's parameters, and those of the robot if it has its own."""
+    config = share_directory() / "config"
+    return [config / "head.yaml", *filter(Path.is_file, [config / f"{robot}.yaml"])]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,64 @@
+"""Finds the package's urdf/ and config/ folders, however the package was installed."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+
+PACKAGE = "head_tracking"
+
+
+@cache
+def share_directory() -> Path:
+    """The folder that holds urdf/ and config/.
+
+    It is looked for beside the package (a checkout), in the ament index, and as
+    share/head_tracking below every parent of this file and below the Python environment (pip).
+
+    Raises:
+        FileNotFoundError: it is nowhere; says where it was looked for.
+    """
+    here = Path(__file__).resolve()
+    candidates = [
+        here.parents[1],
+        *_ament_index(),
+        *(parent / "share" / PACKAGE for parent in here.parents),
+        Path(sys.prefix) / "share" / PACKAGE,
+    ]
+    for candidate in candidates:
+        if (candidate / "urdf").is_dir() and (candidate / "config").is_dir():
+            return candidate
+    raise FileNotFoundError(
+        f"the share directory of {PACKAGE} with urdf/ and config/ is not in: "
+        f"{', '.join(map(str, candidates))}; install the package again"
+    )
+
+
+def robot_file(name_or_path: str) -> Path:
+    """The model file of a robot given by its name (`kinectbot`) or by a path.
+
+    Raises:
+        FileNotFoundError: there is neither; lists the names.
+    """
+    robots = {
+        file.name.removesuffix(".urdf.xacro"): file
+        for file in (share_directory() / "urdf").glob("*.urdf.xacro")
+    }
+    path = robots.get(name_or_path, Path(name_or_path))
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"there is no robot {name_or_path!r}: give one of {', '.join(sorted(robots))} or the "
+            "path of a URDF or xacro file"
+        )
+    return path
+
+
+def _ament_index() -> list[Path]:
+    try:
+        from ament_index_python.packages import get_package_share_directory
+
+        return [Path(get_package_share_directory(PACKAGE))]
+    except (ImportError, LookupError, OSError):
+        # no ROS; not in the index; or AMENT_PREFIX_PATH is not set, which is an OSError
+        return []

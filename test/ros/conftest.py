@@ -1,0 +1,54 @@
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+# nodes of one process only: neither other programs nor shared memory files
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
+os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+
+import pytest
+from robot_under_test import Robot, wait_for
+
+MakeRobot = Callable[..., Robot]
+
+
+def _robots() -> Iterator[MakeRobot]:
+    with ExitStack() as robots:
+
+        def make(*arguments: str, ros_args: list[str] | None = None) -> Robot:
+            robot = Robot(["--sim", *arguments], ros_args or [])
+            robots.callback(robot.close)
+            return robot
+
+        yield make
+
+
+make_robot = pytest.fixture(_robots)
+make_module_robot = pytest.fixture(_robots, scope="module", name="make_module_robot")
+
+
+@pytest.fixture
+def pointing_robot(make_robot: MakeRobot) -> Robot:
+    return make_robot("--mode", "point")
+
+
+@pytest.fixture
+def tracking_robot(make_robot: MakeRobot) -> Robot:
+    return make_robot("--target", "none")
+
+
+@pytest.fixture
+def logged(capfd: pytest.CaptureFixture[str]) -> Callable[[str], str]:
+    """Waits for a word in what the nodes log; all that was logged up to it."""
+    seen: list[str] = []
+
+    def wait(words: str) -> str:
+        def found() -> str:
+            captured = capfd.readouterr()
+            seen.append(captured.out + captured.err)
+            text = "".join(seen)
+            return text if words in text else ""
+
+        return wait_for(found)
+
+    return wait

@@ -1,0 +1,252 @@
+"""The programs as a person starts and stops them."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from robot_under_test import wait_for
+
+from head_tracking.dynamixel import JointConfiguration, Protocol1Port, ServoBus, ServoNotFoundError
+
+PATIENCE = 30
+MODULES = {
+    "head_tracking": "head_tracking.runner",
+    "simulated_bus": "head_tracking.simulated_bus",
+    "servo_bus": "head_tracking.nodes.servo_bus",
+    "relax": "head_tracking.nodes.relax",
+    "robot_state_publisher": "head_tracking.nodes.robot_state_publisher",
+    "joint_state_publisher": "head_tracking.nodes.joint_state_publisher",
+    "point_head": "head_tracking.nodes.point_head",
+    "head_tracker": "head_tracking.nodes.head_tracker",
+    "fictitious_target": "head_tracking.nodes.fictitious_target",
+}
+
+
+class Program:
+    def __init__(self, name: str, *arguments: str, domain: str) -> None:
+        environment = os.environ | {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": domain,
+            "PYTHONPATH": os.pathsep.join(
+                [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
+            ),
+        }
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-m", MODULES[name], *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=environment,
+        )
+        self.output = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.output += line
+
+    def read_until(self, words: str) -> str:
+        """The line with these words, as soon as it is printed."""
+
+        def found() -> str:
+            lines = [line for line in self.output.splitlines() if words in line]
+            ended = self.process.poll() is not None
+            assert lines or not ended, f"ended without {words!r}:\n{self.output}"
+            return lines[0] if lines else ""
+
+        try:
+            return wait_for(found, PATIENCE)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.output}") from None
+
+    def end(self, number: signal.Signals | None = None) -> int:
+        """The exit code, after a signal or by itself."""
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(PATIENCE)
+        self._reader.join()
+        return code
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+@pytest.fixture
+def start(request: pytest.FixtureRequest) -> Iterator:
+    programs: list[Program] = []
+    domain = str(100 + (os.getpid() + hash(request.node.name)) % 100)
+
+    def start(name: str, *arguments: str) -> Program:
+        program = Program(name, *arguments, domain=domain)
+        programs.append(program)
+        return program
+
+    yield start
+    for program in programs:
+        program.kill()
+
+
+@pytest.fixture
+def port(start, tmp_path) -> str:
+    """A simulated bus of another process."""
+    bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
+    return bus.read_until("servos").strip()
+
+
+def torque(port: str) -> list[int]:
+    with_servos = Protocol1Port(port, 1_000_000)
+    with_servos.open()
+    try:
+        return [with_servos.read(servo, 24, 1).data[0] for servo in (1, 2)]
+    finally:
+        with_servos.close()
+
+
+def test_a_run_ends_by_itself_with_a_summary(start):
+    run = start("head_tracking", "--sim", "--duration", "5")
+    assert run.end() == 0
+    assert "2 AX-12 servos: ids 1, 2" in run.output
+    last = run.output.splitlines()[-1]
+    assert "tracking error" in last
+    assert "rms" in last
+    assert "max by the true servo angles" in last
+    assert "bus cycles, " in last
+    assert "did not confirm" not in run.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_and_relaxes_the_head(start, port, number):
+    run = start("head_tracking", "--port", port, "--target", "fictitious")
+    run.read_until("head_pan_joint (id 1): torque on")
+    run.read_until("| error")
+    assert run.end(number) == 0, run.output
+    assert torque(port) == [0, 0]
+    assert "by the measured servo angles" in run.output or "no target" in run.output
+
+
+def test_a_node_that_dies_ends_the_run_with_its_error(start, tmp_path):
+    bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
+    port = bus.read_until("servos").strip()
+    run = start("head_tracking", "--port", port)
+    run.read_until("ready to keep")
+    bus.end(signal.SIGINT)
+    assert run.end() == 1
+    assert "servo_bus died" in run.output.splitlines()[-1]
+    assert "Traceback" not in run.output
+
+
+def test_a_missing_port_is_an_error(start):
+    run = start("head_tracking", "--port", "/dev/ttyNOT0")
+    assert run.end() == 1
+    last = run.output.splitlines()[-1]
+    assert "cannot open /dev/ttyNOT0" in last
+    assert "Traceback" not in run.output
+
+
+def test_a_busy_port_is_an_error(start, port):
+    first = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    first.read_until("2 AX-12 servos")
+    second = start("head_tracking", "--port", port)
+    assert second.end() == 1
+    assert "another program uses it" in second.output
+    assert first.end(signal.SIGINT) == 0
+
+
+def test_an_id_that_does_not_answer_is_an_error(start, tmp_path):
+    bus = start("simulated_bus", "--ids", "1", "7", "--link", str(tmp_path / "servos"))
+    port = bus.read_until("servos").strip()
+    run = start("head_tracking", "--port", port)
+    assert run.end() == 1
+    last = run.output.splitlines()[-1]
+    assert "2" in last
+    assert port in last
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--sim", "--target", "1,2@base_link"], "no target"),
+        (["--sim", "--target", "1,nan,2@base_link"], "no target"),
+        (["--sim", "--target", "somewhere"], "no target"),
+        (["--sim", "--duration", "-1"], "no duration"),
+        (["--sim", "--params", "nothing.yaml"], "no file nothing.yaml"),
+        (["--sim", "--port", "/dev/ttyUSB0"], "not allowed with"),
+        (["--sim", "--mode", "dance"], "invalid choice"),
+        (["--simm"], "unrecognized"),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_told(start, arguments, words):
+    run = start("head_tracking", *arguments)
+    assert run.end() == 2
+    assert words in run.output
+
+
+def test_parameters_come_from_a_file(start, tmp_path):
+    file = tmp_path / "servos.yaml"
+    file.write_text(
+        "servo_bus:\n  ros__parameters:\n"
+        "    head_pan_controller: {motor: {id: 6}}\n    head_tilt_controller: {motor: {id: 7}}\n"
+    )
+    run = start("head_tracking", "--sim", "--duration", "1", "--params", str(file))
+    assert run.end() == 0
+    assert "2 AX-12 servos: ids 6, 7" in run.output
+
+
+def test_one_point_can_be_the_target(start):
+    run = start(
+        "head_tracking", "--sim", "--mode", "point", "--target", "1,0.5,0@base_link",
+        "--duration", "6",
+    )  # fmt: skip
+    run.read_until("arrived: the head misses the target")
+    assert run.end() == 0
+
+
+def test_every_node_runs_alone(start, port):
+    servo_bus = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    servo_bus.read_until("2 AX-12 servos: ids 1, 2")
+    alone = [
+        start("robot_state_publisher"),
+        start("joint_state_publisher"),
+        start("fictitious_target", "--ros-args", "-p", "frame_id:=torso_link"),
+    ]
+    tracker = start("head_tracker")
+    tracker.read_until("tracking")
+    servo_bus.read_until("torque on")
+    relax = start("relax")
+    assert relax.end() == 0
+    assert "head_pan_joint, head_tilt_joint: relaxed" in relax.output
+    pointer = start("point_head")
+    pointer.read_until("ready to point")
+    for program in (pointer, tracker, *reversed(alone), servo_bus):
+        assert program.end(signal.SIGINT) == 0, program.output
+    assert torque(port) == [0, 0]
+
+
+def test_the_simulated_bus_takes_any_ids(start, tmp_path):
+    bus = start("simulated_bus", "--ids", "3", "--link", str(tmp_path / "one"))
+    port = bus.read_until("one").strip()
+    three = JointConfiguration("joint", "controller", 3)
+    assert ServoBus(Protocol1Port(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
+    four = JointConfiguration("joint", "controller", 4)
+    with pytest.raises(ServoNotFoundError, match="4"):
+        ServoBus(Protocol1Port(port, 57_600), [four]).connect()
+    assert bus.end(signal.SIGINT) == 0
+    assert not Path(port).is_symlink()
+
+
+def test_relax_without_a_servo_bus_says_so(start):
+    relax = start("relax")
+    assert relax.end() == 1
+    assert "no servo_bus answers" in relax.output

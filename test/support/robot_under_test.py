@@ -1,0 +1,161 @@
+"""Robots that run over real ROS topics and a simulated bus, all in this process."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from typing import Any, TypeVar
+
+import rclpy
+from geometry_msgs.msg import Point, PointStamped
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.runner import compose, parse_arguments, ros_arguments
+
+PATIENCE = 10.0
+T = TypeVar("T")
+
+
+def wait_for(what: Callable[[], T], patience: float = PATIENCE) -> T:
+    """Polls until `what` gives something true; what it gave."""
+    deadline = time.monotonic() + patience
+    while not (found := what()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"waited {patience} s in vain; last answer: {found!r}")
+        time.sleep(0.01)
+    return found
+
+
+class Robot:
+    """A running robot, as a person with ROS tools sees it."""
+
+    def __init__(self, arguments: list[str], ros_args: list[str]) -> None:
+        with ExitStack() as resources:
+            self._start(arguments, ros_args, resources)
+            self._resources = resources.pop_all()
+
+    def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
+        plan = parse_arguments(arguments)
+        rclpy.init(
+            args=[*ros_arguments(plan), "--ros-args", *ros_args, "--"],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        resources.callback(rclpy.try_shutdown)
+        servos = resources.enter_context(ExitStack())
+        self.threads = resources.enter_context(closing(NodeThreads()))
+        self.composition = compose(plan, self.threads, servos)
+        self.simulated = self.composition.simulated
+        self.node: Node = rclpy.create_node("person")
+        self._lock = threading.Lock()
+        self._joint_states: dict[str, tuple[float, float]] = {}
+        self._publishers: dict[str, Any] = {}
+        self.received: dict[str, list[Any]] = {}
+        self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
+        self.threads.start(self.node)
+        wait_for(lambda: "head_pan_joint" in self._joint_states)
+
+    def close(self) -> None:
+        self._resources.close()
+
+    def _on_joints(self, message: JointState) -> None:
+        with self._lock:
+            stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+            for name, position in zip(message.name, message.position, strict=True):
+                self._joint_states[name] = (stamp, position)
+
+    def joint(self, name: str) -> float:
+        """The newest position in joint_states [rad]."""
+        with self._lock:
+            return self._joint_states[name][1]
+
+    def joints(self) -> set[str]:
+        with self._lock:
+            return set(self._joint_states)
+
+    def heard_of(self, name: str) -> float:
+        """When the joint was last measured [s]."""
+        with self._lock:
+            return self._joint_states[name][0]
+
+    @property
+    def pan(self) -> float:
+        return self.joint("head_pan_joint")
+
+    @property
+    def tilt(self) -> float:
+        return self.joint("head_tilt_joint")
+
+    def true(self, name: str) -> float:
+        assert self.simulated is not None
+        return self.simulated.true_position(name)
+
+    def publish(self, topic: str, message: Any) -> None:
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self.node.create_publisher(type(message), topic, 10)
+            self._publishers[topic] = publisher
+            wait_for(lambda: publisher.get_subscription_count() > 0)
+        publisher.publish(message)
+
+    def command(self, topic: str, value: float) -> None:
+        self.publish(topic, Float64(data=float(value)))
+
+    def look_at(self, x: float, y: float, z: float, frame_id: str, stamp: Any = None) -> None:
+        message = PointStamped(point=Point(x=float(x), y=float(y), z=float(z)))
+        message.header.frame_id = frame_id
+        if stamp is not None:
+            message.header.stamp = stamp
+        self.publish("target_point", message)
+
+    def call(self, service: str, data: bool | None = None) -> Any:
+        kind = Trigger if data is None else SetBool
+        client = self.node.create_client(kind, service)
+        try:
+            wait_for(client.service_is_ready)
+            request = kind.Request()
+            if data is not None:
+                request.data = data
+            future = client.call_async(request)
+            wait_for(future.done)
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def listen(self, topic: str, kind: Any) -> list[Any]:
+        """Messages of a topic from now on."""
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, 10)
+        wait_for(lambda: self.node.count_publishers(topic) > 0)
+        return messages
+
+    def listen_to_velocity(self, joint: str) -> list[float]:
+        """How fast a joint moves from now on [rad/s], without sign."""
+        velocities: list[float] = []
+
+        def on_states(message: JointState) -> None:
+            velocities.append(abs(message.velocity[message.name.index(joint)]))
+
+        self.node.create_subscription(JointState, "servo_states", on_states, 10)
+        wait_for(lambda: velocities)
+        return velocities
+
+    def at_rest(self, seconds: float = 0.3) -> tuple[float, float]:
+        """Waits until the head truly stands still; where."""
+        since, where = time.monotonic(), (self.pan, self.tilt)
+
+        def still() -> bool:
+            nonlocal since, where
+            now = (self.true("head_pan_joint"), self.true("head_tilt_joint"))
+            if any(abs(a - b) > 1e-3 for a, b in zip(now, where, strict=True)):
+                since, where = time.monotonic(), now
+            return time.monotonic() - since > seconds
+
+        wait_for(still)
+        return where

@@ -1,0 +1,130 @@
+"""The rooms of the package and the arrows between them; see docs/architecture.md."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import head_tracking
+
+PACKAGE = Path(head_tracking.__file__).parent
+CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters"}
+
+ALLOWED = {
+    "parameters": set(),
+    "transforms": set(),
+    "gaze": {"transforms", "parameters"},
+    "tracking": {"gaze", "transforms", "parameters"},
+    "dynamixel": set(),
+    "simulation": {"dynamixel"},
+    "share": set(),
+    "tf": {"transforms"},
+    "nodes": CORE | {"tf", "share"},
+    "check_model": {"transforms", "share"},
+    "simulated_bus": {"simulation"},
+    "node_sets": {"nodes"},
+    "runner": CORE | {"tf", "nodes", "share", "node_sets"},
+}
+"""Which rooms a room may look into, besides itself."""
+
+ONLY_IN = {
+    "yourdfpy": {"transforms/urdf.py"},
+    "xacro": {"transforms/urdf.py"},
+    "dynamixel_sdk": {"dynamixel/sdk.py"},
+}
+
+ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
+
+
+def modules() -> Iterator[Path]:
+    return PACKAGE.rglob("*.py")
+
+
+def room(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            assert node.module is not None
+            yield node.module
+
+
+def is_ros(module: str) -> bool:
+    top = module.split(".")[0]
+    return top in ROS or top.endswith("_msgs")
+
+
+@pytest.mark.parametrize("path", sorted(modules()), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_looks_only_where_its_room_may(path):
+    here = room(path)
+    if here == "__init__":
+        assert not list(imported(path))
+        return
+    for module in imported(path):
+        parts = module.split(".")
+        if parts[0] == "head_tracking":
+            assert parts[1] == here or parts[1] in ALLOWED[here], f"{path} imports {module}"
+        if here in CORE:
+            assert not is_ros(module), f"{path} is core and imports {module}"
+
+
+@pytest.mark.parametrize("library", ONLY_IN)
+def test_a_library_is_known_to_one_file_only(library):
+    users = {
+        str(path.relative_to(PACKAGE))
+        for path in modules()
+        if any(module.split(".")[0] == library for module in imported(path))
+    }
+    assert users == ONLY_IN[library]
+
+
+def test_the_simulator_does_not_know_the_driver():
+    """It shares the tables with the driver, not the code that talks to servos."""
+    tables = {
+        f"head_tracking.dynamixel.{name}"
+        for name in ("configuration", "control_table", "conversions", "models", "protocol1")
+    }
+    for path in (PACKAGE / "simulation").glob("*.py"):
+        used = {name for name in imported(path) if name.startswith("head_tracking.dynamixel")}
+        assert used <= tables, path
+
+
+def test_the_core_runs_where_no_ros_is():
+    code = (
+        "import sys\n"
+        f"for name in {ROS!r}: sys.modules[name] = None\n"
+        + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
+        + "import head_tracking.check_model, head_tracking.simulated_bus\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [m.name for m in pkgutil.walk_packages([str(PACKAGE)], "head_tracking.") if m.ispkg],
+)
+def test_exported_names_exist_and_are_sorted_as_the_linter_wants(name):
+    package = importlib.import_module(name)
+    exported = getattr(package, "__all__", [])
+    assert len(exported) == len(set(exported))
+    for member in exported:
+        assert hasattr(package, member), f"{name} exports {member}, which is not there"
+
+
+def test_modules_stay_small():
+    long = {
+        str(path.relative_to(PACKAGE)): lines
+        for path in modules()
+        if (lines := len(path.read_text().splitlines())) > 330
+    }
+    assert not long

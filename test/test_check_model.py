@@ -1,0 +1,53 @@
+import pytest
+
+from head_tracking.check_model import main
+
+KINECTBOT = """\
+robot name is: kinectbot
+---------- Successfully Parsed XML ---------------
+root Link: base_link has 1 child(ren)
+    child(1):  torso_link
+        child(1):  head_pan_link
+            child(1):  pan_tilt_bracket
+                child(1):  head_tilt_link
+                    child(1):  neck_link
+                        child(1):  head_base_link
+                            child(1):  head_post_link
+                                child(1):  head_link
+                                    child(1):  hair_link
+                                    child(2):  left_eye_link
+                                    child(3):  right_eye_link
+                                    child(4):  camera_link
+                                        child(1):  camera_optical_frame
+"""
+
+
+def test_the_tree_is_the_tutorials(capsys):
+    assert main(["kinectbot"]) == 0
+    assert capsys.readouterr().out == KINECTBOT
+
+
+def test_the_turtlebot_is_good_too(capsys):
+    assert main(["turtlebot"]) == 0
+    assert "root Link: base_link has 4 child(ren)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<robot name="r"><link name="a"/><link name="a"/></robot>', "two links named 'a'"),
+        ("<robot>", "not well-formed"),
+    ],
+)
+def test_a_bad_model_is_told_with_its_file(tmp_path, capsys, text, words):
+    model = tmp_path / "bad.urdf"
+    model.write_text(text)
+    assert main([str(model)]) == 1
+    message = capsys.readouterr().err
+    assert "bad.urdf" in message
+    assert words in message
+
+
+def test_a_missing_model_is_told(capsys):
+    assert main(["nobot"]) == 1
+    assert "no robot 'nobot'" in capsys.readouterr().err
