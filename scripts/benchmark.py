@@ -1,0 +1,148 @@
+"""Benchmarks of head_tracking; each makes one table of docs/results.md."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import random
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.share import robot_file
+from head_tracking.transforms import RobotModel, load_robot_model
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results.md"
+PAN, TILT = "head_pan_joint", "head_tilt_joint"
+
+TUTORIAL = """\
+/**/head_tracker:
+  ros__parameters: {rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}
+"""
+
+
+def pointing() -> str:
+    """By how much the tutorials' formula misses, and what exact pointing costs."""
+    rows = []
+    for robot in ("kinectbot", "turtlebot"):
+        model = load_robot_model(robot_file(robot))
+        head = PanTiltHead(model, PAN, TILT, "camera_link")
+        for distance in (0.4, 0.6, 1.0, 2.0):
+            rnd = random.Random(1)
+            targets = [
+                _around(model, distance, rnd.uniform(-1.2, 1.2), rnd.uniform(-0.5, 0.8))
+                for _ in range(500)
+            ]
+            start = time.perf_counter()
+            gazes = [head.gaze(target, 0.0, 0.0) for target in targets]
+            cost = (time.perf_counter() - start) / len(targets)
+            exact = max(
+                head.miss(target, gaze.pan, gaze.tilt)
+                for target, gaze in zip(targets, gazes, strict=True)
+                if gaze.reached
+            )
+            tutorial = [head.miss(target, *_tutorial(model, target)) for target in targets]
+            rows.append(
+                f"| {robot} | {distance} m | {math.degrees(max(tutorial)):.1f} | "
+                f"{math.degrees(sum(tutorial) / len(tutorial)):.1f} | "
+                f"{math.degrees(exact):.0e} | {cost * 1e6:.0f} |"
+            )
+    head_row = (
+        "| robot | distance | tutorials, worst | tutorials, mean | exact, worst | us a gaze |"
+    )
+    return "\n".join([head_row, "|---|---|---|---|---|---|", *rows])
+
+
+def _around(model: RobotModel, distance: float, azimuth: float, elevation: float) -> list[float]:
+    """A point at a distance from the pan axis at the height of the tilt axis [m, base frame]."""
+    origin = model.transform("head_pan_link", "head_tilt_link", {PAN: 0.0}).translation
+    flat = distance * math.cos(elevation)
+    return [
+        origin[0] + flat * math.cos(azimuth),
+        origin[1] + flat * math.sin(azimuth),
+        origin[2] + distance * math.sin(elevation),
+    ]
+
+
+def _tutorial(model: RobotModel, target: list[float]) -> tuple[float, float]:
+    """The tutorials' angles, from rest and with the sign that the model needs."""
+    x, y, _ = target
+    pan = math.atan2(y, x)
+    T_tilt_pan = model.transform("head_tilt_link", "head_pan_link", {PAN: 0.0})
+    x, y, z = T_tilt_pan @ target
+    return pan, -math.atan2(z, math.hypot(x, y))
+
+
+def tracking() -> str:
+    """The fictitious target, followed with the tutorials' values and with ours."""
+    rows = [
+        _follow(robot, name, parameters)
+        for robot in ("kinectbot", "turtlebot")
+        for name, parameters in (
+            ("tutorials' (k 1.5, 0.5 rad/s, 10 Hz)", TUTORIAL % 0.5),
+            ("tutorials', faster (k 1.5, 2.0 rad/s, 10 Hz)", TUTORIAL % 2.0),
+            ("config/head.yaml (k 8, 3.0 rad/s, 30 Hz)", ""),
+        )
+    ]
+    head_row = "| robot | values | error rms | error max | bus cycles | faults | processor |"
+    return "\n".join([head_row, "|---|---|---|---|---|---|---|", *rows])
+
+
+def _follow(robot: str, name: str, parameters: str) -> str:
+    seconds = 20
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+        file.write(parameters or "/**:\n  ros__parameters: {use_sim_time: false}\n")
+        file.flush()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run = subprocess.run(
+            [
+                *(sys.executable, "-m", "head_tracking.runner", "--sim", "--robot", robot),
+                *("--duration", str(seconds), "--params", file.name),
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+            env=os.environ,
+        )
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    summary = run.stdout.splitlines()[-1]
+    found = re.search(r"error ([\d.]+)° rms, ([\d.]+)° max.*; (\d+) bus cycles, (\d+)", summary)
+    assert found is not None, summary
+    rms, largest, cycles, faults = found.groups()
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return (
+        f"| {robot} | {name} | {rms}° | {largest}° | {cycles} | {faults} | "
+        f"{100 * used / seconds:.0f} % of a core |"
+    )
+
+
+BENCHMARKS: dict[str, Callable[[], str]] = {"pointing": pointing, "tracking": tracking}
+
+
+def write(name: str, table: str) -> None:
+    """Puts the table between its marks in docs/results.md."""
+    text = RESULTS.read_text()
+    marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    assert marks.search(text), f"{RESULTS} has no place for {name}"
+    RESULTS.write_text(marks.sub(lambda match: f"{match[1]}{table}\n{match[2]}", text))
+
+
+def main() -> None:
+    """Runs one benchmark and writes its table."""
+    parser = argparse.ArgumentParser(prog="scripts/benchmark", description=__doc__)
+    parser.add_argument("name", choices=sorted(BENCHMARKS))
+    name = parser.parse_args().name
+    table = BENCHMARKS[name]()
+    print(table)
+    write(name, table)
+
+
+if __name__ == "__main__":
+    main()

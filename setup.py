@@ -1,0 +1,86 @@
+"""Builds head_tracking: a ROS 2 package for colcon, a wheel for pip."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+from setuptools.dist import Distribution
+
+NAME = "head_tracking"
+# Not the working directory: colcon --symlink-install runs a link to this file somewhere else.
+HERE = Path(__file__).resolve().parent
+
+NODES = (
+    "servo_bus",
+    "joint_state_publisher",
+    "robot_state_publisher",
+    "point_head",
+    "head_tracker",
+    "fictitious_target",
+    "relax",
+)
+EXECUTABLES = {
+    "head_tracking": "head_tracking.runner:main",
+    "simulated_bus": "head_tracking.simulated_bus:main",
+    "check_model": "head_tracking.check_model:main",
+    **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
+}
+
+LAUNCHER = """\
+#!/bin/sh
+# Starts the program of the same name in this prefix's bin; ros2 run looks only here.
+self=$(readlink -f -- "$0")
+exec "${self%/*}/../../bin/${self##*/}" "$@"
+"""
+
+
+class InstallData(Distribution().get_command_class("install_data")):
+    """Gives a wheel lib/head_tracking/<executable>; elsewhere setup.cfg puts the programs there."""
+
+    def run(self):
+        super().run()
+        if "bdist_wheel" not in self.distribution.command_obj:
+            return
+        folder = Path(self.install_dir, "lib", NAME)
+        folder.mkdir(parents=True)
+        for name in EXECUTABLES:
+            launcher = folder / name
+            launcher.write_text(LAUNCHER)
+            launcher.chmod(0o755)
+            self.outfiles.append(str(launcher))
+
+
+def requirements(name):
+    lines = (HERE / "requirements" / f"{name}.txt").read_text().splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def share(folder):
+    """List a folder's files as data_files wants them: per directory, no directories among them."""
+    files = sorted(path.relative_to(HERE) for path in (HERE / folder).rglob("*") if path.is_file())
+    return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files]
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="A pan/tilt head that looks at things: "
+    "transforms, gaze, tracking and a Dynamixel servo bus.",
+    maintainer="head_tracking maintainers",
+    maintainer_email="maintainers@example.com",
+    license="BSD-3-Clause",
+    python_requires=">=3.11",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *share("urdf"),
+        *share("config"),
+    ],
+    entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
+    # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
+    install_requires=requirements("libraries") + requirements("yourdfpy"),
+    extras_require={"ros": requirements("ros"), "test": requirements("test")},
+    cmdclass={"install_data": InstallData},
+    zip_safe=False,
+)

@@ -1,0 +1,285 @@
+"""The package as users get it: from pip, from colcon, and the set-up of scripts/run."""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1]
+EXECUTABLES = {
+    "check_model",
+    "fictitious_target",
+    "head_tracker",
+    "head_tracking",
+    "joint_state_publisher",
+    "point_head",
+    "relax",
+    "robot_state_publisher",
+    "servo_bus",
+    "simulated_bus",
+}
+# Which copy is loaded, that all its executables can be, and where the ament index finds it.
+LOOK = """
+from importlib.metadata import distribution
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+import head_tracking
+print(head_tracking.__file__)
+print(get_package_prefix("head_tracking"))
+print(get_package_share_directory("head_tracking"))
+for script in distribution("head_tracking").entry_points.select(group="console_scripts"):
+    assert callable(script.load()), script
+"""
+
+
+def requires(*modules):
+    missing = [module for module in modules if find_spec(module) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}")
+
+
+def run(*command, **options):
+    """Runs a command to its end and returns what it printed; shows everything if it fails."""
+    done = subprocess.run(
+        [str(word) for word in command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=100,
+        check=False,
+        **options,
+    )
+    assert done.returncode == 0, f"{shlex.join(map(str, command))}:\n{done.stdout}"
+    return done.stdout
+
+
+def environment(**changes):
+    """The variables for a program that has to find the installed copy and not this checkout.
+
+    LD_LIBRARY_PATH stays: the libraries are those of the environment that runs the tests.
+    """
+    paths = ("PYTHONPATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
+    return {name: value for name, value in os.environ.items() if name not in paths} | changes
+
+
+def libraries():
+    """Where this Python finds the packages that it did not bring itself."""
+    return [place for place in sys.path if place.endswith("-packages")]
+
+
+def files_below(folder):
+    return {
+        path.relative_to(folder).as_posix()
+        for path in Path(folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+def copy_of_the_source(destination):
+    """Copies what a clone holds, with what is new and not ignored."""
+    command = ["git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    try:
+        names = subprocess.run(command, capture_output=True, check=True).stdout.decode().split("\0")
+    except (FileNotFoundError, subprocess.CalledProcessError):  # no git, or not a clone
+        left_out = (".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist")
+        shutil.copytree(SOURCE, destination, ignore=shutil.ignore_patterns(*left_out))
+        return
+    for name in filter(None, names):
+        if (SOURCE / name).is_file():
+            (destination / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(SOURCE / name, destination / name)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    destination = tmp_path_factory.mktemp("workspace") / "src" / "head_tracking"
+    copy_of_the_source(destination)
+    return destination
+
+
+@pytest.fixture(scope="module")
+def wheel(source, tmp_path_factory):
+    """The wheel, built from a copy of its own: pip builds in the folder it is given."""
+    folder = tmp_path_factory.mktemp("wheel")
+    shutil.copytree(source, folder / "source")
+    offline = ("--no-deps", "--no-index", "--no-build-isolation")
+    run(sys.executable, "-m", "pip", "wheel", *offline, "-w", folder, folder / "source")
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@requires("pip", "setuptools", "wheel")
+def test_the_wheel_holds_the_package_its_share_directory_and_the_launchers(wheel, source):
+    assert wheel.name == "head_tracking-0.1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        data = "head_tracking-0.1.0.data/data"
+        share = f"{data}/share/head_tracking"
+        assert f"{share}/package.xml" in names
+        assert f"{data}/share/ament_index/resource_index/packages/head_tracking" in names
+        for folder in ("urdf", "config"):
+            expected = {f"{share}/{folder}/{name}" for name in files_below(source / folder)}
+            assert expected
+            assert expected <= names
+        code = {f"head_tracking/{name}" for name in files_below(source / "head_tracking")}
+        assert code == {name for name in names if name.startswith("head_tracking/")}
+
+        launchers = [
+            entry for entry in archive.infolist() if f"{data}/lib/head_tracking/" in entry.filename
+        ]
+        assert {Path(entry.filename).name for entry in launchers} == EXECUTABLES
+        assert all(entry.external_attr >> 16 & 0o111 for entry in launchers)
+
+        metadata = archive.read("head_tracking-0.1.0.dist-info/METADATA").decode()
+    needed = [line for line in metadata.splitlines() if line.startswith("Requires-Dist")]
+    assert any("ros-jazzy-rclpy" in line for line in needed)
+    for line in needed:  # ROS wheels would cover a sourced ROS
+        assert "ros-" not in line or 'extra == "ros"' in line
+
+
+@requires("pip", "setuptools", "wheel", "ament_index_python", "yourdfpy")
+def test_an_installed_wheel_runs_without_its_environment_being_active(wheel, tmp_path):
+    prefix = tmp_path / "a prefix"
+    run(sys.executable, "-m", "venv", "--without-pip", prefix)
+    python = prefix / "bin" / "python"
+    install = ("install", "--quiet", "--no-deps", "--no-index")
+    run(sys.executable, "-m", "pip", "--python", python, *install, wheel, env=environment())
+    (packages,) = prefix.glob("lib/python*/site-packages")
+    (packages / "libraries.pth").write_text("\n".join(libraries()))
+
+    assert {path.name for path in (prefix / "lib/head_tracking").iterdir()} == EXECUTABLES
+    link = tmp_path / "link"
+    link.symlink_to(prefix / "lib" / "head_tracking" / "check_model")
+    assert "robot name is: kinectbot" in run(link, "kinectbot", env=environment(), cwd=tmp_path)
+
+    seen = run(python, "-c", LOOK, env=environment(AMENT_PREFIX_PATH=str(prefix)), cwd=tmp_path)
+    file, found, share = seen.splitlines()
+    assert Path(file).is_relative_to(prefix)
+    assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
+
+
+@requires("colcon_core", "colcon_ros", "setuptools", "ament_package", "yourdfpy")
+@pytest.mark.parametrize("option", [None, "--symlink-install"])
+def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
+    python = Path(sys.executable)
+    if " " in str(python):  # colcon writes programs that cannot start such a Python
+        (tmp_path / "python").symlink_to(sys.prefix)
+        python = tmp_path / "python" / "bin" / python.name
+    variables = environment(PYTHONPATH=os.pathsep.join(libraries()))
+
+    colcon = (python, "-c", "import sys; from colcon_core.command import main; sys.exit(main())")
+    bases = ("--build-base", tmp_path / "build", "--install-base", tmp_path / "install")
+    build = ("--log-base", tmp_path / "log", "build", "--base-paths", source, *bases)
+    run(*colcon, *build, *([option] if option else []), cwd=tmp_path, env=variables)
+
+    prefix = tmp_path / "install" / "head_tracking"
+    programs = prefix / "lib" / "head_tracking"
+    assert {path.name for path in programs.iterdir()} == EXECUTABLES
+    assert all(os.access(path, os.X_OK) for path in programs.iterdir())
+    assert (prefix / "share/head_tracking/package.xml").is_file()
+    for folder in ("urdf", "config"):
+        installed = prefix / "share" / "head_tracking" / folder
+        assert files_below(installed) == files_below(source / folder)
+
+    def sourced(*command):
+        line = f"source install/setup.bash && {shlex.join(command)}"
+        return run("bash", "-c", line, cwd=tmp_path, env=variables)
+
+    file, found, share = sourced(str(python), "-c", LOOK).splitlines()
+    assert Path(file).is_relative_to(tmp_path)
+    assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
+    assert "robot name is: kinectbot" in sourced(str(programs / "check_model"), "kinectbot")
+
+
+def test_package_xml_names_the_ros_packages_and_the_version_of_the_wheel():
+    package = ElementTree.parse(SOURCE / "package.xml").getroot()
+    assert f'version="{package.findtext("version")}"' in (SOURCE / "setup.py").read_text()
+    named = {element.text for element in package.findall("exec_depend")}
+    lines = (SOURCE / "requirements" / "ros.txt").read_text().split()
+    wheels = [line.removeprefix("ros-jazzy-") for line in lines if line.startswith("ros-jazzy-")]
+    needed = {wheel.split(">")[0].split("[")[0].replace("-", "_") for wheel in wheels}
+    assert "rclpy" in needed
+    assert needed <= named
+
+
+PYTHON = """\
+#!/bin/sh
+case "$2" in
+  *version_info*) printf '{version}\\n%s\\n' "$0" ;;
+  *rclpy*) echo "ImportError: no rclpy here" >&2; exit 1 ;;
+  *ensurepip*) exit {has_venv} ;;
+  *) echo "installs something" >&2; exit 9 ;;
+esac
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts a copy of scripts/run, with a Python and a machine that only say what they are."""
+    checkout = tmp_path / "a checkout"
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for folder in ("scripts", "requirements"):
+        shutil.copytree(SOURCE / folder, checkout / folder)
+    shutil.copy2(SOURCE / "setup.py", checkout)
+
+    def write(name, text):
+        (tools / name).write_text(text)
+        (tools / name).chmod(0o755)
+
+    def start(version="3.12", has_venv=True, machine="Linux x86_64", **variables):
+        write("python3", PYTHON.format(version=version, has_venv=0 if has_venv else 1))
+        write("uname", f"#!/bin/sh\necho {machine}\n")
+        kept = {"HOME": str(tmp_path), "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}"}
+        done = subprocess.run(
+            [checkout / "scripts" / "run"],
+            env=kept | variables,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+        assert done.returncode != 0
+        assert done.stdout == ""
+        return done.stderr
+
+    start.checkout = checkout
+    return start
+
+
+@pytest.mark.parametrize(
+    ("circumstances", "said"),
+    [
+        ({"version": "3.10"}, "python3 is Python 3.10; head_tracking needs 3.11, 3.12 or 3.13"),
+        ({"version": "3.15"}, "HEAD_TRACKING_PYTHON=python3.12"),
+        ({"HEAD_TRACKING_PYTHON": "python-of-nowhere"}, "There is no python-of-nowhere here"),
+        ({"ROS_DISTRO": "humble"}, "ROS 2 Humble is sourced, but head_tracking needs Jazzy"),
+        ({"ROS_DISTRO": "jazzy"}, "(ImportError: no rclpy here)"),
+        ({"machine": "Linux aarch64"}, "Install ROS 2 Jazzy from its own packages"),
+        ({"has_venv": False}, "apt install python3-venv"),
+    ],
+)
+def test_a_machine_that_will_not_do_is_told_why_and_nothing_is_set_up(start, circumstances, said):
+    assert said in start(**circumstances)
+    assert not (start.checkout / ".venv").exists()
+
+
+def test_a_set_up_that_fails_is_begun_again(start):
+    for _ in range(2):
+        said = start()
+        assert "setting up .venv, once: Python 3.12" in said
+        assert "the set-up did not finish" in said
+
+
+def test_an_environment_of_somebody_else_is_left_alone(start):
+    keep = start.checkout / ".venv" / "keep"
+    keep.parent.mkdir()
+    keep.touch()
+    assert "was not made by this script" in start()
+    assert keep.exists()
