@@ -19,7 +19,7 @@ NODES = (
     "relax",
 )
 EXECUTABLES = {
-    "head_tracking": "head_tracking.runner:main",
+    "head_tracking": "head_tracking.__main__:main",
     "simulated_bus": "head_tracking.simulated_bus:main",
     "check_model": "head_tracking.check_model:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -19,8 +18,9 @@ from rclpy.utilities import remove_ros_args
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import MODES, ROBOT, SIMULATED_PORT, TARGETS, NodeSpec, fixed_target
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
-from head_tracking.nodes.spinning import NodeThreads, StopSignal, describe
+from head_tracking.nodes.spinning import NodeThreads, describe
 from head_tracking.nodes.status_line import StatusLine
+from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer
@@ -171,24 +171,21 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
             line.end(monitor.summary())
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the head until Ctrl-C; returns the exit code."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+def main(arguments: Sequence[str], stop: StopSignal) -> int:
+    """Runs the head until somebody stops it; returns the exit code."""
     plan = parse_arguments(remove_ros_args(["head_tracking", *arguments])[1:])
     line = StatusLine()
     line.prepare_logging()
-    with StopSignal() as stop:
-        rclpy.init(
-            args=[*ros_arguments(plan), *arguments],
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        try:
-            run(plan, stop, line)
-        except Exception as error:
-            line.end(f"head_tracking: {describe(error)}")
-            return 1
-        finally:
-            rclpy.try_shutdown()
+    rclpy.init(
+        args=[*ros_arguments(plan), *arguments], signal_handler_options=SignalHandlerOptions.NO
+    )
+    try:
+        run(plan, stop, line)
+    except Exception as error:
+        line.end(f"head_tracking: {describe(error)}")
+        return 1
+    finally:
+        rclpy.try_shutdown()
     return 0
 
 
@@ -235,7 +232,3 @@ def _robot_parameters(robot: str) -> list[Path]:
     """The head's parameters, and those of the robot if it has its own."""
     config = share_directory() / "config"
     return [config / "head.yaml", *filter(Path.is_file, [config / f"{robot}.yaml"])]
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

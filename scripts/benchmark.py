@@ -103,7 +103,7 @@ def _follow(robot: str, name: str, parameters: str) -> str:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         run = subprocess.run(
             [
-                *(sys.executable, "-m", "head_tracking.runner", "--sim", "--robot", robot),
+                *(sys.executable, "-m", "head_tracking", "--sim", "--robot", robot),
                 *("--duration", str(seconds), "--params", file.name),
             ],
             stdout=subprocess.PIPE,

@@ -28,6 +28,7 @@ ALLOWED = {
     "check_model": {"transforms", "share"},
     "simulated_bus": {"simulation"},
     "node_sets": {"nodes"},
+    "__main__": {"nodes", "runner"},
     "runner": CORE | {"tf", "nodes", "share", "node_sets"},
 }
 """Which rooms a room may look into, besides itself."""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from types import FrameType
-from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -18,6 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from head_tracking.dynamixel import DynamixelError
+from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.transforms import RobotModelError, TransformException
 
 _POLL = 0.1  # s
@@ -53,38 +51,6 @@ def describe(error: Exception) -> str:
     if isinstance(cause, EXPLAINED_ERRORS):
         return str(error)
     return "".join(traceback.format_exception(cause)) + str(error)
-
-
-class StopSignal:
-    """Waits for SIGINT or SIGTERM instead of letting rclpy shut down under the nodes' feet."""
-
-    def __init__(self) -> None:
-        self._stopped = threading.Event()
-        self._previous: dict[int, Any] = {}
-
-    def __enter__(self) -> StopSignal:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._on_signal)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._stopped.set()
-
-    def __call__(self) -> bool:
-        """Whether it is time to stop."""
-        return self._stopped.is_set()
-
-    def set(self) -> None:
-        """Asks to stop."""
-        self._stopped.set()
-
-    def wait(self, seconds: float) -> bool:
-        """Waits for a signal; whether there was one."""
-        return self._stopped.wait(seconds)
 
 
 class NodeThreads:

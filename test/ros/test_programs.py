@@ -15,7 +15,7 @@ from head_tracking.dynamixel import JointConfiguration, Protocol1Port, ServoBus,
 
 PATIENCE = 30
 MODULES = {
-    "head_tracking": "head_tracking.runner",
+    "head_tracking": "head_tracking",
     "simulated_bus": "head_tracking.simulated_bus",
     "servo_bus": "head_tracking.nodes.servo_bus",
     "relax": "head_tracking.nodes.relax",

@@ -1,0 +1,40 @@
+"""Ctrl-C and SIGTERM as something to ask for, before anything slow is imported."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+from typing import Any
+
+
+class StopSignal:
+    """Waits for SIGINT or SIGTERM instead of letting rclpy shut down under the nodes' feet."""
+
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> StopSignal:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self._stopped.set()
+
+    def __call__(self) -> bool:
+        """Whether it is time to stop."""
+        return self._stopped.is_set()
+
+    def set(self) -> None:
+        """Asks to stop."""
+        self._stopped.set()
+
+    def wait(self, seconds: float) -> bool:
+        """Waits for a signal; whether there was one."""
+        return self._stopped.wait(seconds)
