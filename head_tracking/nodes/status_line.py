@@ -30,7 +30,8 @@ class StatusLine:
         """Shows the newest text."""
         if self._terminal:
             width = os.get_terminal_size(self._stream.fileno()).columns
-            self._write(_CLEAR + text[: width - 1])
+            # a terminal that does not know its width says 0
+            self._write(_CLEAR + (text[: width - 1] if width else text))
         elif time.monotonic() - self._last >= 1.0:
             self._last = time.monotonic()
             self._write(text + "\n")

@@ -7,7 +7,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
 os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
-from robot_under_test import Robot, wait_for
+from robot_under_test import Robot
 
 MakeRobot = Callable[..., Robot]
 
@@ -35,20 +35,3 @@ def pointing_robot(make_robot: MakeRobot) -> Robot:
 @pytest.fixture
 def tracking_robot(make_robot: MakeRobot) -> Robot:
     return make_robot("--target", "none")
-
-
-@pytest.fixture
-def logged(capfd: pytest.CaptureFixture[str]) -> Callable[[str], str]:
-    """Waits for a word in what the nodes log; all that was logged up to it."""
-    seen: list[str] = []
-
-    def wait(words: str) -> str:
-        def found() -> str:
-            captured = capfd.readouterr()
-            seen.append(captured.out + captured.err)
-            text = "".join(seen)
-            return text if words in text else ""
-
-        return wait_for(found)
-
-    return wait

@@ -113,20 +113,20 @@ def test_nothing_moves_at_the_start(pointing_robot):
     assert pointing_robot.at_rest() == near((pan, tilt))
 
 
-def test_the_head_says_that_it_arrived_and_by_how_much_it_misses(pointing_robot, logged):
+def test_the_head_says_that_it_arrived_and_by_how_much_it_misses(pointing_robot):
     errors = pointing_robot.listen("point_head/pointing_error", Float64)
     pointing_robot.look_at(1, 1, 0, "base_link")
-    text = logged("arrived: the head misses the target by")
+    text = pointing_robot.logged("arrived: the head misses the target by")
     assert "did not arrive" not in text
     assert errors[-1].data < 1.2 * DEGREE
 
 
-def test_a_head_that_is_held_says_that_it_did_not_arrive(pointing_robot, logged):
+def test_a_head_that_is_held_says_that_it_did_not_arrive(pointing_robot):
     pointing_robot.look_at(1, 0, 0, "head_pan_link")
-    logged("arrived: the head misses")
+    pointing_robot.logged("arrived: the head misses")
     pointing_robot.simulated.port.push(1, 3.0)  # twice what the servo can stand against
     pointing_robot.look_at(1, -0.3, 0, "head_pan_link")
-    logged("did not arrive: the head misses the target by")
+    pointing_robot.logged("did not arrive: the head misses the target by")
 
 
 def test_the_head_recentres_on_request(pointing_robot):

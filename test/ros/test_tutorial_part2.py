@@ -56,10 +56,10 @@ def test_a_target_seen_by_the_moving_camera_is_placed_at_its_stamp(tracking_robo
         robot.look_at(*(seen.transform @ ball), "camera_optical_frame", stamp)
 
 
-def test_the_tracker_stops_when_the_target_goes_away(tracking_robot, logged):
+def test_the_tracker_stops_when_the_target_goes_away(tracking_robot):
     robot = tracking_robot
     follow(robot, (1, 1, 0), "torso_link", lambda: robot.pan > 0.4)
-    logged("holding")
+    robot.logged("holding")
     pan, tilt = robot.at_rest()
     time.sleep(0.3)
     assert robot.at_rest() == pytest.approx((pan, tilt), abs=0.5 * DEGREE)

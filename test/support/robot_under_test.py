@@ -10,7 +10,9 @@ from typing import Any, TypeVar
 
 import rclpy
 from geometry_msgs.msg import Point, PointStamped
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -57,6 +59,9 @@ class Robot:
         self._joint_states: dict[str, tuple[float, float]] = {}
         self._publishers: dict[str, Any] = {}
         self.received: dict[str, list[Any]] = {}
+        self._log: list[str] = []
+        self._read = 0
+        self.node.create_subscription(Log, "/rosout", self._on_log, QoSProfile(depth=1000))
         self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         self.threads.start(self.node)
         wait_for(lambda: "head_pan_joint" in self._joint_states)
@@ -69,6 +74,24 @@ class Robot:
             stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
             for name, position in zip(message.name, message.position, strict=True):
                 self._joint_states[name] = (stamp, position)
+
+    def _on_log(self, message: Log) -> None:
+        self._log.append(message.msg)
+
+    def forget_log(self) -> None:
+        """What was logged up to now counts no more."""
+        self._read = len(self._log)
+
+    def logged(self, words: str) -> str:
+        """Waits for these words in the log; the message that holds them."""
+
+        def found() -> str:
+            return next((text for text in self._log[self._read :] if words in text), "")
+
+        try:
+            return wait_for(found)
+        except AssertionError:
+            raise AssertionError(f"{words!r} is not in {self._log[self._read :]}") from None
 
     def joint(self, name: str) -> float:
         """The newest position in joint_states [rad]."""

@@ -1,0 +1,116 @@
+"""Parameters: declared with meaning, unit and range; a bad value is refused with a reason."""
+
+from dataclasses import dataclass
+
+import pytest
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.parameters import parameter
+
+
+@dataclass(frozen=True)
+class Example:
+    speed: float = parameter(1.0, "Speed.", unit="rad/s", minimum=0.1, maximum=2.0)
+    count: int = parameter(3, "Count.", minimum=1, maximum=9)
+    law: str = parameter("speed", "Law.", choices=("speed", "position"))
+    port: str = parameter("a", "Port.", fixed=True)
+    axis: tuple[float, ...] = parameter((1.0, 0.0, 0.0), "Axis.")
+
+    def __post_init__(self) -> None:
+        if len(self.axis) != 3:
+            raise ValueError("axis needs three numbers")
+
+
+@pytest.fixture
+def make():
+    rclpy.init()
+    nodes: list[Node] = []
+
+    def make(**overrides):
+        node = Node(
+            "example",
+            parameter_overrides=[Parameter(name, value=v) for name, v in overrides.items()],
+        )
+        nodes.append(node)
+        return node
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_defaults_and_given_values(make):
+    assert NodeParameters(make(), Example).value == Example()
+    given = NodeParameters(make(speed=2, axis=[0, 1, 0]), Example).value
+    assert given == Example(speed=2.0, axis=(0.0, 1.0, 0.0))
+
+
+def test_a_prefix_and_other_defaults(make):
+    node = make(**{"pan.speed": 0.5})
+    value = NodeParameters(node, Example, "pan.", {"count": 5}).value
+    assert (value.speed, value.count) == (0.5, 5)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"speed": 9.0}, {"speed": "fast"}, {"count": 0}, {"law": "x"}, {"axis": [1.0]}]
+)
+def test_a_bad_value_at_the_start_is_an_error(make, bad):
+    (name,) = bad
+    with pytest.raises((ValueError, ParameterException), match=name):
+        NodeParameters(make(**bad), Example)
+
+
+def test_a_value_can_be_changed_while_running(make):
+    node, seen = make(), []
+    parameters = NodeParameters(node, Example, on_change=seen.append)
+    assert node.set_parameters([Parameter("speed", value=0.5)])[0].successful
+    assert parameters.value.speed == 0.5
+    assert seen == [Example(speed=0.5)]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("speed", 9.0, "speed"),
+        ("speed", 9, "speed is 9.0; allowed is 0.1 to 2 rad/s"),
+        ("law", "magic", "allowed are speed, position"),
+        ("axis", [1.0, 2.0], "axis needs three numbers"),
+        ("port", "b", "read-only"),
+    ],
+)
+def test_a_bad_value_is_refused_and_the_old_one_stays(make, name, value, words):
+    node, seen = make(), []
+    parameters = NodeParameters(node, Example, on_change=seen.append)
+    result = node.set_parameters([Parameter(name, value=value)])[0]
+    assert not result.successful
+    assert words in result.reason
+    assert parameters.value == Example()
+    assert not seen
+
+
+def test_meaning_unit_and_range_can_be_asked_for(make):
+    node = make()
+    NodeParameters(node, Example)
+    descriptor = node.describe_parameter("speed")
+    assert descriptor.description == "Speed. [rad/s]"
+    assert descriptor.floating_point_range[0].to_value == 2.0
+    assert "speed, position" in node.describe_parameter("law").additional_constraints
+    assert node.describe_parameter("port").read_only
+
+
+def test_every_parameter_of_every_node_is_described(make_robot):
+    own = {"use_sim_time", "start_type_description_service"}
+    for mode in ("track", "point"):
+        robot = make_robot("--mode", mode, "--target", "fictitious")
+        for node in robot.composition.nodes.values():
+            for name in set(node._parameters) - own:
+                if name.startswith(("zeros.", "qos_overrides.")):
+                    continue
+                descriptor = node.describe_parameter(name)
+                assert descriptor.description, f"{node.get_name()}.{name}"
+        robot.close()

@@ -1,0 +1,46 @@
+import pytest
+
+from head_tracking.transforms import JointState, JointStates, RobotModelError, parse_robot_model
+
+CHAIN = """
+<robot name="chain">
+  <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+  <joint name="third" type="continuous"><parent link="c"/><child link="d"/>
+    <mimic joint="second" multiplier="3" offset="1"/></joint>
+  <joint name="second" type="continuous"><parent link="b"/><child link="c"/>
+    <mimic joint="first" multiplier="2"/></joint>
+  <joint name="first" type="continuous"><parent link="a"/><child link="b"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def model():
+    return parse_robot_model(CHAIN)
+
+
+def test_what_follows_a_measured_joint_is_added_in_any_order(model):
+    states = JointStates(model, {}).complete({"first": JointState(0.5, 1.0, 0.2)})
+    assert states["first"] == JointState(0.5, 1.0, 0.2)
+    assert states["second"] == JointState(1.0, 2.0)
+    assert states["third"] == JointState(4.0, 6.0)
+
+
+def test_nothing_is_invented(model):
+    assert JointStates(model, {}).complete({}) == {}
+
+
+def test_a_stated_default_stands_until_it_is_measured(model):
+    states = JointStates(model, {"first": 0.25})
+    assert states.complete({})["third"] == JointState(2.5)
+    assert states.complete({"first": JointState(0.5)})["first"] == JointState(0.5)
+
+
+def test_a_measured_follower_is_believed(model):
+    states = JointStates(model, {}).complete({"first": JointState(0.5), "second": JointState(0.9)})
+    assert states["second"] == JointState(0.9)
+
+
+@pytest.mark.parametrize("name", ["nose", "second"])
+def test_a_default_for_no_joint_of_its_own_is_refused(model, name):
+    with pytest.raises(RobotModelError, match=rf"'{name}'.*first"):
+        JointStates(model, {name: 0.0})
