@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,11 +40,7 @@ class JointStatePublisherNode(Node):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(
-            "joint_state_publisher",
-            automatically_declare_parameters_from_overrides=False,
-            **options,
-        )
+        super().__init__("joint_state_publisher", **options)
         p = NodeParameters(self, JointStatePublisherParameters).value
         self._zeros = self._declare_zeros()
         self._states: JointStates | None = None
@@ -98,14 +93,10 @@ class JointStatePublisherNode(Node):
         message = JointStateMsg()
         message.header.stamp = stamp
         message.name = list(states)
-        message.position = _column(state.position for state in states.values())
-        message.velocity = _column(state.velocity for state in states.values())
-        message.effort = _column(state.effort for state in states.values())
+        message.position = [state.position for state in states.values()]
+        message.velocity = [state.velocity for state in states.values()]
+        message.effort = [state.effort for state in states.values()]
         self._publisher.publish(message)
-
-
-def _column(values: Iterable[float]) -> list[float]:
-    return list(values)
 
 
 def main() -> int:
