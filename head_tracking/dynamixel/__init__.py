@@ -31,7 +31,8 @@ from head_tracking.dynamixel.identification import ServoIdentity
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import Reply, ServoPort
 from head_tracking.dynamixel.protocol1 import ErrorBits, Instruction, describe_errors
-from head_tracking.dynamixel.sdk import Protocol1Port, serial_ports
+from head_tracking.dynamixel.dynamixel_port import DynamixelPort
+from head_tracking.dynamixel.sdk import serial_ports
 from head_tracking.dynamixel.servo_bus import ServoBus
 from head_tracking.dynamixel.servo_state import (
     BusEvent,
@@ -71,7 +72,7 @@ __all__ = [
     "PortLostError",
     "PortMissingError",
     "PortPermissionError",
-    "Protocol1Port",
+    "DynamixelPort",
     "RangeError",
     "Register",
     "RegisterRefusedError",

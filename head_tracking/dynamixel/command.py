@@ -15,7 +15,15 @@ class Torque(Enum):
 
     OFF_UNTIL_COMMANDED = "relaxed; the first command switches torque on"
     OFF_ON_REQUEST = "relaxed on request; commands are refused"
+    OFF_TO_COOL = "relaxed to cool down; commands are refused until then"
+    OFF_BY_FAULT = "shut down by itself; commands are refused until it has recovered"
+    OFF_STOPPED = "stopped on request; commands are refused until it is started"
     ON = "torque on"
+
+    @property
+    def waits(self) -> bool:
+        """Whether commands are refused."""
+        return self not in (Torque.ON, Torque.OFF_UNTIL_COMMANDED)
 
 
 @dataclass(frozen=True, slots=True)

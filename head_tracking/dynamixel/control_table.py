@@ -7,7 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 
-from head_tracking.dynamixel.conversions import decode_unsigned, encode_unsigned
+from head_tracking.dynamixel.conversions import (
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+    encode_unsigned,
+)
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
 
 
@@ -25,6 +29,32 @@ class Memory(Enum):
     RAM = "RAM"
 
 
+class Sign(Enum):
+    """How a register tells negative values."""
+
+    NONE = "none"
+    MAGNITUDE = "bit 10"
+    TWOS_COMPLEMENT = "two's complement"
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """What one count of a register stands for.
+
+    Attributes:
+        symbol: The unit; empty for plain numbers and codes.
+        scale: One count in that unit.
+        zero: The count that stands for 0.
+    """
+
+    symbol: str = ""
+    scale: float = 1.0
+    zero: float = 0.0
+
+
+NUMBER = Unit()
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
     """One register, in the vendor's words.
@@ -39,6 +69,8 @@ class Register:
             or it is taken from elsewhere.
         minimum: Lowest value a write may carry; None for read-only registers.
         maximum: Highest value a write may carry; None for read-only registers.
+        unit: What one count stands for.
+        sign: How it tells negative values.
     """
 
     name: str
@@ -49,6 +81,8 @@ class Register:
     initial: int | None = None
     minimum: int | None = None
     maximum: int | None = None
+    unit: Unit = NUMBER
+    sign: Sign = Sign.NONE
 
     @property
     def end(self) -> int:
@@ -75,17 +109,41 @@ class Register:
         if not self.admits(value):
             allowed = f"{self.minimum} to {self.maximum}" if self.writable else "none, read only"
             raise RangeError(f"{self.name} cannot be {value}; allowed: {allowed}")
+        return self.bytes_of(value)
+
+    def bytes_of(self, value: int) -> bytes:
+        """Return the bytes of a value, whether a packet may write it or not.
+
+        Raises:
+            RangeError: The value does not fit into the register's bytes.
+        """
+        if self.sign is Sign.TWOS_COMPLEMENT and -(256**self.size) // 2 <= value < 0:
+            value += 256**self.size
         return encode_unsigned(value, self.size)
 
     def decode(self, data: bytes) -> int:
-        """Return the value in exactly this register's bytes.
+        """Return the value in exactly this register's bytes; sign and magnitude stay together.
 
         Raises:
             RangeError: The number of bytes is wrong.
         """
         if len(data) != self.size:
             raise RangeError(f"{self.name} has {self.size} byte(s), not {len(data)}")
-        return decode_unsigned(data)
+        return int.from_bytes(data, "little", signed=self.sign is Sign.TWOS_COMPLEMENT)
+
+    def in_unit(self, value: int) -> float:
+        """Return a value that was read in the register's unit.
+
+        Raises:
+            RangeError: It is no sign-magnitude number, though the register should hold one.
+        """
+        counts = decode_sign_magnitude(value) if self.sign is Sign.MAGNITUDE else value
+        return (counts - self.unit.zero) * self.unit.scale
+
+    def from_unit(self, quantity: float) -> int:
+        """Return the value to write for a quantity in the register's unit; mirrors `in_unit`."""
+        counts = round(quantity / self.unit.scale + self.unit.zero)
+        return encode_sign_magnitude(counts) if self.sign is Sign.MAGNITUDE else counts
 
 
 _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
@@ -108,7 +166,10 @@ class Block:
         for register in self.registers:
             if register.address < position:
                 raise RangeError(f"{register.name} must stand before its predecessor in the block")
-            form += f"{register.address - position}x{_STRUCT_CODES[register.size]}"
+            code = _STRUCT_CODES[register.size]
+            if register.sign is Sign.TWOS_COMPLEMENT:
+                code = code.lower()
+            form += f"{register.address - position}x{code}"
             position = register.end
         object.__setattr__(self, "_struct", struct.Struct(form))
 
@@ -195,48 +256,14 @@ class ControlTable:
         """Return the block of these registers, named in rising order of address."""
         return Block(tuple(self[name] for name in names))
 
-
-_R, _RW = Access.READ, Access.READ_WRITE
-_EEPROM, _RAM = Memory.EEPROM, Memory.RAM
-
-AX_12 = ControlTable(
-    "AX-12",
-    (
-        Register("Model Number", 0, 2, _R, _EEPROM, 12),
-        Register("Firmware Version", 2, 1, _R, _EEPROM),
-        Register("ID", 3, 1, _RW, _EEPROM, 1, 0, 253),
-        Register("Baud Rate", 4, 1, _RW, _EEPROM, 1, 0, 254),
-        Register("Return Delay Time", 5, 1, _RW, _EEPROM, 250, 0, 254),
-        Register("CW Angle Limit", 6, 2, _RW, _EEPROM, 0, 0, 1023),
-        Register("CCW Angle Limit", 8, 2, _RW, _EEPROM, 1023, 0, 1023),
-        Register("Temperature Limit", 11, 1, _RW, _EEPROM, 70, 0, 99),
-        Register("Min Voltage Limit", 12, 1, _RW, _EEPROM, 60, 50, 250),
-        Register("Max Voltage Limit", 13, 1, _RW, _EEPROM, 140, 50, 250),
-        Register("Max Torque", 14, 2, _RW, _EEPROM, 1023, 0, 1023),
-        Register("Status Return Level", 16, 1, _RW, _EEPROM, 2, 0, 2),
-        Register("Alarm LED", 17, 1, _RW, _EEPROM, 36, 0, 127),
-        Register("Shutdown", 18, 1, _RW, _EEPROM, 36, 0, 127),
-        Register("Torque Enable", 24, 1, _RW, _RAM, 0, 0, 1),
-        Register("LED", 25, 1, _RW, _RAM, 0, 0, 1),
-        Register("CW Compliance Margin", 26, 1, _RW, _RAM, 1, 0, 255),
-        Register("CCW Compliance Margin", 27, 1, _RW, _RAM, 1, 0, 255),
-        Register("CW Compliance Slope", 28, 1, _RW, _RAM, 32, 1, 254),
-        Register("CCW Compliance Slope", 29, 1, _RW, _RAM, 32, 1, 254),
-        Register("Goal Position", 30, 2, _RW, _RAM, None, 0, 1023),
-        Register("Moving Speed", 32, 2, _RW, _RAM, 0, 0, 2047),
-        Register("Torque Limit", 34, 2, _RW, _RAM, None, 0, 1023),
-        Register("Present Position", 36, 2, _R, _RAM),
-        Register("Present Speed", 38, 2, _R, _RAM),
-        Register("Present Load", 40, 2, _R, _RAM),
-        Register("Present Voltage", 42, 1, _R, _RAM),
-        Register("Present Temperature", 43, 1, _R, _RAM),
-        Register("Registered", 44, 1, _R, _RAM, 0),
-        Register("Moving", 46, 1, _R, _RAM, 0),
-        Register("Lock", 47, 1, _RW, _RAM, 0, 0, 1),
-        Register("Punch", 48, 2, _RW, _RAM, 32, 32, 1023),
-    ),
-)
-"""AX-12, AX-12+ and AX-12A: ROBOTIS e-manual page AX-12A; ranges also from the manual of 2006.
-
-Moving Speed goes to 1023 in joint mode and to 2047 in wheel mode.
-"""
+    def runs(self, longest: int) -> Iterator[Block]:
+        """Yield blocks of adjacent registers, of at most so many bytes, that make up the table."""
+        run: list[Register] = []
+        for register in self._registers:
+            if run and (
+                register.address != run[-1].end or register.end - run[0].address > longest
+            ):
+                yield Block(tuple(run))
+                run = []
+            run.append(register)
+        yield Block(tuple(run))

@@ -9,9 +9,6 @@ import math
 
 from head_tracking.dynamixel.exceptions import RangeError
 
-RPM = 2.0 * math.pi / 60.0
-"""One revolution per minute, in rad/s."""
-
 SIGN_BIT = 10
 """AX, MX (protocol 1.0) and XL-320 mark clockwise speed and load by this bit."""
 

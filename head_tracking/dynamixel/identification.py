@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntFlag
+from typing import Final
 
-from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     CorruptReplyError,
@@ -14,7 +15,12 @@ from head_tracking.dynamixel.exceptions import (
     WrongModelError,
 )
 from head_tracking.dynamixel.models import servo_model_by_number
+from head_tracking.dynamixel.mount import ServoMount
 from head_tracking.dynamixel.servo_link import ServoLink
+
+_POSITION_MODE: Final = 3
+_JOINT_MODE: Final = 2  # XL-320
+_TIME_BASED: Final = 4  # bit of Drive Mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +34,9 @@ class ServoIdentity:
         firmware_version: Contents of its register.
         lowest: Lowest tick that configuration and servo allow.
         highest: Highest tick that configuration and servo allow.
+        shutdown: Errors upon which the servo switches itself off.
+        temperature_limit: Above it the servo counts as overheated, degrees Celsius.
+        powered: Whether its torque was on when it was found.
     """
 
     joint_name: str
@@ -36,6 +45,9 @@ class ServoIdentity:
     firmware_version: int
     lowest: int
     highest: int
+    shutdown: IntFlag
+    temperature_limit: float
+    powered: bool
 
 
 def answering(links: Sequence[ServoLink], attempts: int = 3) -> tuple[int, ...]:
@@ -55,11 +67,16 @@ def answering(links: Sequence[ServoLink], attempts: int = 3) -> tuple[int, ...]:
     return tuple(found)
 
 
-def identify(link: ServoLink, joint: JointConfiguration) -> ServoIdentity:
+def identify(link: ServoLink, mount: ServoMount, keep_torque: bool = False) -> ServoIdentity:
     """Check a servo that answers pings, leave it relaxed, and return what it is.
 
+    Args:
+        link: The servo.
+        mount: What the configuration says of it.
+        keep_torque: Leave its torque as it is.
+
     Raises:
-        ServoModeError: It does not answer reads, or is in wheel mode.
+        ServoModeError: It does not answer reads, or does not work in positions.
         WrongModelError: It is another model than configured.
         ConfigurationError: Its own angle limits leave the joint no range.
         RegisterRefusedError: It does not switch torque off.
@@ -67,38 +84,75 @@ def identify(link: ServoLink, joint: JointConfiguration) -> ServoIdentity:
     """
     table = link.model.control_table
     try:
-        number, firmware = link.read(table.block("Model Number", "Firmware Version"))
+        number = link.get("Model Number")
     except ReplyTimeoutError as cause:
         raise ServoModeError(
-            f"servo {link.id} ({joint.joint_name}) answers pings but no reads: its Status Return "
-            "Level (register 16) is probably 0; set it to 2 with ROBOTIS' Dynamixel Wizard"
+            f"servo {link.id} ({mount.joint_name}) answers pings but no reads: its Status Return "
+            f"Level (register {table['Status Return Level'].address}) is probably 0; set it to 2, "
+            f"for example with `servo set {link.id} 'Status Return Level' 2`"
         ) from cause
     if number != link.model.model_number:
         raise WrongModelError(
-            f"servo {link.id} ({joint.joint_name}) is {_model_name(number)}, but the "
+            f"servo {link.id} ({mount.joint_name}) is {model_name(number)}, but the "
             f"configuration says {link.model.name} ({link.model.model_number}); correct the "
             "configuration's model or id"
         )
-    clockwise, counterclockwise, level = link.read(
-        table.block("CW Angle Limit", "CCW Angle Limit", "Status Return Level")
-    )
-    link.acknowledges_writes = level >= 2
-    link.set_torque(False)
-    if clockwise == 0 and counterclockwise == 0:
-        raise ServoModeError(
-            f"servo {link.id} ({joint.joint_name}) is in wheel mode (both angle limits are 0) and "
-            "has no positions; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
-            f"{joint.tick_range[0]} and {joint.tick_range[1]}, with ROBOTIS' Dynamixel Wizard"
-        )
-    lowest = max(joint.tick_range[0], clockwise)
-    highest = min(joint.tick_range[1], counterclockwise)
+    link.acknowledges_writes = link.get("Status Return Level") >= 2
+    powered = link.get("Torque Enable") == 1
+    if not keep_torque:
+        link.set_torque(False)
+    lower, upper = (link.get(name) for name in link.model.position_limits)
+    _check_mode(link, mount, lower, upper)
+    lowest, highest = max(mount.tick_range[0], lower), min(mount.tick_range[1], upper)
     if lowest >= highest:
         raise ConfigurationError(
-            f"{joint.joint_name}: the configuration allows ticks {joint.tick_range[0]} to "
-            f"{joint.tick_range[1]}, servo {link.id} itself {clockwise} to {counterclockwise}: "
+            f"{mount.joint_name}: the configuration allows ticks {mount.tick_range[0]} to "
+            f"{mount.tick_range[1]}, servo {link.id} itself {lower} to {upper}: "
             "nothing in common; correct min and max or the servo's angle limits"
         )
-    return ServoIdentity(joint.joint_name, link.id, link.model.name, firmware, lowest, highest)
+    shutdown = link.get("Shutdown") & sum(link.model.errors)
+    return ServoIdentity(
+        mount.joint_name,
+        link.id,
+        link.model.name,
+        link.get("Firmware Version"),
+        lowest,
+        highest,
+        link.model.errors(shutdown),
+        float(link.get("Temperature Limit")),
+        powered,
+    )
+
+
+def _check_mode(link: ServoLink, mount: ServoMount, lower: int, upper: int) -> None:
+    """Refuse a servo that does not go to positions, or counts speeds in another way."""
+    table = link.model.control_table
+    who = f"servo {link.id} ({mount.joint_name})"
+    how = f"for example with `servo set {link.id} REGISTER VALUE`"
+    if "Operating Mode" in table:
+        mode = link.get("Operating Mode")
+        if mode != _POSITION_MODE:
+            raise ServoModeError(
+                f"{who} is in operating mode {mode}; set Operating Mode (register "
+                f"{table['Operating Mode'].address}) to {_POSITION_MODE}, position control, {how}"
+            )
+        if link.get("Drive Mode") & _TIME_BASED:
+            raise ServoModeError(
+                f"{who} takes its profile velocity as a time; clear bit 2 of Drive Mode (register "
+                f"{table['Drive Mode'].address}), {how}"
+            )
+    elif "Control Mode" in table and link.get("Control Mode") != _JOINT_MODE:
+        raise ServoModeError(
+            f"{who} is in wheel mode and has no positions; set Control Mode (register "
+            f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
+        )
+    elif lower == upper:
+        mode = "wheel mode" if lower == 0 else "multi-turn mode"
+        raise ServoModeError(
+            f"{who} is in {mode} (both angle limits are {lower}) and has no positions within one "
+            "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
+            f"{mount.tick_range[0]} and {mount.tick_range[1]}, {how}"
+        )
 
 
 def summary(identities: Sequence[ServoIdentity]) -> str:
@@ -113,7 +167,8 @@ def summary(identities: Sequence[ServoIdentity]) -> str:
     )
 
 
-def _model_name(number: int) -> str:
+def model_name(number: int) -> str:
+    """Return the name of the model with that Model Number, and the number."""
     try:
         return f"{servo_model_by_number(number).name} ({number})"
     except ConfigurationError:

@@ -1,14 +1,31 @@
-"""Servo models, as data. A new model is a control table and one `ServoModel`."""
+"""Servo models, as data. A new model is a control table and one entry here.
+
+Speeds and torques are those of the e-manual pages, at the voltage in bold there.
+"""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntFlag
+from types import MappingProxyType
+from typing import Final
 
-from head_tracking.dynamixel.control_table import AX_12 as AX_12_TABLE
 from head_tracking.dynamixel.control_table import Block, ControlTable
-from head_tracking.dynamixel.conversions import RPM
 from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
+from head_tracking.dynamixel.protocol1 import ErrorBits
+from head_tracking.dynamixel.tables import ax, mx, x, xl320
+from head_tracking.dynamixel.units import (
+    AX_ANGLE,
+    AX_SPEED,
+    AX_TICKS,
+    MX_ANGLE,
+    MX_SPEED,
+    MX_TICKS,
+    RPM,
+    X_SPEED,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,16 +38,23 @@ class ServoModel:
         protocol: Dynamixel protocol, 1 or 2.
         control_table: Its registers.
         feedback: What one read fetches each cycle: position, speed, load, voltage, temperature.
-        goal: What one write sets: goal position and moving speed.
+        feedback_order: Where in that block the five of them stand.
+        goal: What one write sets: goal position and speed.
+        position_first: Whether the goal position comes first in that block.
+        position_limits: Names of the registers with the lowest and highest goal position.
         ticks: Number of positions.
         angle_range: Angle that the ticks span, rad.
         center: The tick in the middle of the range.
         speed_unit: One count of speed, rad/s.
-        speed_maximum: Highest Moving Speed in joint mode.
-        load_maximum: Register value of full load.
+        speed_maximum: Highest goal speed in joint mode.
+        load_maximum: Register value of full load (of the stall current, where current is told).
         no_load_speed: Fastest speed without load at `nominal_voltage`, rad/s.
         stall_torque: Torque at standstill at `nominal_voltage`, N m.
         nominal_voltage: Supply for which the two values above hold, V.
+        baud_rates: Bits per second by the value of the Baud Rate register.
+        errors: Bits of its error state and of its Shutdown register.
+        bulk_read: Whether it takes part in a bulk read (MX with protocol 1.0).
+        fast_sync_read: First firmware that knows fast sync read; None: none does.
         aliases: Other names of the same model.
     """
 
@@ -49,41 +73,231 @@ class ServoModel:
     no_load_speed: float
     stall_torque: float
     nominal_voltage: float
+    baud_rates: Mapping[int, int]
+    errors: type[IntFlag]
+    feedback_order: tuple[int, int, int, int, int] = (0, 1, 2, 3, 4)
+    position_first: bool = True
+    position_limits: tuple[str, str] = ("CW Angle Limit", "CCW Angle Limit")
+    bulk_read: bool = False
+    fast_sync_read: int | None = None
     aliases: tuple[str, ...] = ()
+    radians_per_tick: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radians_per_tick", self.angle_range / self.ticks)
 
     @property
-    def radians_per_tick(self) -> float:
-        """Angle of one tick, rad."""
-        return self.angle_range / self.ticks
+    def sign_magnitude(self) -> bool:
+        """Whether speed and load have their sign in bit 10."""
+        return "Moving Speed" in self.control_table
 
+    @property
+    def endless(self) -> bool:
+        """Whether the ticks go round a whole turn, so that each stands for many positions."""
+        return self.ticks == MX_TICKS
+
+    @property
+    def default_baud_rate(self) -> int:
+        """Bits per second of a servo from the factory."""
+        return self.baud_rates[self.control_table["Baud Rate"].initial or 0]
+
+    def encode_goal(self, ticks: int, speed: int) -> bytes:
+        """Return what to write at `goal`, from register values.
+
+        Raises:
+            RangeError: A value is outside its register.
+        """
+        return self.goal.encode(*((ticks, speed) if self.position_first else (speed, ticks)))
+
+
+def _ax_rates(highest: Mapping[int, int]) -> Mapping[int, int]:
+    usual = {1: 1_000_000, 3: 500_000, 4: 400_000, 7: 250_000, 9: 200_000}
+    slow = {16: 115_200, 34: 57_600, 103: 19_200, 207: 9_600}
+    return MappingProxyType(usual | slow | dict(highest))
+
+
+AX_BAUD_RATES: Final = _ax_rates({})
+MX_BAUD_RATES: Final = _ax_rates({250: 2_250_000, 251: 2_500_000, 252: 3_000_000})
+XL320_BAUD_RATES: Final = MappingProxyType({0: 9_600, 1: 57_600, 2: 115_200, 3: 1_000_000})
+X330_BAUD_RATES: Final = MappingProxyType(
+    {**XL320_BAUD_RATES, 4: 2_000_000, 5: 3_000_000, 6: 4_000_000}
+)
+X_BAUD_RATES: Final = MappingProxyType({**X330_BAUD_RATES, 7: 4_500_000})
+
+_FEEDBACK_1 = (
+    "Present Position",
+    "Present Speed",
+    "Present Load",
+    "Present Voltage",
+    "Present Temperature",
+)
+_X_ORDER = (2, 1, 0, 3, 4)
 
 AX_12 = ServoModel(
     name="AX-12",
     model_number=12,
     protocol=1,
-    control_table=AX_12_TABLE,
-    feedback=AX_12_TABLE.block(
-        "Present Position",
-        "Present Speed",
-        "Present Load",
-        "Present Voltage",
-        "Present Temperature",
-    ),
-    goal=AX_12_TABLE.block("Goal Position", "Moving Speed"),
-    ticks=1024,
-    angle_range=math.radians(300.0),
+    control_table=ax.AX_12,
+    feedback=ax.AX_12.block(*_FEEDBACK_1),
+    goal=ax.AX_12.block("Goal Position", "Moving Speed"),
+    ticks=AX_TICKS,
+    angle_range=AX_ANGLE,
     center=512,
-    speed_unit=0.111 * RPM,
+    speed_unit=AX_SPEED,
     speed_maximum=1023,
     load_maximum=1023,
     no_load_speed=59.0 * RPM,
     stall_torque=1.5,
     nominal_voltage=12.0,
+    baud_rates=AX_BAUD_RATES,
+    errors=ErrorBits,
     aliases=("AX-12A", "AX-12+"),
 )
 """ROBOTIS e-manual page AX-12A. One tick is 300/1024 degrees, as in dynamixel_motor."""
 
-MODELS: tuple[ServoModel, ...] = (AX_12,)
+AX_18 = replace(
+    AX_12,
+    name="AX-18A",
+    model_number=18,
+    control_table=ax.AX_18,
+    no_load_speed=97.0 * RPM,
+    stall_torque=1.8,
+    aliases=("AX-18",),
+)
+
+XL_320 = replace(
+    AX_12,
+    name="XL-320",
+    model_number=350,
+    protocol=2,
+    control_table=xl320.XL_320,
+    feedback=xl320.XL_320.block(*_FEEDBACK_1),
+    goal=xl320.XL_320.block("Goal Position", "Moving Speed"),
+    no_load_speed=114.0 * RPM,
+    stall_torque=0.39,
+    nominal_voltage=7.4,
+    baud_rates=XL320_BAUD_RATES,
+    errors=XL320Errors,
+    aliases=("XL320",),
+)
+
+MX_28 = replace(
+    AX_12,
+    name="MX-28",
+    model_number=29,
+    control_table=mx.MX_28,
+    feedback=mx.MX_28.block(*_FEEDBACK_1),
+    goal=mx.MX_28.block("Goal Position", "Moving Speed"),
+    ticks=MX_TICKS,
+    angle_range=MX_ANGLE,
+    center=2048,
+    speed_unit=MX_SPEED,
+    no_load_speed=55.0 * RPM,
+    stall_torque=2.5,
+    baud_rates=MX_BAUD_RATES,
+    bulk_read=True,
+    aliases=("MX-28T", "MX-28R"),
+)
+MX_64 = replace(
+    MX_28,
+    name="MX-64",
+    model_number=310,
+    control_table=mx.MX_64,
+    no_load_speed=63.0 * RPM,
+    stall_torque=6.0,
+    aliases=("MX-64T", "MX-64R"),
+)
+MX_106 = replace(
+    MX_28,
+    name="MX-106",
+    model_number=320,
+    control_table=mx.MX_106,
+    no_load_speed=45.0 * RPM,
+    stall_torque=8.4,
+    aliases=("MX-106T", "MX-106R"),
+)
+
+
+def _x(
+    table: ControlTable,
+    rpm: float,
+    stall_torque: float,
+    volts: float,
+    *,
+    stall_current: float | None = None,
+    fast_sync_read: int | None = None,
+) -> ServoModel:
+    """Return a model of the X series or an MX(2.0), from its table and its performance.
+
+    Args:
+        table: Its control table.
+        rpm: No-load speed, revolutions per minute.
+        stall_torque: N m.
+        volts: Supply at which it reaches both.
+        stall_current: mA; None for models that tell their load.
+        fast_sync_read: First firmware that knows fast sync read.
+    """
+    number = table["Model Number"].initial
+    assert number is not None
+    small = table["Baud Rate"].maximum == 6
+    if stall_current is None:
+        effort, full = "Present Load", 1000
+    else:
+        effort = "Present Current"
+        full = round(stall_current / table[effort].unit.scale)
+    return ServoModel(
+        name=table.name,
+        model_number=number,
+        protocol=2,
+        control_table=table,
+        feedback=table.block(
+            effort,
+            "Present Velocity",
+            "Present Position",
+            "Present Input Voltage",
+            "Present Temperature",
+        ),
+        feedback_order=_X_ORDER,
+        goal=table.block("Profile Velocity", "Goal Position"),
+        position_first=False,
+        position_limits=("Min Position Limit", "Max Position Limit"),
+        ticks=MX_TICKS,
+        angle_range=MX_ANGLE,
+        center=2048,
+        speed_unit=X_SPEED,
+        speed_maximum=32767,
+        load_maximum=full,
+        no_load_speed=rpm * RPM,
+        stall_torque=stall_torque,
+        nominal_voltage=volts,
+        baud_rates=X330_BAUD_RATES if small else X_BAUD_RATES,
+        errors=HardwareErrors,
+        fast_sync_read=fast_sync_read,
+    )
+
+
+MODELS: Final[tuple[ServoModel, ...]] = (
+    AX_12,
+    AX_18,
+    MX_28,
+    MX_64,
+    MX_106,
+    _x(x.MX_28_2, 55.0, 2.5, 12.0),
+    _x(x.MX_64_2, 63.0, 6.0, 12.0, stall_current=4100.0),
+    _x(x.MX_106_2, 45.0, 8.4, 12.0, stall_current=5200.0),
+    XL_320,
+    _x(x.XL430_W250, 57.0, 1.4, 11.1, fast_sync_read=45),
+    _x(x.XL330_M077, 383.0, 0.215, 5.0, stall_current=1470.0, fast_sync_read=46),
+    _x(x.XL330_M288, 103.0, 0.52, 5.0, stall_current=1470.0, fast_sync_read=46),
+    _x(x.XC330_M181, 129.0, 0.60, 5.0, stall_current=1800.0, fast_sync_read=46),
+    _x(x.XC330_M288, 81.0, 0.93, 5.0, stall_current=1800.0, fast_sync_read=46),
+    _x(x.XC330_T181, 104.0, 0.76, 11.1, stall_current=800.0, fast_sync_read=46),
+    _x(x.XC330_T288, 65.0, 0.92, 11.1, stall_current=800.0, fast_sync_read=46),
+    _x(x.XM430_W210, 77.0, 3.0, 12.0, stall_current=2300.0, fast_sync_read=45),
+    _x(x.XM430_W350, 46.0, 4.1, 12.0, stall_current=2300.0, fast_sync_read=45),
+    _x(x.XM540_W150, 53.0, 7.3, 12.0, stall_current=4400.0, fast_sync_read=45),
+    _x(x.XM540_W270, 30.0, 10.6, 12.0, stall_current=4400.0, fast_sync_read=45),
+)
 
 _BY_NAME = {name.upper(): model for model in MODELS for name in (model.name, *model.aliases)}
 _BY_NUMBER = {model.model_number: model for model in MODELS}

@@ -46,7 +46,7 @@ REFUSALS = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE | ErrorBits.INSTRUCTION
 """Bits by which a servo says that it did not do what the packet asked."""
 
 
-def describe_errors(errors: ErrorBits) -> str:
+def describe_errors(errors: IntFlag) -> str:
     """Return the set bits in words, such as "overheating, overload", or "none"."""
-    names = [(bit.name or "").lower().replace("_", " ") for bit in ErrorBits if bit in errors]
+    names = [(bit.name or "").lower().replace("_", " ") for bit in type(errors) if bit in errors]
     return ", ".join(names) or "none"

@@ -9,7 +9,8 @@ import termios
 import time
 from typing import Final
 
-_CHUNK: Final = 256
+_BABBLE: Final = 256
+_SELECTABLE: Final = 1024  # select knows no higher descriptor
 
 
 class SerialLine:
@@ -27,13 +28,11 @@ class SerialLine:
         self._readable.register(descriptor, select.POLLIN)
         self._writable = select.poll()
         self._writable.register(descriptor, select.POLLOUT)
-        self._received = bytearray()
         self._overtime = 0
 
     def discard_input(self) -> None:
         """Forget everything received so far, and give the next reply its full time."""
-        self._received.clear()
-        self._overtime = _CHUNK
+        self._overtime = _BABBLE
         termios.tcflush(self._descriptor, termios.TCIFLUSH)
 
     def write(self, data: bytes, timeout: float) -> None:
@@ -42,7 +41,10 @@ class SerialLine:
         Raises:
             TimeoutError: The device took no more data for `timeout` seconds.
         """
-        written = 0
+        try:
+            written = os.write(self._descriptor, data)
+        except BlockingIOError:
+            written = 0
         while written < len(data):
             try:
                 written += os.write(self._descriptor, data[written:])
@@ -58,23 +60,28 @@ class SerialLine:
         Bytes that arrived in time count even when this thread runs only after the deadline; but
         endless babble does not keep it here for ever.
         """
-        if len(self._received) < limit:
-            self._receive(deadline - time.monotonic())
-        data = bytes(self._received[:limit])
-        del self._received[:limit]
-        return data
-
-    def _receive(self, patience: float) -> None:
+        patience = deadline - time.monotonic()
         if patience <= 0.0 and self._overtime <= 0:
-            return
-        if not self._readable.poll(max(0.0, patience * 1e3)):
-            return
+            return b""
+        if not self._readable.poll(int(patience * 1e3) if patience > 0.0 else 0):
+            if patience <= 0.0 or not self._wait(deadline - time.monotonic()):
+                return b""
         try:
-            data = os.read(self._descriptor, _CHUNK)
+            data = os.read(self._descriptor, limit)
         except BlockingIOError:
-            return
+            return b""
         if not data:
             raise OSError(errno.EIO, "the device has gone")
         if patience <= 0.0:
             self._overtime -= len(data)
-        self._received += data
+        return data
+
+    def _wait(self, rest: float) -> bool:
+        """Return whether there is something to read within the last fraction of a millisecond.
+
+        poll counts whole milliseconds. What is left of the time is for select, so that silence
+        costs no more than it has to.
+        """
+        if self._descriptor >= _SELECTABLE:
+            return bool(self._readable.poll(1))
+        return bool(select.select((self._descriptor,), (), (), max(0.0, rest))[0])

@@ -4,17 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntFlag
 
-from head_tracking.dynamixel.protocol1 import ErrorBits
+from head_tracking.dynamixel.protocol1 import NO_ERROR
+
+
+class Health(Enum):
+    """What is known about a servo."""
+
+    UNKNOWN = "not found yet"
+    PRESENT = "present"
+    STALE = "stale: no answer since the last one"
+    LOST = "lost: it does not answer"
+    FAULTED = "faulted: it has shut itself down"
+    STOPPED = "stopped on request"
 
 
 @dataclass(frozen=True, slots=True)
 class ServoState:
-    """One servo, as read in one transaction.
+    """One joint, as read in one transaction with its servo.
+
+    Where two servos drive a joint, position, velocity and stamp are the first one's that answered,
+    the load is the mean, voltage the lowest, temperature the highest, and errors are of both.
 
     Attributes:
-        joint_name: The joint it drives.
+        joint_name: The joint.
         id: Servo id.
         stamp: Time of reading, ns, on the clock given to the bus (middle of the transaction).
         position: Joint position, rad.
@@ -22,7 +36,7 @@ class ServoState:
         load: Output of the servo, -1 to 1 of full torque, positive towards higher positions.
         voltage: Supply, V.
         temperature: Degrees Celsius.
-        error: Error bits of the reply.
+        error: Error state: `ErrorBits` in protocol 1.0, else the model's hardware errors.
         torque: Whether the driver has torque switched on.
         goal: Goal position that is being written, rad; None while relaxed.
     """
@@ -35,9 +49,14 @@ class ServoState:
     load: float
     voltage: float
     temperature: float
-    error: ErrorBits
+    error: IntFlag
     torque: bool
     goal: float | None
+
+    @property
+    def position_error(self) -> float | None:
+        """Goal minus position, rad; None while relaxed."""
+        return None if self.goal is None else self.goal - self.position
 
 
 class EventKind(Enum):
@@ -49,6 +68,17 @@ class EventKind(Enum):
     TORQUE_ON = "torque on"
     TORQUE_OFF = "torque off"
     TORQUE_FAILED = "torque failed"
+    TORQUE_LOST = "torque lost"
+    FAULTED = "faulted"
+    ALARM = "alarm"
+    RECOVERED = "recovered"
+    RESTING = "resting"
+    COOLED = "cooled"
+    HELD = "held"
+    STARTED = "started"
+    STOPPED = "stopped"
+    PORT_LOST = "port lost"
+    PORT_RETURNED = "port returned"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +87,8 @@ class BusEvent:
 
     Attributes:
         kind: What it is.
-        joint_name: The joint it happened to.
-        text: One sentence for a log; names the servo's id, not the joint.
+        joint_name: The joint it happened to; empty for what happened to the port.
+        text: One sentence for a log.
     """
 
     kind: EventKind
@@ -100,6 +130,11 @@ class ServoStatistics:
         corrupt: Attempts with a damaged answer.
         failed_cycles: Failed cycles in a row, 0 when the last one was answered.
         lost: Whether the servo counts as lost.
+        model: Name of the configured model.
+        firmware_version: What the servo said; None before it was found.
+        health: What is known about it.
+        errors: Its error state when it last told.
+        last_stamp: When it last answered, ns, on the clock given to the bus; None if never.
     """
 
     joint_name: str
@@ -110,6 +145,11 @@ class ServoStatistics:
     corrupt: int
     failed_cycles: int
     lost: bool
+    model: str = ""
+    firmware_version: int | None = None
+    health: Health = Health.PRESENT
+    errors: IntFlag = NO_ERROR
+    last_stamp: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +161,13 @@ class BusStatistics:
         refused_commands: Commands that raised GoalError.
         clamped_commands: Commands with at least one position moved to a limit.
         servos: One entry per servo, in the order of the configuration.
+        connected: Whether the port is open.
+        port_losses: How often the port has gone.
     """
 
     cycles: int
     refused_commands: int
     clamped_commands: int
     servos: tuple[ServoStatistics, ...]
+    connected: bool = True
+    port_losses: int = 0

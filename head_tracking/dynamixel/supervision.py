@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Final
 
 from head_tracking.dynamixel.bus_joint import BusJoint
+from head_tracking.dynamixel.bus_servo import BusServo
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     ServoError,
 )
-from head_tracking.dynamixel.servo_state import BusEvent, EventKind, ServoState
+from head_tracking.dynamixel.journal import Journal
+from head_tracking.dynamixel.port import Reply, ServoPort
+from head_tracking.dynamixel.protocol1 import NO_ERROR, ErrorBits
+from head_tracking.dynamixel.reading_plan import ReadingPlan
+from head_tracking.dynamixel.servo_state import EventKind, ServoState
+
+_SHARE: Final = 20
+"""Silence may take a twentieth of the bus's time: a servo that cost 2 ms rests for 38 ms."""
+
+_LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 
 
 class Supervision:
     """Keeps silent servos from slowing the others, and says once what happened to whom.
 
     Args:
+        port: Where the servos are.
+        journal: Gets the events.
         clock: Time for the stamps of measurements, ns.
         monotonic: Time that never jumps, ns; decides when a lost servo is asked again.
         retries: How often a failed read is repeated within the same cycle.
@@ -29,6 +42,8 @@ class Supervision:
 
     def __init__(
         self,
+        port: ServoPort,
+        journal: Journal,
         clock: Callable[[], int],
         monotonic: Callable[[], int],
         retries: int,
@@ -40,67 +55,148 @@ class Supervision:
                 f"retries {retries}, lost_after {lost_after}, poll_interval {poll_interval} ns: "
                 "allowed are at least 0, at least 1, above 0"
             )
+        self._port = port
+        self._journal = journal
         self._clock = clock
         self._monotonic = monotonic
         self._retries = retries
         self._lost_after = lost_after
         self._poll_interval = poll_interval
-        self._events: list[BusEvent] = []
-        self._problems: dict[str, str] = {}
+        self._plan = ReadingPlan()
+        self._problems: dict[int, str] = {}
 
-    def read(self, joint: BusJoint) -> ServoState | None:
-        """Read a servo; None when it does not answer.
+    def read(
+        self, joints: Iterable[BusJoint], meanwhile: Callable[[], None]
+    ) -> tuple[dict[str, ServoState], tuple[str, ...]]:
+        """Read the servos of all joints.
+
+        Args:
+            joints: All joints of the bus.
+            meanwhile: Called when the first question is on its way.
+
+        Returns:
+            What was read, by joint, and the joints that were asked in vain.
 
         Raises:
             PortLostError: The port has gone.
         """
-        # A servo that failed before gets one try per cycle: each costs the others a timeout.
-        retries = 0 if joint.failed_cycles else self._retries
-        try:
-            return joint.measure(self._clock, retries)
-        except CommunicationError as cause:
-            if joint.failed_cycles >= self._lost_after:
-                joint.lose(self._monotonic() + self._poll_interval)
-                text = f"no answer in {joint.failed_cycles} cycles in a row ({cause})"
-                self.report(EventKind.LOST, joint, f"{text}; check its cable and power")
-            return None
+        asked: list[tuple[BusJoint, list[BusServo]]] = []
+        for joint in joints:
+            if not joint.stopped:
+                due = [servo for servo in joint.servos if self._due(servo)]
+                if due:
+                    asked.append((joint, due))
+        for group, servos in self._plan.groups([servo for _, due in asked for servo in due]):
+            replies = self._port.read_group(group)
+            meanwhile()
+            meanwhile = _nothing
+            for servo in servos:
+                before = self._clock()
+                reply = next(replies)
+                self._take(servo, reply, before)
+        meanwhile()
+        states: dict[str, ServoState] = {}
+        failed: list[str] = []
+        for joint, due in asked:
+            answered = due if len(due) == 1 else [s for s in due if not s.failed_cycles]
+            if answered[:1] and not answered[0].failed_cycles:
+                states[joint.name] = joint.state(answered)
+            else:
+                failed.append(joint.name)
+            for servo in due:
+                if servo.failed_cycles >= self._lost_after:
+                    self._lose(joint, servo)
+        return states, tuple(failed)
 
-    def poll_one_lost(self, joints: Iterable[BusJoint]) -> None:
-        """Ask one lost servo whose time has come; one that answers is relaxed and takes part again.
+    def poll_one_lost(self, joints: Iterable[BusJoint]) -> BusServo | None:
+        """Ask one lost servo whose time has come; return it if it takes part again.
 
         One per cycle, because each silent servo costs the others a timeout.
 
         Raises:
             PortLostError: The port has gone.
         """
+        waiting = [(j, s) for j in joints if not j.stopped for s in j.servos if s.lost]
+        if not waiting:
+            return None
         now = self._monotonic()
-        for joint in joints:
-            if joint.lost and joint.poll_at <= now:
-                joint.poll_at = now + self._poll_interval
-                self._poll(joint)
+        for joint, servo in waiting:
+            if servo.ask_at <= now:
+                servo.ask_at = now + self._poll_interval
+                return servo if self._poll(joint, servo) else None
+        return None
+
+    def _due(self, servo: BusServo) -> bool:
+        if servo.lost:
+            return False
+        return not servo.failed_cycles or servo.ask_at <= self._monotonic()
+
+    def _take(self, servo: BusServo, reply: Reply | CommunicationError, before: int) -> None:
+        """Take note of an answer; ask once more if it is none."""
+        link = servo.link
+        retries = 0 if servo.failed_cycles else self._retries
+        while True:
+            try:
+                if isinstance(reply, CommunicationError):
+                    raise reply
+                feedback = link.feedback(reply)
+            except CommunicationError as cause:
+                link.count(cause)
+                if retries <= 0:
+                    break
+                failure: CommunicationError | None = cause
+            else:
+                link.counters.replies += 1
+                failure = None
+            now = self._clock()
+            if failure is None:
+                if servo.mount.model.protocol == 1:
+                    servo.errors = ErrorBits(feedback.error & 0x7F) if feedback.error else NO_ERROR
+                servo.answered(feedback, before + (now - before) // 2)
                 return
+            retries -= 1
+            link.counters.retries += 1
+            before = now
+            reply = self._again(servo)
+        cost = min(max(0, self._clock() - before), _LONGEST_WAIT)
+        servo.failed(self._monotonic() + cost * (_SHARE - 1))
 
-    def report(self, kind: EventKind, joint: BusJoint, text: str) -> None:
-        """Note something for the next reading."""
-        self._events.append(
-            BusEvent(kind, joint.name, f"{joint.name} (id {joint.link.id}): {text}")
-        )
-
-    def take_events(self) -> tuple[BusEvent, ...]:
-        """Return what happened since the last call."""
-        events, self._events = tuple(self._events), []
-        return events
-
-    def _poll(self, joint: BusJoint) -> None:
+    def _again(self, servo: BusServo) -> Reply | CommunicationError:
+        model = servo.mount.model
+        block = model.feedback
         try:
-            joint.link.ping()
-            joint.identify()
+            return self._port.read(servo.id, block.address, block.length, model.protocol)
+        except CommunicationError as cause:
+            return cause
+
+    def _lose(self, joint: BusJoint, servo: BusServo) -> None:
+        servo.lose(self._monotonic() + self._poll_interval)
+        self._journal.note(
+            EventKind.LOST,
+            joint.name,
+            servo.id,
+            f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power",
+        )
+        if joint.lost:
+            joint.lose()
+
+    def _poll(self, joint: BusJoint, servo: BusServo) -> bool:
+        try:
+            servo.link.ping()
+            torque = joint.come_back(servo)
         except CommunicationError:
-            return
+            return False
         except (ServoError, ConfigurationError) as cause:
-            if self._problems.get(joint.name) != str(cause):
-                self._problems[joint.name] = str(cause)
-                self.report(EventKind.UNUSABLE, joint, str(cause))
-            return
-        self._problems.pop(joint.name, None)
-        self.report(EventKind.RETURNED, joint, f"answers again; {joint.torque.value}")
+            if self._problems.get(servo.id) != str(cause):
+                self._problems[servo.id] = str(cause)
+                self._journal.note(EventKind.UNUSABLE, joint.name, servo.id, str(cause))
+            return False
+        self._problems.pop(servo.id, None)
+        self._journal.note(EventKind.RETURNED, joint.name, servo.id, f"answers again; {torque}")
+        return True
+
+
+def _nothing() -> None:
+    pass
+
+

@@ -1,0 +1,111 @@
+"""The serial adapter: which driver serves it, and how long it keeps received bytes to itself.
+
+FTDI chips hand short packets on only after a time of their own, 16 ms unless told otherwise, so
+that each answer of a servo takes that long. Sources: Linux ftdi_sio, and the fact sheet's section
+on adapters.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+_TIOCGSERIAL: Final = 0x541E
+_TIOCSSERIAL: Final = 0x541F
+_SERIAL_STRUCT: Final = 72  # bytes of struct serial_struct, with room
+_FLAGS_OFFSET: Final = 16  # type, line, port and irq stand before the flags
+_ASYNC_LOW_LATENCY: Final = 0x2000
+_WANTED: Final = 1  # ms
+
+
+@dataclass(frozen=True, slots=True)
+class Adapter:
+    """What is known about a serial adapter.
+
+    Attributes:
+        driver: Kernel driver, such as ftdi_sio; empty if the device does not tell.
+        latency: How long it may keep received bytes to itself, s; None where it has no such knob.
+        advice: What to do about a latency that is too long; empty if all is well.
+    """
+
+    driver: str = ""
+    latency: float | None = None
+    advice: str = ""
+
+    def __str__(self) -> str:
+        name = self.driver or "serial adapter"
+        if self.latency is None:
+            return f"{name}, no latency timer"
+        return f"{name}, latency timer {self.latency * 1e3:.0f} ms"
+
+
+def set_low_latency(descriptor: int) -> None:
+    """Ask the driver to hand on received bytes at once.
+
+    Raises:
+        OSError: The device has no such setting, or the user may not change it.
+    """
+    settings = bytearray(_SERIAL_STRUCT)
+    fcntl.ioctl(descriptor, _TIOCGSERIAL, settings, True)
+    flags = struct.unpack_from("i", settings, _FLAGS_OFFSET)[0]
+    struct.pack_into("i", settings, _FLAGS_OFFSET, flags | _ASYNC_LOW_LATENCY)
+    fcntl.ioctl(descriptor, _TIOCSSERIAL, bytes(settings))
+
+
+def prepare_adapter(
+    port_name: str,
+    descriptor: int,
+    *,
+    low_latency: Callable[[int], None] = set_low_latency,
+    sysfs: Path = Path("/sys"),
+) -> Adapter:
+    """Set the shortest latency where there is such a setting, and return what is known then.
+
+    Args:
+        port_name: The device, or a link to it.
+        descriptor: The device, open.
+        low_latency: Sets the driver's flag; raises OSError where that cannot be done.
+        sysfs: Where the kernel shows its devices.
+    """
+    device = sysfs / "class" / "tty" / os.path.basename(os.path.realpath(port_name)) / "device"
+    driver = ""
+    with suppress(OSError):
+        driver = os.path.basename(os.readlink(device / "driver"))
+    timer = device / "latency_timer"
+    before = _latency(timer)
+    if before is None or before > _WANTED:
+        with suppress(OSError):
+            low_latency(descriptor)
+    if before is None:
+        return Adapter(driver)
+    if (_latency(timer) or 0) > _WANTED:
+        with suppress(OSError):
+            timer.write_text(f"{_WANTED}\n")
+    latency = _latency(timer)
+    if latency is None:
+        return Adapter(driver)
+    return Adapter(driver, latency * 1e-3, _advice(latency, timer) if latency > _WANTED else "")
+
+
+def _latency(timer: Path) -> int | None:
+    try:
+        return int(timer.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def _advice(latency: int, timer: Path) -> str:
+    return (
+        f"each answer of a servo takes up to {latency} ms, because the adapter's latency timer "
+        f"could not be set to {_WANTED} ms. Until it is unplugged: "
+        f"`echo {_WANTED} | sudo tee {timer}`; for good: write "
+        'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", '
+        f'ATTR{{latency_timer}}="{_WANTED}" into /etc/udev/rules.d/99-dynamixel.rules and plug it '
+        "in again"
+    )

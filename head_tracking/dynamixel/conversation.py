@@ -1,0 +1,357 @@
+"""Questions and answers on a line where only one may speak at a time."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from enum import Enum
+from typing import Final, Protocol
+
+from head_tracking.dynamixel.debts import Debts
+from head_tracking.dynamixel.patience import Patience
+from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
+from head_tracking.dynamixel.sdk import instruction_packet
+from head_tracking.dynamixel.status_packets import DIALECTS, Status, split_fast_status
+
+_CHUNK: Final = 4096
+_REMAINDER: Final = 0.0005  # s that are listened on after a damaged answer
+_PING_LENGTHS: Final = {1: 0, 2: 3}
+_PROBE_LENGTHS: Final = range(1, 9)
+
+
+class Line(Protocol):
+    """Bytes in and out; `SerialLine` is the real one."""
+
+    def discard_input(self) -> None:
+        """Forget everything received so far."""
+
+    def write(self, data: bytes, timeout: float) -> None:
+        """Write all bytes, within `timeout` s."""
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        """Return some bytes, or none when the deadline, s, has passed."""
+
+
+class Failure(Enum):
+    """Why there is no answer to hand out."""
+
+    SILENT = "no answer in time"
+    DAMAGED = "a damaged answer"
+
+
+Answer = Status | Failure
+
+
+class Conversation:
+    """Asks servos and makes sure that an answer answers the question.
+
+    An answer that comes too late may look just like the answer to the next question. So a servo
+    that owes one is first asked something whose answer has another length: answers come in the
+    order of their questions, and when that one is there, nothing older can follow.
+
+    What is received and equals what was sent is the echo of an adapter that joins both directions,
+    and no answer. The one honest answer that can look so, a ping's of a servo with a voltage error,
+    counts if the line has shown that it does not echo.
+
+    Args:
+        line: The open line.
+        baud_rate: Bits per second.
+        patience: How long an answer may take besides the time on the wire.
+        write_timeout: How long the device may refuse data, s.
+        clock: Monotonic time, s.
+
+    All methods raise OSError or termios.error when the device has gone.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        baud_rate: int,
+        patience: Patience,
+        write_timeout: float,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._line = line
+        self._seconds_per_byte = 10.0 / baud_rate
+        self._patience = patience
+        self._write_timeout = write_timeout
+        self._clock = clock
+        self._debts = Debts(clock)
+        self._buffer = bytearray()
+        self._sent: deque[bytes] = deque(maxlen=4)
+        self._held = b""
+        self._wire_free = 0.0
+        self._quiet = False  # the last answer left nothing over
+        self._echoes: bool | None = None
+        self._mirrored = False  # the last question came back
+
+    def hold(self, packet: bytes) -> None:
+        """Send a packet that nobody answers together with the next question, or by `flush`."""
+        self._sent.append(packet)
+        self._held += packet
+
+    def flush(self) -> None:
+        """Send what is held."""
+        held, self._held = self._held, b""
+        if held:
+            self._write(held)
+
+    def ask(self, protocol: int, servo_id: int, packet: bytes, length: int) -> Answer:
+        """Send a packet and return what a servo answers.
+
+        Args:
+            protocol: 1 or 2.
+            servo_id: The servo.
+            packet: The instruction.
+            length: Bytes of data that its answer should have.
+        """
+        if self._debts and not self._settle(protocol, servo_id, length):
+            return Failure.SILENT
+        self._begin(packet)
+        return self._listen(protocol, servo_id, length)
+
+    def ping(self, protocol: int, servo_id: int) -> Answer:
+        """Ask a servo whether it is there."""
+        packet = instruction_packet(protocol, servo_id, Instruction.PING)
+        answer = self.ask(protocol, servo_id, packet, _PING_LENGTHS[protocol])
+        if answer is Failure.SILENT and self._mirrored and protocol == 1:
+            if self._echoes is None:
+                self._echoes = self._line_echoes()
+            if not self._echoes:
+                return Status(servo_id, packet[4], b"")
+        return answer
+
+    def ask_each(
+        self, protocol: int, ids: Sequence[int], packets: Sequence[bytes], length: int
+    ) -> Iterator[Answer]:
+        """Ask several servos in turn; the next question goes out before an answer is handed out.
+
+        The first one has gone out when this returns. After a failure none is under way, so that
+        the same servo may be asked again before the next.
+
+        Args:
+            protocol: 1 or 2.
+            ids: The servos.
+            packets: The question for each.
+            length: Bytes of data that each answer should have.
+        """
+        asked = not self._debts.owes(protocol, ids[0])
+        if asked:
+            self._begin(packets[0])
+        return self._each(protocol, ids, packets, length, asked)
+
+    def _each(
+        self,
+        protocol: int,
+        ids: Sequence[int],
+        packets: Sequence[bytes],
+        length: int,
+        asked: bool,
+    ) -> Iterator[Answer]:
+        index, count = 0, len(ids)
+        try:
+            while index < count:
+                servo_id = ids[index]
+                if not asked:
+                    answer = self.ask(protocol, servo_id, packets[index], length)
+                    index += 1
+                else:
+                    index += 1
+                    asked = index < count and not self._debts.owes(protocol, ids[index])
+                    following = packets[index] if asked else b""
+                    answer = self._listen(protocol, servo_id, length, following)
+                    asked = asked and type(answer) is Status
+                yield answer
+        finally:
+            if asked and index < count:
+                self._debts.add(protocol, ids[index], length)
+
+    def ask_together(
+        self,
+        protocol: int,
+        ids: Sequence[int],
+        packet: bytes,
+        packets: Sequence[bytes],
+        length: int,
+    ) -> Iterator[Answer]:
+        """Ask several servos with one packet, which they answer one after the other.
+
+        Behind a silent one the others may wait for ever, so they are asked one by one. The packet
+        has gone out when this returns.
+
+        Args:
+            protocol: 1 or 2.
+            ids: The servos.
+            packet: The question for all.
+            packets: The question for each.
+            length: Bytes of data that each answer should have.
+        """
+        self._begin(packet)
+        return self._together(protocol, ids, packets, length)
+
+    def _together(
+        self, protocol: int, ids: Sequence[int], packets: Sequence[bytes], length: int
+    ) -> Iterator[Answer]:
+        answered = 0
+        try:
+            for servo_id in ids:
+                answer = self._listen(protocol, servo_id, length)
+                answered += 1
+                yield answer
+                if answer is Failure.SILENT:
+                    break
+        finally:
+            for servo_id in ids[answered:]:
+                self._debts.add(protocol, servo_id, length)
+        for servo_id, packet in zip(ids[answered:], packets[answered:], strict=True):
+            yield self.ask(protocol, servo_id, packet, length)
+
+    def ask_fast(self, ids: Sequence[int], packet: bytes, length: int) -> list[Status]:
+        """Ask several protocol 2.0 servos with one packet, which they answer in one.
+
+        Returns:
+            What they answered, in order; nothing if the joint packet is not whole.
+        """
+        size = (length + 4) * len(ids) - 3
+        if size in self._debts.lengths(2, BROADCAST_ID):
+            return []
+        self._begin(packet)
+        answer = self._listen(2, BROADCAST_ID, size)
+        if isinstance(answer, Status):
+            shares = split_fast_status(answer, length, len(ids))
+            if [share.id for share in shares] == list(ids):
+                return shares
+        return []
+
+    def collect(self, protocol: int, packet: bytes, seconds: float) -> list[Status]:
+        """Send a packet and return all answers of that time, s."""
+        self._begin(packet)
+        found: list[Status] = []
+        deadline = self._clock() + seconds
+        while data := self._line.read(_CHUNK, deadline):
+            self._buffer += data
+            while (status := self._next(protocol)[0]) is not None:
+                found.append(status)
+        return found
+
+    def _begin(self, packet: bytes) -> None:
+        """Send the first question after a pause."""
+        if not self._quiet:
+            self._line.discard_input()
+            self._buffer.clear()
+        self._quiet = False
+        self._tell(packet)
+
+    def _tell(self, packet: bytes) -> None:
+        """Send a question, behind what is held."""
+        self._sent.append(packet)
+        held = self._held
+        if held:
+            self._held = b""
+            packet = held + packet
+        self._write(packet)
+
+    def _write(self, data: bytes) -> None:
+        self._line.write(data, self._write_timeout)
+        now = self._clock()
+        if now < self._wire_free:
+            now = self._wire_free
+        self._wire_free = now + len(data) * self._seconds_per_byte
+
+    def _listen(
+        self, protocol: int, servo_id: int, length: int, following: bytes = b""
+    ) -> Answer:
+        """Wait for the answer of a servo, then send the following question, if both are there."""
+        dialect = DIALECTS[protocol]
+        size = dialect.overhead + length
+        due = self._wire_free + size * self._seconds_per_byte
+        deadline = due + self._patience.allowance
+        self._mirrored = self._quiet = False
+        if not self._buffer and not self._debts:
+            data = self._line.read(_CHUNK, deadline)
+            if len(data) == size:
+                status = dialect.whole(data, servo_id)
+                if status is not None and data not in self._sent:
+                    now = self._wire_free = self._clock()
+                    if following:
+                        self._tell(following)
+                    self._patience.learn(now - due)
+                    self._echoes = False
+                    self._quiet = not following
+                    return status
+            self._buffer += data
+        answer = self._search(protocol, servo_id, length, due, deadline)
+        if following and type(answer) is Status:
+            self._tell(following)
+        return answer
+
+    def _search(
+        self, protocol: int, servo_id: int, length: int, due: float, deadline: float
+    ) -> Answer:
+        """Wait for the answer of a servo among echoes, noise, and answers that are not wanted."""
+        spoilt = False
+        while True:
+            status, damaged = self._next(protocol)
+            if status is not None:
+                if status.id != servo_id:
+                    continue
+                if len(status.data) != length and self._debts:
+                    late = self._debts.pay(protocol, servo_id, len(status.data))
+                    if late is not None:
+                        self._patience.learn(late)
+                        continue
+                now = self._clock()
+                self._patience.learn(now - due)
+                self._wire_free = now
+                self._echoes = self._mirrored
+                self._debts.forgive(protocol, servo_id)
+                return status
+            if damaged and not spoilt:
+                spoilt = True
+                deadline = min(deadline, max(due, self._clock()) + _REMAINDER)
+            data = self._line.read(_CHUNK, deadline)
+            if not data:
+                break
+            self._buffer += data
+        if not spoilt:
+            self._debts.add(protocol, servo_id, length)
+        return Failure.DAMAGED if self._buffer else Failure.SILENT
+
+    def _next(self, protocol: int) -> tuple[Status | None, bool]:
+        """Take the next status packet that is no echo out of the buffer.
+
+        Returns:
+            The packet, or None; and whether there was a damaged one.
+        """
+        find = DIALECTS[protocol].find
+        while True:
+            found = find(self._buffer)
+            if found.status is None:
+                return None, found.damaged
+            del self._buffer[: found.end]
+            if found.packet not in self._sent:
+                return found.status, found.damaged
+            self._mirrored = True
+
+    def _settle(self, protocol: int, servo_id: int, length: int) -> bool:
+        """Make sure that no late answer of a servo can be taken for one of this length."""
+        owed = self._debts.lengths(protocol, servo_id)
+        if length not in owed:
+            return True
+        probe = _PING_LENGTHS[protocol]
+        packet = instruction_packet(protocol, servo_id, Instruction.PING)
+        if probe in owed:
+            probe = next((n for n in _PROBE_LENGTHS if n not in owed), 0)
+            if not probe:
+                return False  # it has not answered eight questions of the last second
+            where = bytes((0, probe)) if protocol == 1 else bytes((0, 0, probe, 0))
+            packet = instruction_packet(protocol, servo_id, Instruction.READ, where)
+        self._begin(packet)
+        return isinstance(self._listen(protocol, servo_id, probe), Status)
+
+    def _line_echoes(self) -> bool:
+        """Find out whether the line echoes, with a byte that means nothing to any servo."""
+        self._begin(b"\x00")
+        deadline = self._wire_free + self._patience.allowance
+        return self._line.read(_CHUNK, deadline).startswith(b"\x00")

@@ -1,0 +1,385 @@
+"""A serial port with Dynamixel servos of both protocols."""
+
+from __future__ import annotations
+
+import termios
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+
+from head_tracking.dynamixel.adapter import Adapter
+from head_tracking.dynamixel.conversation import Answer, Conversation, Failure
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    NotConnectedError,
+    PortLostError,
+    ReplyTimeoutError,
+)
+from head_tracking.dynamixel.patience import Patience
+from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.protocol1 import (
+    BROADCAST_ID,
+    ErrorBits,
+    Instruction,
+    describe_errors,
+)
+from head_tracking.dynamixel.protocol2 import ALERT, Instruction2, StatusCode, describe_status
+from head_tracking.dynamixel.sdk import SerialDevice, check_baud_rate, instruction_packet
+from head_tracking.dynamixel.status_packets import Status
+
+_LOST = (OSError, termios.error)
+_SYNC_WRITE = int(Instruction.SYNC_WRITE)
+_LONGEST_SYNC_WRITE = 240  # bytes of shares that the SDK sends
+
+
+class DynamixelPort:
+    """A serial port; implements `ServoPort`.
+
+    Args:
+        port_name: Device, such as /dev/ttyUSB0.
+        baud_rate: Bits per second; AX servos leave the factory with 1000000, X and MX with 57600.
+        reply_timeout: Time a servo may take to answer, s, added to the time on the wire; None: as
+            long as answers take on this port, and a margin (`Patience`).
+        write_timeout: Time the device may refuse to take data, s.
+        open_device: Opens the device.
+
+    Raises:
+        ConfigurationError: The SDK cannot set this baud rate, or a timeout is not above 0.
+    """
+
+    def __init__(
+        self,
+        port_name: str,
+        baud_rate: int = 1_000_000,
+        *,
+        reply_timeout: float | None = None,
+        write_timeout: float = 0.1,
+        open_device: Callable[[str, int], SerialDevice] = SerialDevice,
+    ) -> None:
+        check_baud_rate(baud_rate)
+        for name, value in (("reply_timeout", reply_timeout), ("write_timeout", write_timeout)):
+            if value is not None and not 0.0 < value < 10.0:
+                raise ConfigurationError(f"{name} is {value}; allowed are 0 to 10 seconds")
+        self._name = port_name
+        self._baud_rate = baud_rate
+        self._reply_timeout = reply_timeout
+        self._write_timeout = write_timeout
+        self._open_device = open_device
+        self._device: SerialDevice | None = None
+        self._conversation: Conversation | None = None
+        self._patience = Patience(reply_timeout)
+        self._adapter = Adapter()
+        self._group: ReadGroup | None = None
+        self._questions: tuple[bytes, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Device, for messages."""
+        return self._name
+
+    @property
+    def baud_rate(self) -> int:
+        """Bits per second."""
+        return self._baud_rate
+
+    @property
+    def adapter(self) -> Adapter:
+        """What is known about the device since it was opened."""
+        return self._adapter
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the device is open."""
+        return self._device is not None
+
+    def open(self) -> None:
+        """Open the device and lock it, so that no second program disturbs the bus.
+
+        Raises:
+            PortMissingError: There is no such device.
+            PortBusyError: Another program holds it.
+            PortPermissionError: The user may not open it.
+            PortError: It is no serial port, or fails for another reason.
+        """
+        if self._device is not None:
+            return
+        device = self._open_device(self._name, self._baud_rate)
+        self._adapter = device.adapter
+        self._patience = Patience(self._reply_timeout, device.adapter.latency)
+        self._conversation = Conversation(
+            device.line, self._baud_rate, self._patience, self._write_timeout
+        )
+        self._device = device
+
+    def close(self) -> None:
+        """Close the device; does nothing when it is closed or lost."""
+        device, self._device = self._device, None
+        self._conversation = None
+        if device is not None:
+            device.close()
+
+    def ping(self, servo_id: int, protocol: int = 1) -> int:
+        """Ask a servo whether it is there; return its error byte.
+
+        Raises:
+            CommunicationError: No usable answer.
+            PortLostError: The device has gone.
+        """
+        conversation = self._open_conversation()
+        try:
+            answer = conversation.ping(protocol, servo_id)
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+        length = 0 if protocol == 1 else 3
+        return self._reply(protocol, servo_id, answer, length, "ping").error
+
+    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
+        """Read `length` bytes from `address` on.
+
+        Raises:
+            CommunicationError: No usable answer.
+            PortLostError: The device has gone.
+        """
+        packet = _read_packet(protocol, servo_id, address, length)
+        answer = self._ask(protocol, servo_id, packet, length)
+        if isinstance(answer, Status) and len(answer.data) == length and not answer.error:
+            return Reply(answer.data, 0)
+        what = f"read of {length} byte(s) at {address}"
+        return self._reply(protocol, servo_id, answer, length, what)
+
+    def read_group(self, group: ReadGroup) -> Iterator[Reply | CommunicationError]:
+        """Read from several servos; yield what became of each, in the order of the ids.
+
+        The first question has gone out when this returns, and the next one when an answer is
+        handed out: no other method may be used then, except a sync write that is held. After a
+        failure nothing is under way.
+
+        Raises:
+            PortLostError: The device has gone.
+        """
+        conversation = self._open_conversation()
+        if group is not self._group:
+            self._group = group
+            self._questions = tuple(
+                _read_packet(group.protocol, servo_id, group.address, group.length)
+                for servo_id in group.ids
+            )
+        try:
+            return self._replies(group, self._answers(conversation, group, self._questions))
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+
+    def _replies(
+        self, group: ReadGroup, answers: Iterator[Answer]
+    ) -> Iterator[Reply | CommunicationError]:
+        length = group.length
+        ids = iter(group.ids)
+        try:
+            for answer in answers:
+                servo_id = next(ids)
+                if type(answer) is Status and not answer.error and len(answer.data) == length:
+                    yield Reply(answer.data, 0)
+                    continue
+                what = f"read of {length} byte(s) at {group.address}"
+                try:
+                    yield self._reply(group.protocol, servo_id, answer, length, what)
+                except CommunicationError as failure:
+                    yield failure
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+
+    def write(
+        self,
+        servo_id: int,
+        address: int,
+        data: bytes,
+        *,
+        acknowledged: bool = True,
+        protocol: int = 1,
+    ) -> int:
+        """Write bytes from `address` on; return the servo's error byte.
+
+        Args:
+            servo_id: The servo.
+            address: First register byte.
+            data: What to write.
+            acknowledged: Wait for the servo's status. Servos with a Status Return Level below 2
+                send none.
+            protocol: 1 or 2.
+
+        Raises:
+            CommunicationError: No usable answer.
+            PortLostError: The device has gone.
+        """
+        where = bytes((address,)) if protocol == 1 else address.to_bytes(2, "little")
+        packet = instruction_packet(protocol, servo_id, Instruction.WRITE, where + data)
+        if not acknowledged:
+            self._tell(packet)
+            return 0
+        answer = self._ask(protocol, servo_id, packet, 0)
+        what = f"write of {len(data)} byte(s) at {address}"
+        return self._reply(protocol, servo_id, answer, 0, what).error
+
+    def sync_write(
+        self, address: int, data: Mapping[int, bytes], protocol: int = 1, *, hold: bool = False
+    ) -> None:
+        """Write the same registers of several servos in one packet, by id; nobody answers.
+
+        Args:
+            address: First register byte.
+            data: What to write, by servo id.
+            protocol: 1 or 2.
+            hold: Send it together with the next question, or by `flush`.
+
+        Raises:
+            CommunicationError: The packet cannot be sent.
+            PortLostError: The device has gone.
+        """
+        if not data:
+            return
+        packet = sync_write_packet(protocol, address, data)
+        if hold:
+            self._open_conversation().hold(packet)
+        else:
+            self._tell(packet)
+
+    def flush(self) -> None:
+        """Send what is held.
+
+        Raises:
+            PortLostError: The device has gone.
+        """
+        try:
+            self._open_conversation().flush()
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+
+    def reboot(self, servo_id: int) -> None:
+        """Restart a protocol 2.0 servo; it answers nothing for a while.
+
+        Raises:
+            CommunicationError: No usable answer.
+            PortLostError: The device has gone.
+        """
+        packet = instruction_packet(2, servo_id, Instruction2.REBOOT)
+        self._reply(2, servo_id, self._ask(2, servo_id, packet, 0), 0, "reboot")
+
+    def find_all(self) -> dict[int, tuple[int, int]]:
+        """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet.
+
+        Raises:
+            PortLostError: The device has gone.
+        """
+        packet = instruction_packet(2, BROADCAST_ID, Instruction.PING)
+        # Each servo waits until those with lower ids have had their time; dynamixel_sdk reckons so.
+        seconds = 253 * (14 * 10.0 / self._baud_rate + 0.003) + 0.016
+        try:
+            found = self._open_conversation().collect(2, packet, seconds)
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+        return {
+            status.id: (int.from_bytes(status.data[:2], "little"), status.data[2])
+            for status in found
+            if len(status.data) == 3
+        }
+
+    def _answers(
+        self, conversation: Conversation, group: ReadGroup, each: tuple[bytes, ...]
+    ) -> Iterator[Answer]:
+        protocol, ids, length = group.protocol, group.ids, group.length
+        if group.method is ReadMethod.EACH or len(ids) == 1:
+            return conversation.ask_each(protocol, ids, each, length)
+        if group.method is ReadMethod.FAST_SYNC:
+            answers = conversation.ask_fast(ids, _group_packet(group), length)
+            return iter(answers) if answers else conversation.ask_each(protocol, ids, each, length)
+        return conversation.ask_together(protocol, ids, _group_packet(group), each, length)
+
+    def _ask(self, protocol: int, servo_id: int, packet: bytes, length: int) -> Answer:
+        conversation = self._open_conversation()
+        try:
+            return conversation.ask(protocol, servo_id, packet, length)
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+
+    def _tell(self, packet: bytes) -> None:
+        conversation = self._open_conversation()
+        conversation.hold(packet)
+        try:
+            conversation.flush()
+        except _LOST as cause:
+            raise self._lost(cause) from cause
+
+    def _reply(
+        self, protocol: int, servo_id: int, answer: Answer, length: int, what: str
+    ) -> Reply:
+        """Return what an answer says, or raise why it says nothing."""
+        if not isinstance(answer, Status):
+            raise self._failure(answer, servo_id, what)
+        error = answer.error
+        if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
+            raise CorruptReplyError(f"servo {servo_id} received a damaged {what}")
+        if len(answer.data) != length:
+            told = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
+            raise CorruptReplyError(
+                f"servo {servo_id} answered a {what} with {len(answer.data)} byte(s) of "
+                f"data; error bits: {told}"
+            )
+        return Reply(answer.data, ErrorBits(error) if protocol == 1 else error)
+
+    def _failure(self, failure: Failure, servo_id: int, what: str) -> CommunicationError:
+        if failure is Failure.DAMAGED:
+            return CorruptReplyError(f"servo {servo_id}: damaged reply to a {what}")
+        return ReplyTimeoutError(
+            f"servo {servo_id} did not answer a {what} within "
+            f"{self._patience.allowance * 1e3:.0f} ms on {self._name} at {self._baud_rate} baud"
+        )
+
+    def _open_conversation(self) -> Conversation:
+        if self._conversation is None:
+            raise NotConnectedError(f"{self._name} is not open; call open() first")
+        return self._conversation
+
+    def _lost(self, cause: Exception) -> PortLostError:
+        self.close()
+        return PortLostError(self._name, cause)
+
+
+def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:
+    """Return a sync write. It is made anew each cycle, and dynamixel_sdk takes thrice as long.
+
+    Raises:
+        CommunicationError: The shares differ in length, or there are too many.
+    """
+    lengths = set(map(len, data.values()))
+    if len(lengths) != 1:
+        raise CommunicationError("a sync write needs the same number of bytes for every servo")
+    size = lengths.pop()
+    shares = b"".join([bytes((servo_id,)) + share for servo_id, share in data.items()])
+    if protocol == 2 or len(shares) > _LONGEST_SYNC_WRITE:
+        head = address.to_bytes(2 if protocol == 2 else 1, "little")
+        head += size.to_bytes(2 if protocol == 2 else 1, "little")
+        return instruction_packet(protocol, BROADCAST_ID, Instruction.SYNC_WRITE, head + shares)
+    body = bytes((BROADCAST_ID, len(shares) + 4, _SYNC_WRITE, address, size)) + shares
+    return b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
+
+
+@lru_cache(maxsize=256)
+def _read_packet(protocol: int, servo_id: int, address: int, length: int) -> bytes:
+    size = 1 if protocol == 1 else 2
+    where = address.to_bytes(size, "little") + length.to_bytes(size, "little")
+    return instruction_packet(protocol, servo_id, Instruction.READ, where)
+
+
+@lru_cache(maxsize=64)
+def _group_packet(group: ReadGroup) -> bytes:
+    if group.method is ReadMethod.BULK:
+        shares = (bytes((group.length, servo_id, group.address)) for servo_id in group.ids)
+        parameters = b"\x00" + b"".join(shares)
+        return instruction_packet(1, BROADCAST_ID, Instruction.BULK_READ, parameters)
+    fast = group.method is ReadMethod.FAST_SYNC
+    instruction = Instruction2.FAST_SYNC_READ if fast else Instruction2.SYNC_READ
+    where = group.address.to_bytes(2, "little") + group.length.to_bytes(2, "little")
+    return instruction_packet(2, BROADCAST_ID, instruction, where + bytes(group.ids))
+
+

@@ -1,0 +1,1 @@
+"""The vendor's control tables, one file for each family of servos."""
