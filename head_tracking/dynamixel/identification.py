@@ -147,9 +147,9 @@ def _check_mode(link: ServoLink, mount: ServoMount, lower: int, upper: int) -> N
             f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
         )
     elif lower == upper:
-        mode = "wheel mode" if lower == 0 else "multi-turn mode"
+        name = "wheel mode" if lower == 0 else "multi-turn mode"
         raise ServoModeError(
-            f"{who} is in {mode} (both angle limits are {lower}) and has no positions within one "
+            f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
             "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
             f"{mount.tick_range[0]} and {mount.tick_range[1]}, {how}"
         )
