@@ -310,9 +310,7 @@ class DynamixelPort:
         except _LOST as cause:
             raise self._lost(cause) from cause
 
-    def _reply(
-        self, protocol: int, servo_id: int, answer: Answer, length: int, what: str
-    ) -> Reply:
+    def _reply(self, protocol: int, servo_id: int, answer: Answer, length: int, what: str) -> Reply:
         """Return what an answer says, or raise why it says nothing."""
         if not isinstance(answer, Status):
             raise self._failure(answer, servo_id, what)
@@ -381,5 +379,3 @@ def _group_packet(group: ReadGroup) -> bytes:
     instruction = Instruction2.FAST_SYNC_READ if fast else Instruction2.SYNC_READ
     where = group.address.to_bytes(2, "little") + group.length.to_bytes(2, "little")
     return instruction_packet(2, BROADCAST_ID, instruction, where + bytes(group.ids))
-
-

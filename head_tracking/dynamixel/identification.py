@@ -32,8 +32,7 @@ class ServoIdentity:
         id: Servo id.
         model: Name of the model.
         firmware_version: Contents of its register.
-        lowest: Lowest tick that configuration and servo allow.
-        highest: Highest tick that configuration and servo allow.
+        own_range: Lowest and highest tick by the servo's own angle limits.
         shutdown: Errors upon which the servo switches itself off.
         temperature_limit: Above it the servo counts as overheated, degrees Celsius.
         powered: Whether its torque was on when it was found.
@@ -43,8 +42,7 @@ class ServoIdentity:
     id: int
     model: str
     firmware_version: int
-    lowest: int
-    highest: int
+    own_range: tuple[int, int]
     shutdown: IntFlag
     temperature_limit: float
     powered: bool
@@ -78,7 +76,6 @@ def identify(link: ServoLink, mount: ServoMount, keep_torque: bool = False) -> S
     Raises:
         ServoModeError: It does not answer reads, or does not work in positions.
         WrongModelError: It is another model than configured.
-        ConfigurationError: Its own angle limits leave the joint no range.
         RegisterRefusedError: It does not switch torque off.
         CommunicationError: It stops answering.
     """
@@ -103,21 +100,13 @@ def identify(link: ServoLink, mount: ServoMount, keep_torque: bool = False) -> S
         link.set_torque(False)
     lower, upper = (link.get(name) for name in link.model.position_limits)
     _check_mode(link, mount, lower, upper)
-    lowest, highest = max(mount.tick_range[0], lower), min(mount.tick_range[1], upper)
-    if lowest >= highest:
-        raise ConfigurationError(
-            f"{mount.joint_name}: the configuration allows ticks {mount.tick_range[0]} to "
-            f"{mount.tick_range[1]}, servo {link.id} itself {lower} to {upper}: "
-            "nothing in common; correct min and max or the servo's angle limits"
-        )
     shutdown = link.get("Shutdown") & sum(link.model.errors)
     return ServoIdentity(
         mount.joint_name,
         link.id,
         link.model.name,
         link.get("Firmware Version"),
-        lowest,
-        highest,
+        (lower, upper),
         link.model.errors(shutdown),
         float(link.get("Temperature Limit")),
         powered,

@@ -71,6 +71,10 @@ class ServoPort(Protocol):
     def adapter(self) -> Adapter:
         """What is known about the device since it was opened."""
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open; a lost one is not."""
+
     def open(self) -> None:
         """Open the port; raises PortError."""
 

@@ -17,10 +17,10 @@ from head_tracking.dynamixel import (
     BusReading,
     BusThread,
     DynamixelError,
+    DynamixelPort,
     EventKind,
     Goal,
     JointConfiguration,
-    Protocol1Port,
     ServoBus,
     ServoState,
     Torque,
@@ -85,7 +85,7 @@ class ServoBusNode(Node):
         check_configuration(joints)
         self._port_name = p.port_name if connect is None else connect(joints)
         self._bus = ServoBus(
-            Protocol1Port(self._port_name, p.baud_rate, reply_timeout=p.reply_timeout),
+            DynamixelPort(self._port_name, p.baud_rate, reply_timeout=p.reply_timeout),
             joints,
             clock=lambda: int(self.get_clock().now().nanoseconds),
         )

@@ -9,6 +9,7 @@ from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, Packet, writes
 
 from head_tracking.dynamixel import (
     BusEvent,
+    BusSettings,
     ConfigurationError,
     CorruptReplyError,
     ErrorBits,
@@ -175,10 +176,22 @@ def test_angle_limits_without_overlap_are_refused() -> None:
         bus.connect()
 
 
-@pytest.mark.parametrize("option", [{"retries": -1}, {"lost_after": 0}, {"poll_interval": 0.0}])
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"retries": -1},
+        {"lost_after": 0},
+        {"poll_interval": 0.0},
+        {"reconnect_interval": 0.0},
+        {"command_timeout": -1.0},
+        {"watchdog": 3.0},
+        {"warm": 66.0},
+        {"rest": 64.0},
+    ],
+)
 def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError, match="allowed are"):
-        ServoBus(FakePort(), JOINTS, **option)  # type: ignore[arg-type]
+        BusSettings(**option)  # type: ignore[arg-type]
 
 
 def test_bus_must_be_connected() -> None:
@@ -244,7 +257,7 @@ def test_failed_read_is_repeated_at_once() -> None:
 def test_number_of_retries_can_be_chosen() -> None:
     port = FakePort()
     clock = FakeClock()
-    bus = ServoBus(port, JOINTS, clock, monotonic=clock, retries=0)
+    bus = ServoBus(port, JOINTS, clock, monotonic=clock, settings=BusSettings(retries=0))
     bus.connect()
     port.failures[1].append(ReplyTimeoutError("late"))
     assert bus.step().failed == ("head_pan_joint",)
