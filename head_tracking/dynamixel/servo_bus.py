@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from head_tracking.dynamixel.bus_joint import BusJoint
 from head_tracking.dynamixel.bus_joints import BusJoints
+from head_tracking.dynamixel.bus_servo import BusServo
 from head_tracking.dynamixel.command import Torque
 from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import (
@@ -88,7 +89,7 @@ class ServoBus(BusJoints):
             ConfigurationError: A servo's own angle limits leave a joint no range.
             CommunicationError: A servo answers pings, but then fails.
         """
-        servos = [servo for joint in self._joints.values() for servo in joint.servos]
+        servos = self._servos()
         self._port.open()
         try:
             found = answering([servo.link for servo in servos])
@@ -116,6 +117,7 @@ class ServoBus(BusJoints):
 
         Raises:
             NotConnectedError: `connect` has not been called.
+            PortLostError: The port has gone and cannot come back under its name.
         """
         self._require_connection()
         self._cycles += 1
@@ -131,6 +133,8 @@ class ServoBus(BusJoints):
                 self._protection.after_cycle(states)
                 self._supervision.poll_one_lost()
         except PortLostError as cause:
+            if not self._port.comes_back:
+                raise
             self._lose_port(str(cause))
         lost = tuple([name for name, joint in self._joints.items() if joint.lost])
         return BusReading(self._cycles, stamp, states, failed, lost, self._journal.take())
@@ -192,7 +196,10 @@ class ServoBus(BusJoints):
         if self._look_again_at is None:
             if self._port.is_open:
                 return True
-            self._lose_port(f"lost {self._port.name}")  # while no cycle was running
+            lost = PortLostError(self._port.name, "it went between two cycles")
+            if not self._port.comes_back:
+                raise lost
+            self._lose_port(str(lost))
         now = self._monotonic()
         assert self._look_again_at is not None
         if now < self._look_again_at:
@@ -202,9 +209,18 @@ class ServoBus(BusJoints):
             self._port.open()
         except PortError:
             return False
+        if not any(self._answers(servo) for servo in self._servos()):
+            self._port.close()  # it may be somebody else's by now
+            return False
         self._look_again_at = None
         self._journal.note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
         return True
+
+    def _servos(self) -> list[BusServo]:
+        return [servo for joint in self._joints.values() for servo in joint.servos]
+
+    def _answers(self, servo: BusServo) -> bool:
+        return bool(answering([servo.link], attempts=1))
 
     def _lose_port(self, why: str) -> None:
         self._port.close()
@@ -220,6 +236,9 @@ class ServoBus(BusJoints):
             if joint.lost or joint.torque.waits:
                 continue  # since the command was accepted
             if joint.torque is not Torque.ON:
+                if any(servo.failed_cycles for servo in joint.servos):
+                    self._inbox.put_back(name, goal)
+                    continue
                 problem = joint.switch_on()
                 if problem:
                     self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")

@@ -295,7 +295,8 @@ def test_silent_servo_is_lost_and_comes_back() -> None:
         assert eventually(lambda: near(head.measured("head_tilt_joint"), 0.2))
         silent.clear()
         assert eventually(lambda: head.state("head_pan_joint") is not None)
-        assert simulated.use(lambda bus: bus[1].register("Torque Enable")) == 0
+        assert simulated.use(lambda bus: bus[1].register("Torque Enable")) == 1  # it was on
+        assert near(head.true("head_pan_joint"), 0.2)
         head.bus.command({"head_pan_joint": Goal(-0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), -0.2))
         head.thread.stop(PATIENCE)

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from head_tracking.dynamixel import (
+    Adapter,
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
@@ -25,9 +26,10 @@ from head_tracking.dynamixel import (
     PortLostError,
     PortMissingError,
     PortPermissionError,
+    ReadGroup,
+    ReadMethod,
     Reply,
     ReplyTimeoutError,
-    sdk,
     serial_ports,
 )
 from head_tracking.dynamixel.port_diagnosis import port_error
@@ -347,53 +349,87 @@ def test_packet_that_is_too_long_is_refused(port: DynamixelPort) -> None:
 
 
 class CannedLine:
-    """A line on which the answer is already there."""
+    """A line on which the answer is there at once, whatever the question."""
 
-    answer = b""
-
-    def __init__(self, descriptor: int) -> None:
-        self._rest = self.answer
+    def __init__(self, answer: bytes) -> None:
+        self._answer = answer
+        self._rest = b""
 
     def discard_input(self) -> None:
-        self._rest = self.answer
+        pass
 
     def write(self, data: bytes, timeout: float) -> None:
-        pass
+        self._rest = self._answer
 
     def read(self, limit: int, deadline: float) -> bytes:
         data, self._rest = self._rest[:limit], self._rest[limit:]
         return data
 
 
+class CannedDevice:
+    """Takes the place of an open device.
+
+    Args:
+        answer: What comes back, whatever the question.
+    """
+
+    adapter = Adapter()
+
+    def __init__(self, answer: bytes) -> None:
+        self.line = CannedLine(answer)
+
+    def close(self) -> None:
+        pass
+
+
+def canned_port(answer: bytes) -> DynamixelPort:
+    port = DynamixelPort(
+        "canned", reply_timeout=1e-6, open_device=lambda name, rate: CannedDevice(answer)
+    )
+    port.open()
+    return port
+
+
+POSITION_512_2 = "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"
+READ_2 = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
 pieces = st.one_of(
     st.binary(max_size=12),
-    st.just(b"\xff\xff\x01"),
+    st.sampled_from([b"\xff\xff\x01", b"\xff\xff\xfd\x00\x01", b"\xff\xff\xfd\x00\xfe"]),
     st.sampled_from([bytes.fromhex(READ), bytes.fromhex(POSITION_512), bytes.fromhex(PONG)]),
+    st.sampled_from([bytes.fromhex(READ_2), bytes.fromhex(POSITION_512_2)]),
 )
 
 
-@settings(deadline=None, max_examples=300)
-@given(st.lists(pieces, max_size=6))
-def test_no_bytes_make_a_read_crash_or_return_the_wrong_length(answers: list[bytes]) -> None:
-    class Line(CannedLine):
-        answer = b"".join(answers)
-
-    master, slave = os.openpty()
-    port = DynamixelPort(os.ttyname(slave), reply_timeout=1e-6)
+@settings(max_examples=300)
+@given(st.lists(pieces, max_size=6).map(b"".join), st.sampled_from([1, 2]))
+def test_no_bytes_make_a_read_crash_or_return_the_wrong_length(
+    answer: bytes, protocol: int
+) -> None:
     try:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sdk, "SerialLine", Line)
-            port.open()
-        try:
-            reply = port.read(1, 36, 2)
-        except CommunicationError:
-            return
-        assert len(reply.data) == 2
-        assert reply.data in Line.answer
-    finally:
-        port.close()
-        os.close(master)
-        os.close(slave)
+        reply = canned_port(answer).read(1, 36, 2, protocol)
+    except CommunicationError:
+        return
+    assert len(reply.data) == 2
+    assert reply.data in answer
+
+
+groups = st.builds(
+    ReadGroup,
+    st.sampled_from(ReadMethod),
+    st.sampled_from([1, 2]),
+    st.just(36),
+    st.sampled_from([2, 4]),
+    st.sampled_from([(1,), (1, 2), (3, 1, 2)]),
+)
+
+
+@settings(max_examples=300)
+@given(st.lists(pieces, max_size=6).map(b"".join), groups)
+def test_no_bytes_make_a_group_read_crash(answer: bytes, group: ReadGroup) -> None:
+    replies = list(canned_port(answer).read_group(group))
+    assert len(replies) == len(group.ids)
+    for reply in replies:
+        assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
 
 
 def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:

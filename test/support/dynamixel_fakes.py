@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping
+from itertools import chain
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -103,6 +104,7 @@ class FakePort:
         self.times_closed = 0
         self.times_tried = 0
         self.methods: list[tuple[object, ...]] = []
+        self.comes_back = True
 
     @property
     def is_open(self) -> bool:
@@ -129,13 +131,14 @@ class FakePort:
 
     def read_group(self, group: ReadGroup) -> Iterator[Reply | CommunicationError]:
         self.methods.append((group.method, group.ids))
-        for servo_id in group.ids:
-            try:
-                reply = self.read(servo_id, group.address, group.length, group.protocol)
-            except CommunicationError as failure:
-                yield failure
-            else:
-                yield reply
+        first, *others = group.ids
+        return chain([self._ask(group, first)], (self._ask(group, each) for each in others))
+
+    def _ask(self, group: ReadGroup, servo_id: int) -> Reply | CommunicationError:
+        try:
+            return self.read(servo_id, group.address, group.length, group.protocol)
+        except CommunicationError as failure:
+            return failure
 
     def write(
         self,
