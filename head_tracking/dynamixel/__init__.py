@@ -2,10 +2,12 @@
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.bus_thread import BusThread, BusTiming, CycleSchedule
+from head_tracking.dynamixel.buses import Buses
 from head_tracking.dynamixel.command import CommandResult, Goal, Torque
 from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
 from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
+from head_tracking.dynamixel.eeprom import EepromSettings
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -59,6 +61,7 @@ __all__ = [
     "BusStoppedError",
     "BusThread",
     "BusTiming",
+    "Buses",
     "CommandResult",
     "CommunicationError",
     "ConfigurationError",
@@ -67,6 +70,7 @@ __all__ = [
     "CycleSchedule",
     "DynamixelError",
     "DynamixelPort",
+    "EepromSettings",
     "ErrorBits",
     "EventKind",
     "Goal",

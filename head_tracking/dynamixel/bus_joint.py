@@ -215,15 +215,27 @@ class BusJoint:
             self.torque = Torque.OFF_UNTIL_COMMANDED
         return ""
 
-    def change_limits(self, lowest: int, highest: int) -> None:
-        """Take over other limits, in ticks of the first servo; a goal outside moves inside.
+    def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+        """Take over other limits; None leaves one as it is. A goal outside moves inside.
+
+        Args:
+            lowest: `min` of the first servo, ticks.
+            highest: `max` of the first servo, ticks.
+            max_speed: Highest speed, rad/s; 0 for the model's own.
 
         Raises:
-            ConfigurationError: The servo cannot do that.
+            ConfigurationError: The servo cannot do that; nothing has changed.
         """
-        configuration = replace(self.configuration, min=lowest, max=highest)
-        self.servos[0].remount(configuration.mount)
-        self.configuration = configuration
+        old = self.configuration
+        new = replace(
+            old,
+            min=old.min if lowest is None else lowest,
+            max=old.max if highest is None else highest,
+            max_speed=old.max_speed if max_speed is None else max_speed or None,
+        )
+        self.servos[0].remount(new.mount)
+        self.configuration = new
+        self.default_speed = min(self.default_speed, new.speed_limit)
         if self._goal is not None:
             first, *others = self._goal.ticks
             ticks = (self.servos[0].inside(first), *others)

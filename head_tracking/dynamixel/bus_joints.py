@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping
 
 from head_tracking.dynamixel.bus_joint import BusJoint
 from head_tracking.dynamixel.command import CommandResult, Goal, Torque, check_speed
 from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
+from head_tracking.dynamixel.eeprom import EepromSettings, write_eeprom
 from head_tracking.dynamixel.exceptions import (
     DynamixelError,
     GoalError,
@@ -214,14 +216,59 @@ class BusJoints:
         if problems:
             raise ServoError(f"{joint}: {problems[joint]}")
 
-    def set_limits(self, joint: str, lowest: int, highest: int) -> None:
-        """Change the limits of a joint, in ticks of `min` and `max`; a goal outside moves inside.
+    def set_limits(
+        self,
+        joint: str,
+        *,
+        lowest: int | None = None,
+        highest: int | None = None,
+        max_speed: float | None = None,
+    ) -> None:
+        """Change the limits of a joint; a goal outside moves inside. None leaves one as it is.
+
+        Args:
+            joint: The joint.
+            lowest: Its `min`, in ticks.
+            highest: Its `max`, in ticks.
+            max_speed: Highest speed, rad/s; 0 for the model's own.
 
         Raises:
             GoalError: The joint is unknown.
             ConfigurationError: Its servo cannot do that; nothing has changed.
         """
-        self._joint(joint).change_limits(lowest, highest)
+        self._joint(joint).reconfigure(lowest, highest, max_speed)
+
+    def write_eeprom(
+        self,
+        joint: str,
+        settings: EepromSettings,
+        pause: Callable[[float], object] = time.sleep,
+    ) -> dict[int, dict[str, tuple[int, int]]]:
+        """Write settings into the memory of a relaxed joint's servos; takes some 0.1 s for each.
+
+        Args:
+            joint: The joint.
+            settings: What they shall keep.
+            pause: Waits so many seconds.
+
+        Returns:
+            Old and new values of what was changed, by servo id and register name.
+
+        Raises:
+            GoalError: The joint is unknown.
+            ConfigurationError: A model has no such setting; nothing was written.
+            ServoError: A servo has its torque on, or does not keep a value.
+            CommunicationError: A servo does not answer.
+            NotConnectedError: `connect` has not been called.
+        """
+        self._require_connection()
+        servos = self._joint(joint).servos
+        wanted = {s.id: settings.registers(s.mount.model, s.mount.tick_range) for s in servos}
+        changed = {s.id: write_eeprom(s.link, wanted[s.id], pause) for s in servos}
+        for servo in servos:
+            if not self._joint(joint).stopped and not servo.lost:
+                servo.identify()
+        return changed
 
     def _each(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntFlag
 
+from head_tracking.dynamixel.command import Torque
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.identification import ServoIdentity, identify
 from head_tracking.dynamixel.mount import ServoMount
@@ -128,9 +129,13 @@ class BusServo:
         lowest, highest = self.range
         return max(lowest, min(highest, ticks))
 
-    def statistics(self, stopped: bool) -> ServoStatistics:
-        """Return the counters."""
-        counters = self.link.counters
+    def statistics(self, torque: Torque) -> ServoStatistics:
+        """Return what there is to know about it.
+
+        Args:
+            torque: Its joint's.
+        """
+        counters, feedback = self.link.counters, self.feedback
         return ServoStatistics(
             joint_name=self.mount.joint_name,
             id=self.id,
@@ -142,9 +147,13 @@ class BusServo:
             lost=self.lost,
             model=self.mount.model.name,
             firmware_version=None if self.identity is None else self.identity.firmware_version,
-            health=Health.STOPPED if stopped else self.health,
+            health=Health.STOPPED if torque is Torque.OFF_STOPPED else self.health,
             errors=self.errors,
             last_stamp=self.stamp or None,
+            temperature=None if feedback is None else float(feedback.temperature),
+            voltage=None if feedback is None else feedback.voltage * 0.1,
+            load=None if feedback is None else self.mount.load(feedback.load),
+            torque=torque.value,
         )
 
 

@@ -181,12 +181,13 @@ class ServoBus(BusJoints):
             self._inbox.refused,
             self._inbox.clamped,
             tuple(
-                servo.statistics(joint.stopped)
+                servo.statistics(joint.torque)
                 for joint in self._joints.values()
                 for servo in joint.servos
             ),
             self._connected and self._look_again_at is None,
             self._port_losses,
+            self._port.adapter,
         )
 
     # Steps of a cycle
