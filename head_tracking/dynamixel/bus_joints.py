@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 
+from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.bus_joint import BusJoint
 from head_tracking.dynamixel.command import CommandResult, Goal, Torque, check_speed
 from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
@@ -108,6 +109,16 @@ class BusJoints:
         return self._joint(joint).limits
 
     @property
+    def port_name(self) -> str:
+        """Device that the servos are on."""
+        return self._port.name
+
+    @property
+    def adapter(self) -> Adapter:
+        """What is known about the device since it was opened."""
+        return self._port.adapter
+
+    @property
     def joints(self) -> tuple[JointConfiguration, ...]:
         """The configured joints."""
         return tuple(joint.configuration for joint in self._joints.values())
@@ -171,15 +182,15 @@ class BusJoints:
             faulted, lambda joint: joint.recover(self._monotonic()), EventKind.RECOVERED
         )
         if problems:
-            raise ServoError("; ".join(f"{name}: {text}" for name, text in problems.items()))
+            raise ServoError(_told(problems))
         return tuple(faulted)
 
-    def stop(self, joint: str) -> None:
-        """Hold and relax a joint and take it out of the cycle, until `start`.
+    def stop(self, joints: Iterable[str] | None) -> None:
+        """Relax some joints, or all (None), and take them out of the cycle until `start`.
 
         Raises:
-            GoalError: The joint is unknown.
-            TorqueError: It did not confirm that it is relaxed; it is stopped all the same.
+            GoalError: A joint is unknown; nothing was done.
+            TorqueError: Some did not confirm that they are relaxed; they are stopped all the same.
             NotConnectedError: `connect` has not been called.
         """
 
@@ -187,15 +198,15 @@ class BusJoints:
             self._inbox.drop(joint.name)
             return "" if joint.stopped else joint.switch_off(Torque.OFF_STOPPED)
 
-        problems = self._each([joint], stop, EventKind.STOPPED)
+        problems = self._each(joints, stop, EventKind.STOPPED)
         if problems:
             raise TorqueError(False, problems)
 
-    def start(self, joint: str) -> None:
-        """Take a stopped joint back into the cycle, relaxed; find its servos anew.
+    def start(self, joints: Iterable[str] | None) -> None:
+        """Take stopped joints, or all (None), back into the cycle, relaxed; find them anew.
 
         Raises:
-            GoalError: The joint is unknown.
+            GoalError: A joint is unknown; nothing was done.
             ServoError: A servo is missing, or cannot be used; it is looked for from now on.
             NotConnectedError: `connect` has not been called.
         """
@@ -212,9 +223,9 @@ class BusJoints:
                 return str(cause)
             return ""
 
-        problems = self._each([joint], start, EventKind.STARTED)
+        problems = self._each(joints, start, EventKind.STARTED)
         if problems:
-            raise ServoError(f"{joint}: {problems[joint]}")
+            raise ServoError(_told(problems))
 
     def set_limits(
         self,
@@ -309,3 +320,7 @@ class BusJoints:
             raise GoalError(
                 f"no joint {name!r} on this bus; it has {', '.join(self._joints)}"
             ) from None
+
+
+def _told(problems: Mapping[str, object]) -> str:
+    return "; ".join(f"{joint}: {problem}" for joint, problem in problems.items())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
+from functools import partial
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus_thread import BusThread
@@ -22,7 +23,7 @@ class Buses:
     Args:
         buses: The buses.
         update_rate: Cycles per second.
-        on_reading: Gets every reading, in the thread of its bus; see `BusThread`.
+        on_reading: Gets the bus and each of its readings, in its thread; see `BusThread`.
         on_error: Gets the exception that ended a thread, in that thread.
 
     Raises:
@@ -33,10 +34,12 @@ class Buses:
         self,
         buses: Sequence[ServoBus],
         update_rate: float,
-        on_reading: Callable[[BusReading], object],
+        on_reading: Callable[[ServoBus, BusReading], object],
         on_error: Callable[[BaseException], object],
     ) -> None:
-        self._threads = [(bus, BusThread(bus, update_rate, on_reading, on_error)) for bus in buses]
+        self._threads = [
+            (bus, BusThread(bus, update_rate, partial(on_reading, bus), on_error)) for bus in buses
+        ]
         self._by_joint: dict[str, tuple[ServoBus, BusThread]] = {}
         controllers: set[str] = set()
         for bus, thread in self._threads:
@@ -126,7 +129,7 @@ class Buses:
         for name in names:
             shares.setdefault(self._find(name)[1], []).append(name)
         return [
-            thread.call(lambda bus, share=tuple(share): function(bus, share))
+            thread.call(partial(_swapped, function, tuple(share)))
             for thread, share in shares.items()
         ]
 
@@ -137,3 +140,9 @@ class Buses:
             raise GoalError(
                 f"no joint {joint!r} on any bus; there are {', '.join(self._by_joint)}"
             ) from None
+
+
+def _swapped(
+    function: Callable[[ServoBus, tuple[str, ...]], _T], joints: tuple[str, ...], bus: ServoBus
+) -> _T:
+    return function(bus, joints)

@@ -61,7 +61,9 @@ class MotorParameters:
 class SecondMotorParameters:
     """The other servo of a joint that two of them drive, of the same model."""
 
-    id: int = parameter(-1, "Id of the second servo; -1: none.", minimum=-1, maximum=253, fixed=True)
+    id: int = parameter(
+        -1, "Id of the second servo; -1: none.", minimum=-1, maximum=253, fixed=True
+    )
     init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
     min: int = parameter(0, "The joint's lower limit.", unit="ticks", fixed=True)
     max: int = parameter(1023, "The joint's upper limit.", unit="ticks", fixed=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from robot_under_test import wait_for
 
-from head_tracking.dynamixel import JointConfiguration, Protocol1Port, ServoBus, ServoNotFoundError
+from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus, ServoNotFoundError
 
 PATIENCE = 30
 MODULES = {
@@ -106,7 +106,7 @@ def port(start, tmp_path) -> str:
 
 
 def torque(port: str) -> list[int]:
-    with_servos = Protocol1Port(port, 1_000_000)
+    with_servos = DynamixelPort(port, 1_000_000)
     with_servos.open()
     try:
         return [with_servos.read(servo, 24, 1).data[0] for servo in (1, 2)]
@@ -238,10 +238,10 @@ def test_the_simulated_bus_takes_any_ids(start, tmp_path):
     bus = start("simulated_bus", "--ids", "3", "--link", str(tmp_path / "one"))
     port = bus.read_until("one").strip()
     three = JointConfiguration("joint", "controller", 3)
-    assert ServoBus(Protocol1Port(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
+    assert ServoBus(DynamixelPort(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
     four = JointConfiguration("joint", "controller", 4)
     with pytest.raises(ServoNotFoundError, match="4"):
-        ServoBus(Protocol1Port(port, 57_600), [four]).connect()
+        ServoBus(DynamixelPort(port, 57_600), [four]).connect()
     assert bus.end(signal.SIGINT) == 0
     assert not Path(port).is_symlink()
 
