@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from typing import Final, Protocol
 
+from head_tracking.simulation.answer import Answer, Line, faultless
 from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
 from head_tracking.simulation.group_reads import Reading, group_read
 from head_tracking.simulation.oracle import Oracle
@@ -12,28 +13,14 @@ from head_tracking.simulation.protocol1 import DamagedPacket, InstructionParser
 from head_tracking.simulation.protocol2 import DamagedPacket2, InstructionParser2
 from head_tracking.simulation.servo import Damaged, Packet, SimulatedServo
 
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Bytes that a servo sends.
-
-    Attributes:
-        data: The bytes on the wire.
-        delay: Time from the instruction to the first byte, ns.
-        follows: The delay counts from the end of the answer before this one.
-    """
-
-    data: bytes
-    delay: int
-    follows: bool = False
+_BAUD_TOLERANCE: Final = 0.03
 
 
-Line = Callable[[Answer], Iterable[Answer]]
-"""What the wire does to an answer: deliver it, drop it, change it, add to it."""
+class Misfortune(Protocol):
+    """What happens to the bytes that the master sends, and to the servos; see `Faults`."""
 
-
-def _faultless(answer: Answer) -> Iterable[Answer]:
-    return (answer,)
+    def befall(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        """Return what the servos hear instead of `data`, and what goes back at once."""
 
 
 class SimulatedBus:
@@ -43,8 +30,7 @@ class SimulatedBus:
         servos: The servos, of any models and both protocols. Two with the same id both answer, as
             real ones do.
         line: Every answer passes here on its way out.
-        before: Called with the bus and the time when bytes arrive, before the servos see them: the
-            place for what happens to servos besides.
+        misfortune: What happens besides.
         echo: Whether the adapter sends back whatever it is sent.
 
     Attributes:
@@ -57,9 +43,9 @@ class SimulatedBus:
     def __init__(
         self,
         servos: Iterable[SimulatedServo],
-        line: Line = _faultless,
+        line: Line = faultless,
         *,
-        before: Callable[[SimulatedBus, int], None] | None = None,
+        misfortune: Misfortune | None = None,
         echo: bool = False,
     ) -> None:
         self._servos = tuple(servos)
@@ -69,7 +55,7 @@ class SimulatedBus:
         for servo in self._servos:
             servo.oracle = self.oracle
         self._line = line
-        self._before = before
+        self._misfortune = misfortune
         self._echo = echo
         protocols = {servo.model.protocol for servo in self._servos}
         parsers = (InstructionParser(), InstructionParser2())
@@ -109,13 +95,14 @@ class SimulatedBus:
             baud_rate: Bits per second at which they came: servos with another one hear nothing.
                 None: all of them hear.
         """
-        if self._before is not None:
-            self._before(self, now)
         answers = [Answer(data, 0)] if self._echo and data else []
+        if self._misfortune is not None:
+            data, more = self._misfortune.befall(self, data, now)
+            answers += more
         for parser in self._parsers:
             for packet in parser.feed(data, now):
-                heard = [s for s in self._servos if baud_rate is None or s.baud_rate == baud_rate]
-                for answer in self._answers(packet, heard, now):
+                hearers = [servo for servo in self._servos if _understands(servo, baud_rate)]
+                for answer in self._answers(packet, hearers, now):
                     answers.extend(self._line(answer))
         return answers
 
@@ -140,3 +127,9 @@ class SimulatedBus:
 def _in_turn(readings: Iterable[Reading]) -> Iterator[Answer]:
     for number, (data, delay) in enumerate(readings):
         yield Answer(data, delay, follows=number > 0)
+
+
+def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:
+    if baud_rate is None:
+        return True
+    return abs(baud_rate - servo.baud_rate) < _BAUD_TOLERANCE * servo.baud_rate
