@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import IntFlag
 from typing import Final
 
 from head_tracking.dynamixel.models import ServoModel
@@ -23,19 +22,21 @@ class Alarms:
         model: The model.
 
     Attributes:
-        active: The bits that every answer tells of.
+        active: The bits (`ServoModel.errors`) that every answer tells of.
         forced: Bits that somebody else wants to be there, such as ENCODER.
     """
 
     def __init__(self, model: ServoModel) -> None:
-        self._errors = model.errors
-        self._none = model.errors(0)
-        self._lasting = model.errors["OVERLOAD"] if model.protocol == 1 else ~self._none
-        self._latched = self._none
-        self.active = self._none
-        self.forced = self._none
+        errors = model.errors
+        self._voltage = int(errors["INPUT_VOLTAGE"])
+        self._heat = int(errors["OVERHEATING"])
+        self._overload = int(errors["OVERLOAD"])
+        self._lasting = self._overload if model.protocol == 1 else 0xFF
+        self._latched = 0
+        self.active = 0
+        self.forced = 0
 
-    def look(self, memory: RegisterMemory, volts: float, celsius: float, strain: int) -> IntFlag:
+    def look(self, memory: RegisterMemory, volts: float, celsius: float, strain: int) -> int:
         """Return the bits that shut the servo down now.
 
         Args:
@@ -46,11 +47,11 @@ class Alarms:
         """
         errors = self.forced
         if not memory["Min Voltage Limit"] <= round(volts * 10.0) <= memory["Max Voltage Limit"]:
-            errors |= self._errors["INPUT_VOLTAGE"]
+            errors |= self._voltage
         if celsius > memory["Temperature Limit"]:
-            errors |= self._errors["OVERHEATING"]
+            errors |= self._heat
         if strain > OVERLOAD_TIME:
-            errors |= self._errors["OVERLOAD"]
+            errors |= self._overload
         fatal = errors & memory["Shutdown"]
         self._latched |= fatal & self._lasting
         self.active = errors | self._latched
@@ -58,4 +59,4 @@ class Alarms:
 
     def clear(self) -> None:
         """Forget what has been and is no more."""
-        self._latched = self.active = self._none
+        self._latched = self.active = 0

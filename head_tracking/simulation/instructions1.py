@@ -24,7 +24,8 @@ class Protocol1:
         error, data = self._dispatch(servo, packet, broadcast)
         if broadcast or not (answers and self._answers(servo, packet.instruction)):
             return None
-        return StatusPacket(servo_id, error | self.state(servo), data)
+        state = self.state(servo)
+        return StatusPacket(servo_id, error | state if error and state else error or state, data)
 
     def complain(self, servo: ServoBody, packet: DamagedPacket) -> StatusPacket | None:
         """Return the answer to a packet with a wrong checksum."""
@@ -41,7 +42,8 @@ class Protocol1:
 
     def state(self, servo: ServoBody) -> ErrorBits:
         """Return the bits that every answer carries."""
-        return ErrorBits(servo.alarms.active)
+        active = servo.alarms.active
+        return ErrorBits(active) if active else NO_ERROR
 
     def _answers(self, servo: ServoBody, instruction: int) -> bool:
         if instruction == Instruction.PING:

@@ -11,7 +11,7 @@ from head_tracking.dynamixel.models import ServoModel
 from head_tracking.simulation.alarms import OVERLOAD_TIME, Alarms
 from head_tracking.simulation.controls import Controls, JointControls
 from head_tracking.simulation.drive import Drive
-from head_tracking.simulation.memory import Refusal, RegisterMemory
+from head_tracking.simulation.memory import Change, Refusal, RegisterMemory
 from head_tracking.simulation.oracle import Oracle
 from head_tracking.simulation.x_controls import WATCHDOG_TRIPPED, XControls
 
@@ -180,24 +180,23 @@ class ServoBody:
 
     def write(self, address: int, data: bytes) -> Refusal | None:
         """Write registers, or return why not."""
-        refusal = self._check(address, data)
-        if refusal:
-            return refusal
+        changes = self._permitted(address, data)
+        if isinstance(changes, Refusal):
+            return changes
         memory = self._memory
-        touched = memory.touched(address, len(data))
-        before = {register.name: memory[register.name] for register in touched}
-        changed = memory.write(address, data)
-        if self._controls.stiffens(memory, before) and self._nature.torque_on_write:
+        before = {register.name: memory[register.name] for register, _ in changes}
+        for register, value in changes:
+            memory[register.name] = value
+        if self._nature.torque_on_write and self._controls.stiffens(memory, before):
             before.setdefault("Torque Enable", memory["Torque Enable"])
             memory["Torque Enable"] = 1
-            changed |= not before["Torque Enable"]
         if before.get("Torque Limit") == 0 and memory["Torque Limit"]:
             self.alarms.clear()
             self._drive.strain = 0
-        if changed:
+        if any(memory[name] != value for name, value in before.items()):
             self._controls.written(memory, before, self._drive)
             self._configure()
-        slow = sum(register.size for register in touched if register.memory is Memory.EEPROM)
+        slow = sum(register.size for register, _ in changes if register.memory is Memory.EEPROM)
         self._be_deaf(slow * self._nature.eeprom_time)
         if self.oracle is not None:
             self.oracle.note(self._now, self, before)
@@ -205,11 +204,12 @@ class ServoBody:
 
     def keep(self, address: int, data: bytes) -> Refusal | None:
         """Keep a write for `act`, or return why not."""
-        refusal = self._check(address, data)
-        if refusal is None:
-            self._waiting = (address, data)
-            self._set_registered(1)
-        return refusal
+        changes = self._permitted(address, data)
+        if isinstance(changes, Refusal):
+            return changes
+        self._waiting = (address, data)
+        self._set_registered(1)
+        return None
 
     def act(self) -> bool:
         """Carry out the write that was kept; return whether there is one."""
@@ -238,15 +238,16 @@ class ServoBody:
         self._controls.fold(self._memory, self._drive)
         return True
 
-    def _check(self, address: int, data: bytes) -> Refusal | None:
+    def _permitted(self, address: int, data: bytes) -> list[Change] | Refusal:
         memory = self._memory
-        refusal = memory.check(address, data)
-        if refusal is None:
-            for register, value in memory.values_after(address, data):
-                refusal = self._controls.refusal(memory, register, value)
-                if refusal:
-                    break
-        return refusal
+        changes = memory.changes(address, data)
+        if isinstance(changes, Refusal):
+            return changes
+        for register, value in changes:
+            refusal = self._controls.refusal(memory, register, value)
+            if refusal:
+                return refusal
+        return changes
 
     def _set_registered(self, value: int) -> None:
         for name in ("Registered", "Registered Instruction"):
@@ -294,7 +295,7 @@ class ServoBody:
         if fatal and self._controls.shut_down(memory):
             self._configure()
         if "Hardware Error Status" in memory:
-            memory["Hardware Error Status"] = int(self.alarms.active)
+            memory["Hardware Error Status"] = self.alarms.active
 
     def _refresh(self) -> None:
         """Write what the servo measures into its registers."""

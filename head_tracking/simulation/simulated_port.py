@@ -40,6 +40,7 @@ class SimulatedPort:
         paced: Whether bytes take the time that they take at the baud rate the program has set.
         latency: Period at which the adapter hands on what it received, s; 0: at once.
         match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
+        spinning: Burn a core instead of waiting, to be exact to some microseconds.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class SimulatedPort:
         paced: bool = False,
         latency: float = 0.0,
         match_baud_rate: bool = False,
+        spinning: bool = False,
     ) -> None:
         self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
         self._wire = Wire(
@@ -61,6 +63,7 @@ class SimulatedPort:
         )
         self._link = None if link is None else os.path.abspath(os.fspath(link))
         self._clock = clock
+        self._spinning = spinning
         self._lock = threading.RLock()
         self._thread: threading.Thread | None = None
         self._terminal: PseudoTerminal | None = None
@@ -208,9 +211,13 @@ class SimulatedPort:
             due = self._wire.due
             if due is None and not self._bus.at_rest:
                 due = self._clock() + _LOOK
-        if due is None:
+        if due is None and not self._spinning:
             return select.select(watched, (), ())[0]
-        return select.select(watched, (), (), max(0, due - self._clock()) * 1e-9)[0]
+        while True:
+            rest = 1.0 if due is None else max(0, due - self._clock()) * 1e-9
+            ready = select.select(watched, (), (), 0.0 if self._spinning else rest)[0]
+            if ready or not self._spinning or rest <= 0.0:
+                return ready
 
 
 def _wake_up_in_time() -> None:
