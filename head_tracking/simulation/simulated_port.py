@@ -22,6 +22,7 @@ _T = TypeVar("_T")
 
 _LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
 _CHUNK: Final = 4096
+_SPIN: Final = 150_000  # ns before the end of a wait
 _PR_SET_TIMERSLACK: Final = 29
 
 
@@ -40,7 +41,7 @@ class SimulatedPort:
         paced: Whether bytes take the time that they take at the baud rate the program has set.
         latency: Period at which the adapter hands on what it received, s; 0: at once.
         match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
-        spinning: Burn a core instead of waiting, to be exact to some microseconds.
+        spinning: Burn a core at the end of each wait, to be exact to some microseconds.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class SimulatedPort:
         spinning: bool = False,
     ) -> None:
         self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
+        self._needs_rate = paced or match_baud_rate
         self._wire = Wire(
             self._bus,
             paced=paced,
@@ -178,19 +180,19 @@ class SimulatedPort:
             if self._wake_reader in ready:
                 os.read(self._wake_reader, _CHUNK)
                 self._obey()
-            now = self._clock()
-            terminal = self._terminal
-            data = b""
+            self._exchange(self._terminal, ready)
+
+    def _exchange(self, terminal: PseudoTerminal | None, ready: list[int]) -> None:
+        now = self._clock()
+        with self._lock:
+            arrived = self._wire.take(now)
+            if arrived and terminal is not None:
+                terminal.write(arrived)
             if terminal is not None and terminal.descriptor in ready:
                 data = terminal.read()
-            with self._lock:
-                if data and terminal is not None:
-                    self._wire.send(data, now, terminal.baud_rate)
-                else:
-                    self._bus.advance(now)
-                answers = self._wire.take(self._clock())
-            if answers and terminal is not None:
-                terminal.write(answers)
+                self._wire.send(data, now, terminal.baud_rate if self._needs_rate else 0)
+            elif not arrived:
+                self._bus.advance(now)
 
     def _obey(self) -> None:
         while not self._orders.empty():
@@ -211,13 +213,13 @@ class SimulatedPort:
             due = self._wire.due
             if due is None and not self._bus.at_rest:
                 due = self._clock() + _LOOK
-        if due is None and not self._spinning:
+        if due is None:
             return select.select(watched, (), ())[0]
-        while True:
-            rest = 1.0 if due is None else max(0, due - self._clock()) * 1e-9
-            ready = select.select(watched, (), (), 0.0 if self._spinning else rest)[0]
-            if ready or not self._spinning or rest <= 0.0:
-                return ready
+        ready: list[int] = []
+        while not ready and (rest := due - self._clock()) > 0:
+            pause = max(0, rest - _SPIN) if self._spinning else rest
+            ready = select.select(watched, (), (), pause * 1e-9)[0]
+        return ready
 
 
 def _wake_up_in_time() -> None:
