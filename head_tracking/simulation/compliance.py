@@ -1,16 +1,26 @@
-"""The control law of an AX servo: from goal and registers to the drive of the motor.
+"""The control law of a servo: from the error to the drive of the motor.
 
-Margin, slope and punch are the vendor's (e-manual page AX-12A, "compliance"); the formula, the
-damping and the way a moving speed is kept are ours, because the vendor publishes none.
+Margin, slope and punch are the vendor's (e-manual page AX-12A, "compliance"), and so is the
+proportional gain of other models, which is a slope without margin and punch. The formula and the
+damping are ours, because the vendor publishes none.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
+from head_tracking.dynamixel.models import ServoModel
+from head_tracking.simulation.motion import TIME_CONSTANT
+
 # Slope registers work in seven steps: the highest power of two not above the value.
 _SLOPES: Final = (128, 64, 32, 16, 8, 4)
+
+AX_DAMPING: Final = 0.17
+"""Drive per rad/s: a damping ratio of 0.83 with the default slope (ours)."""
+
+_DAMPING_RATIO: Final = 0.9  # of other models (ours)
 
 
 def slope_ticks(register: int) -> int:
@@ -65,49 +75,20 @@ class ComplianceLaw:
             drive = -drive
         return max(-self.limit, min(self.limit, drive - self.damping * speed_error))
 
-
-class Setpoint:
-    """Moves to the goal at the moving speed; the compliance law holds the shaft to it.
-
-    It never runs further ahead of the shaft than the law can use, so that a shaft that was blocked
-    does not jump when it comes free.
-
-    Attributes:
-        angle: Where the shaft should be now, rad.
-        speed: How fast it should move now, rad/s.
-    """
-
-    def __init__(self, angle: float) -> None:
-        self.angle = angle
-        self.speed = 0.0
-
-    def follow(self, angle: float) -> None:
-        """Rest at the shaft, while torque is off."""
-        self.angle = angle
-        self.speed = 0.0
-
-    def advance(
-        self, goal: float, moving_speed: float, shaft: float, lead: float, dt: float
-    ) -> None:
-        """Move on by one step.
+    @classmethod
+    def proportional(
+        cls, model: ServoModel, slope: float, limit: float, punch: float = 0.0
+    ) -> ComplianceLaw:
+        """Return the law of a servo with a proportional gain.
 
         Args:
-            goal: Goal angle, rad.
-            moving_speed: Speed limit, rad/s; 0 is none.
-            shaft: Angle of the shaft, rad.
-            lead: How far the setpoint may be ahead of the shaft, rad.
-            dt: Step, s.
+            model: The servo's model.
+            slope: Error at full drive, rad; inf for a gain of 0.
+            limit: Highest drive, 0 to 1.
+            punch: Least drive, 0 to 1.
         """
-        if moving_speed <= 0.0:
-            self.angle = goal
-            self.speed = 0.0
-            return
-        step = moving_speed * dt
-        distance = goal - self.angle
-        if abs(distance) <= step:
-            self.angle = goal
-            self.speed = 0.0
-        else:
-            self.speed = moving_speed if distance > 0.0 else -moving_speed
-            self.angle += self.speed * dt
-        self.angle = max(shaft - lead, min(shaft + lead, self.angle))
+        side = Side(0.0, slope)
+        frequency = math.sqrt(model.no_load_speed / (TIME_CONSTANT * slope))
+        wanted = 2.0 * _DAMPING_RATIO * frequency - 1.0 / TIME_CONSTANT  # the motor damps too
+        damping = max(0.0, wanted * TIME_CONSTANT / model.no_load_speed)
+        return cls(side, side, punch, limit, damping)

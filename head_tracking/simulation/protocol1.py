@@ -11,12 +11,11 @@ from typing import Final, Self
 
 from head_tracking.dynamixel.protocol1 import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
 from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.stream_parser import StreamParser
 
 _HEADER: Final = b"\xff\xff"
 _OVERHEAD: Final = 6  # bytes of a packet besides its parameters
 _LONGEST: Final = 250  # longest packet the SDK sends
-MAX_GAP: Final = 100_000_000
-"""Pause, ns, after which a servo forgets the beginning of a packet."""
 
 
 def checksum(body: bytes) -> int:
@@ -117,6 +116,24 @@ class InstructionPacket:
                 return address, shares[start + 1 : start + 1 + length]
         return None
 
+    @classmethod
+    def bulk_read(cls, reads: Mapping[int, tuple[int, int]]) -> Self:
+        """Return one read of several servos: address and length by id."""
+        shares = (
+            bytes((length, servo_id, address)) for servo_id, (address, length) in reads.items()
+        )
+        return cls(BROADCAST_ID, Instruction.BULK_READ, b"\x00" + b"".join(shares))
+
+    def bulk_read_shares(self) -> list[tuple[int, int, int]]:
+        """Return id, address and length of each read; none if the packet is malformed."""
+        shares = self.parameters[1:]
+        if not shares or len(shares) % 3 or self.parameters[0] != 0:
+            return []
+        return [
+            (shares[start + 1], shares[start + 2], shares[start])
+            for start in range(0, len(shares), 3)
+        ]
+
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
@@ -154,53 +171,13 @@ class DamagedPacket:
     id: int
 
 
-class InstructionParser:
-    """Finds instruction packets in a stream of bytes, however they are cut.
+class InstructionParser(StreamParser[InstructionPacket, DamagedPacket]):
+    """Finds instruction packets in a stream of bytes.
 
-    The stream has no escapes, so FF FF may occur within a packet. After a wrong checksum or an
-    impossible length the search goes on right behind the header that misled it.
+    The stream has no escapes, so FF FF may occur within a packet.
     """
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self._last = 0
-        self._damaged_until = 0  # bytes of the buffer that belong to a reported damaged packet
-
-    @property
-    def pending(self) -> int:
-        """Number of bytes kept because they may be the beginning of a packet."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes, now: int) -> list[InstructionPacket | DamagedPacket]:
-        """Take bytes in and return the packets they complete. Never raises.
-
-        Args:
-            data: Any number of bytes.
-            now: Time they arrived, ns. A beginning older than `MAX_GAP` is dropped.
-        """
-        if self._buffer and now - self._last > MAX_GAP:
-            self._drop(len(self._buffer))
-        self._last = now
-        self._buffer += data
-        found: list[InstructionPacket | DamagedPacket] = []
-        while True:
-            self._drop(self._noise())
-            length = self._packet_length()
-            if length == 0 or len(self._buffer) < length:
-                return found
-            packet = InstructionPacket.decode(bytes(self._buffer[:length]))
-            if packet is not None:
-                found.append(packet)
-                self._drop(length)
-                continue
-            if self._damaged_until == 0:
-                found.append(DamagedPacket(self._buffer[2]))
-                self._damaged_until = length
-            self._drop(1)
-
-    def _noise(self) -> int:
-        """Return how many bytes at the front cannot begin a packet."""
-        buffer = self._buffer
+    def _noise(self, buffer: bytearray) -> int:
         start = 0
         while True:
             start = buffer.find(0xFF, start)
@@ -218,10 +195,11 @@ class InstructionParser:
                 return start
             start += 1
 
-    def _packet_length(self) -> int:
-        """Return the length of the packet at the front, 0 while it is unknown."""
-        return self._buffer[3] + 4 if len(self._buffer) > 3 else 0
+    def _packet_length(self, buffer: bytearray) -> int:
+        return buffer[3] + 4 if len(buffer) > 3 else 0
 
-    def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._damaged_until = max(0, self._damaged_until - count)
+    def _decode(self, packet: bytes) -> InstructionPacket | None:
+        return InstructionPacket.decode(packet)
+
+    def _damaged(self, buffer: bytearray) -> DamagedPacket:
+        return DamagedPacket(buffer[2])

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import select
 import threading
 import time
-import tty
-from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Final, Self, TypeVar
 
-from head_tracking.simulation.bus import Answer, SimulatedBus
-from head_tracking.simulation.exceptions import PortLinkError
+from head_tracking.simulation.bus import SimulatedBus
+from head_tracking.simulation.pseudo_terminal import PseudoTerminal
 from head_tracking.simulation.servo import SimulatedServo
+from head_tracking.simulation.wire import Wire
 
 _T = TypeVar("_T")
 
-_TICK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
+_LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
 _CHUNK: Final = 4096
-_STOP: Final = b"s"
-_LOOK: Final = b"l"
+_SPIN: Final = 150_000  # ns before the end of a wait
+_PR_SET_TIMERSLACK: Final = 29
 
 
 class SimulatedPort:
@@ -34,8 +35,13 @@ class SimulatedPort:
 
     Args:
         bus: The servos, or a bus.
-        link: Path at which a symbolic link to the pty is made, so that it has a stable name.
+        link: Path at which a symbolic link to the pty is made, so that it has a stable name, also
+            when it is unplugged and plugged in again.
         clock: Monotonic time, ns.
+        paced: Whether bytes take the time that they take at the baud rate the program has set.
+        latency: Period at which the adapter hands on what it received, s; 0: at once.
+        match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
+        spinning: Burn a core at the end of each wait, to be exact to some microseconds.
     """
 
     def __init__(
@@ -44,20 +50,34 @@ class SimulatedPort:
         *,
         link: str | os.PathLike[str] | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
+        paced: bool = False,
+        latency: float = 0.0,
+        match_baud_rate: bool = False,
+        spinning: bool = False,
     ) -> None:
         self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
+        self._needs_rate = paced or match_baud_rate
+        self._wire = Wire(
+            self._bus,
+            paced=paced,
+            latency=round(latency * 1e9),
+            match_baud_rate=match_baud_rate,
+        )
         self._link = None if link is None else os.path.abspath(os.fspath(link))
         self._clock = clock
+        self._spinning = spinning
         self._lock = threading.RLock()
-        self._outgoing: deque[tuple[int, bytes]] = deque()
         self._thread: threading.Thread | None = None
-        self._master = self._slave = self._wake_reader = self._wake_writer = -1
-        self._name = ""
+        self._terminal: PseudoTerminal | None = None
+        self._wake_reader = self._wake_writer = -1
+        self._orders: SimpleQueue[tuple[PseudoTerminal | None, threading.Event]] = SimpleQueue()
+        self._stopping = False
 
     @property
     def port_name(self) -> str:
-        """Device to open: the link if there is one, else the pty; empty while closed."""
-        return self._link if self._link is not None and self._name else self._name
+        """Device to open: the link if there is one, else the pty; empty while there is none."""
+        terminal = self._terminal
+        return "" if terminal is None else terminal.link or terminal.name
 
     def open(self) -> None:
         """Make the pty and start to serve it.
@@ -67,17 +87,9 @@ class SimulatedPort:
         """
         if self._thread is not None:
             return
-        # The slave stays open here too: else the master reads EIO whenever a client closes it.
-        self._master, self._slave = os.openpty()
-        try:
-            tty.setraw(self._slave)
-            os.set_blocking(self._master, False)
-            self._name = os.ttyname(self._slave)
-            self._make_link()
-            self._wake_reader, self._wake_writer = os.pipe()
-        except BaseException:
-            self._close_descriptors()
-            raise
+        self._terminal = PseudoTerminal(self._link)
+        self._wake_reader, self._wake_writer = os.pipe()
+        self._stopping = False
         with self._lock:
             self._bus.advance(self._clock())
         self._thread = threading.Thread(target=self._serve, name="simulated bus", daemon=True)
@@ -88,11 +100,31 @@ class SimulatedPort:
         thread, self._thread = self._thread, None
         if thread is None:
             return
-        os.write(self._wake_writer, _STOP)
+        self._stopping = True
+        self._wake()
         thread.join()
-        self._remove_link()
         with self._lock:
-            self._close_descriptors()
+            terminal, self._terminal = self._terminal, None
+            if terminal is not None:
+                terminal.close()
+            self._wire.clear()
+            for descriptor in (self._wake_reader, self._wake_writer):
+                os.close(descriptor)
+            self._wake_reader = self._wake_writer = -1
+
+    def unplug(self) -> None:
+        """Pull the adapter out: the device and the link vanish, the servos keep their supply."""
+        if self._terminal is not None:
+            self._order(None)
+
+    def replug(self) -> None:
+        """Plug the adapter in again: there is a device again, by another name, and the link.
+
+        Raises:
+            PortLinkError: The link cannot be made.
+        """
+        if self._terminal is None and self._thread is not None:
+            self._order(PseudoTerminal(self._link))
 
     def __enter__(self) -> Self:
         self.open()
@@ -115,7 +147,7 @@ class SimulatedPort:
             slept = self._bus.at_rest
             result = function(self._bus)
             if slept and not self._bus.at_rest and self._wake_writer >= 0:
-                os.write(self._wake_writer, _LOOK)
+                self._wake()
         return result
 
     def true_ticks(self, servo_id: int) -> float:
@@ -130,84 +162,67 @@ class SimulatedPort:
         """Let a hand lead a shaft to a tick within `duration` seconds and let go there."""
         self.use(lambda bus: bus[servo_id].lead(ticks, duration, strength))
 
+    def _wake(self) -> None:
+        os.write(self._wake_writer, b"w")
+
+    def _order(self, terminal: PseudoTerminal | None) -> None:
+        done = threading.Event()
+        self._orders.put((terminal, done))
+        self._wake()
+        done.wait()
+
     # Server's thread
 
     def _serve(self) -> None:
-        poll = select.poll()
-        poll.register(self._master, select.POLLIN)
-        poll.register(self._wake_reader, select.POLLIN)
-        while True:
-            ready = dict(poll.poll(self._patience()))
-            if self._wake_reader in ready and _STOP in os.read(self._wake_reader, _CHUNK):
-                return
-            now = self._clock()
-            data = self._receive() if self._master in ready else b""
-            with self._lock:
-                answers = self._bus.receive(data, now) if data else []
-                if not data:
-                    self._bus.advance(now)
-            for answer in answers:
-                self._queue(answer, now)
-            self._send_due()
+        _wake_up_in_time()
+        while not self._stopping:
+            ready = self._wait()
+            if self._wake_reader in ready:
+                os.read(self._wake_reader, _CHUNK)
+                self._obey()
+            self._exchange(self._terminal, ready)
 
-    def _patience(self) -> float | None:
-        """Return how long to wait, ms; None for as long as nothing happens."""
+    def _exchange(self, terminal: PseudoTerminal | None, ready: list[int]) -> None:
         now = self._clock()
-        if self._outgoing:
-            return max(0.0, (self._outgoing[0][0] - now) * 1e-6)
         with self._lock:
-            return None if self._bus.at_rest else _TICK * 1e-6
+            arrived = self._wire.take(now)
+            if arrived and terminal is not None:
+                terminal.write(arrived)
+            if terminal is not None and terminal.descriptor in ready:
+                data = terminal.read()
+                self._wire.send(data, now, terminal.baud_rate if self._needs_rate else 0)
+            elif not arrived:
+                self._bus.advance(now)
 
-    def _receive(self) -> bytes:
-        with suppress(BlockingIOError):
-            return os.read(self._master, _CHUNK)
-        return b""
+    def _obey(self) -> None:
+        while not self._orders.empty():
+            terminal, done = self._orders.get()
+            old, self._terminal = self._terminal, terminal
+            if old is not None:
+                old.close()
+            with self._lock:
+                self._wire.clear()
+            done.set()
 
-    def _queue(self, answer: Answer, now: int) -> None:
-        due = now + answer.delay
-        if self._outgoing:
-            due = max(due, self._outgoing[-1][0])  # one wire: answers do not overtake each other
-        self._outgoing.append((due, answer.data))
+    def _wait(self) -> list[int]:
+        """Wait until there is something to do; return the descriptors that have something."""
+        watched = [self._wake_reader]
+        if self._terminal is not None:
+            watched.append(self._terminal.descriptor)
+        with self._lock:
+            due = self._wire.due
+            if due is None and not self._bus.at_rest:
+                due = self._clock() + _LOOK
+        if due is None:
+            return select.select(watched, (), ())[0]
+        ready: list[int] = []
+        while not ready and (rest := due - self._clock()) > 0:
+            pause = max(0, rest - _SPIN) if self._spinning else rest
+            ready = select.select(watched, (), (), pause * 1e-9)[0]
+        return ready
 
-    def _send_due(self) -> None:
-        while self._outgoing and self._outgoing[0][0] <= self._clock():
-            _, data = self._outgoing.popleft()
-            with suppress(BlockingIOError):  # nobody reads and the pty is full
-                os.write(self._master, data)
 
-    # Resources
-
-    def _make_link(self) -> None:
-        if self._link is None:
-            return
-        if os.path.lexists(self._link) and not os.path.islink(self._link):
-            self._name = ""
-            raise PortLinkError(
-                f"cannot make the link {self._link}: something else has that name; remove it or "
-                "choose another path"
-            )
-        try:
-            with suppress(FileNotFoundError):
-                os.unlink(self._link)
-            os.symlink(self._name, self._link)
-        except OSError as cause:
-            self._name = ""
-            raise PortLinkError(
-                f"cannot make the link {self._link}: {cause.strerror}; choose a path in a "
-                "directory you may write to"
-            ) from cause
-
-    def _remove_link(self) -> None:
-        # Only if it is still ours: another simulator may have taken the path over.
-        with suppress(OSError):
-            if self._link is not None and os.readlink(self._link) == self._name:
-                os.unlink(self._link)
-
-    def _close_descriptors(self) -> None:
-        descriptors = (self._master, self._slave, self._wake_reader, self._wake_writer)
-        self._master = self._slave = self._wake_reader = self._wake_writer = -1
-        self._name = ""
-        self._outgoing.clear()
-        for descriptor in descriptors:
-            if descriptor >= 0:
-                os.close(descriptor)
+def _wake_up_in_time() -> None:
+    """Let this thread's waits end when they should, not up to 50 us later."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)

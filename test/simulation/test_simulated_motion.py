@@ -335,6 +335,7 @@ def test_time_that_stands_still_changes_nothing() -> None:
 def test_stalled_servo_gets_hot_and_cools_down() -> None:
     b = bench()
     assert b.servo.temperature == pytest.approx(30.0)
+    b.servo.set_register("Shutdown", 0)
     b.go(900, 0)
     b.servo.push(-1.6)
     b.now += 60 * SECOND

@@ -13,7 +13,7 @@ from head_tracking.simulation import (
     SimulationError,
     StatusPacket,
 )
-from head_tracking.simulation.protocol1 import MAX_GAP
+from head_tracking.simulation.stream_parser import MAX_GAP
 
 PING = InstructionPacket.ping(1)
 READ = InstructionPacket.read(1, 36, 8)

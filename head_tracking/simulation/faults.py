@@ -1,0 +1,183 @@
+"""What goes wrong on a serial bus, drawn from a random generator."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from enum import Enum
+from random import Random
+from typing import Final
+
+from head_tracking.simulation.answer import Answer
+from head_tracking.simulation.bus import SimulatedBus
+from head_tracking.simulation.protocol1 import StatusPacket
+from head_tracking.simulation.protocol2 import StatusPacket2
+from head_tracking.simulation.servo import SimulatedServo
+
+
+class Fault(Enum):
+    """Something that goes wrong."""
+
+    DROP = "an answer is lost"
+    CORRUPT = "a byte of an answer is changed"
+    TRUNCATE = "the end of an answer is lost"
+    DELAY = "an answer comes late, after others"
+    STALL = "an answer comes late, and all after it"
+    FOREIGN = "the answer of another servo comes before"
+    GARBAGE = "noise comes before an answer"
+    ECHO = "what was sent comes back"
+    DEAFNESS = "what was sent is lost"
+    MISHEARING = "a byte of what was sent is changed"
+    POWER_LOSS = "a servo loses its supply for a while"
+    LOW_VOLTAGE = "a servo's supply is low for a while"
+    OVERLOAD = "a servo finds its load too high"
+    OVERHEATING = "a servo is too hot for a while"
+
+
+LINE_FAULTS: Final = (
+    Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.STALL, Fault.FOREIGN,
+    Fault.GARBAGE,
+)  # fmt: skip
+"""Faults of answers."""
+
+SENDING_FAULTS: Final = (Fault.ECHO, Fault.DEAFNESS, Fault.MISHEARING)
+"""Faults of what the master sends."""
+
+SERVO_FAULTS: Final = (Fault.POWER_LOSS, Fault.LOW_VOLTAGE, Fault.OVERLOAD, Fault.OVERHEATING)
+"""Faults of a servo."""
+
+
+class Faults:
+    """Strikes a simulated bus at random; pass `line` and the object itself to `SimulatedBus`.
+
+        faults = Faults(Random(1), 0.05)
+        bus = SimulatedBus(servos, faults.line, misfortune=faults)
+
+    Args:
+        random: Draws when what goes wrong.
+        rate: Probability that something befalls an answer, and likewise what is sent.
+        kinds: What can go wrong.
+        late: Shortest and longest delay of DELAY and STALL, s.
+        pause: Shortest and longest time after which a servo's trouble ends, s.
+
+    Attributes:
+        rate: May be changed at any time; 0 for peace.
+        counts: How often each fault has struck.
+        last: When the last fault struck, or a servo's trouble ended, ns.
+    """
+
+    def __init__(
+        self,
+        random: Random,
+        rate: float,
+        kinds: Iterable[Fault] = tuple(Fault),
+        *,
+        late: tuple[float, float] = (0.01, 0.1),
+        pause: tuple[float, float] = (0.1, 2.0),
+    ) -> None:
+        self.rate = rate
+        self.counts: Counter[Fault] = Counter()
+        self.last = 0
+        self._random = random
+        kinds = tuple(kinds)
+        self._of_answers = [kind for kind in kinds if kind in LINE_FAULTS]
+        self._of_sending = [kind for kind in kinds if kind not in LINE_FAULTS]
+        self._late, self._pause = late, pause
+        self._repairs: list[tuple[int, SimulatedServo, Callable[[], None]]] = []
+        self._now = 0
+
+    @property
+    def trouble(self) -> bool:
+        """Whether a servo's trouble has still to end."""
+        return bool(self._repairs)
+
+    def line(self, answer: Answer) -> Iterable[Answer]:
+        """Return what becomes of an answer."""
+        if not self._of_answers or self._random.random() >= self.rate:
+            return (answer,)
+        kind = self._random.choice(self._of_answers)
+        self._note(kind)
+        return self._spoil(answer, kind)
+
+    def befall(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        """Let something happen to what the master sends, or to a servo; see `Misfortune`."""
+        self._now = now
+        self._repair(now)
+        if not self._of_sending or not data or self._random.random() >= self.rate:
+            return data, []
+        kind = self._random.choice(self._of_sending)
+        if kind in SERVO_FAULTS:
+            self._strike(self._random.choice(tuple(bus)), kind, now)
+            return data, []
+        self._note(kind)
+        if kind is Fault.ECHO:
+            return data, [Answer(data, 0)]
+        return (b"" if kind is Fault.DEAFNESS else self._changed(data)), []
+
+    def _note(self, kind: Fault) -> None:
+        self.counts[kind] += 1
+        self.last = max(self.last, self._now)
+
+    def _spoil(self, answer: Answer, kind: Fault) -> tuple[Answer, ...]:
+        data, delay, follows = answer.data, answer.delay, answer.follows
+        match kind:
+            case Fault.DROP:
+                return ()
+            case Fault.CORRUPT:
+                return (Answer(self._changed(data), delay, follows),)
+            case Fault.TRUNCATE:
+                return (Answer(data[: self._random.randrange(len(data))], delay, follows),)
+            case Fault.DELAY:
+                return (Answer(data, delay, follows, self._time(self._late)),)
+            case Fault.STALL:
+                return (Answer(data, delay + self._time(self._late), follows),)
+            case Fault.FOREIGN:
+                return (Answer(self._foreign(data) + data, delay, follows),)
+            case _:
+                noise = self._random.randbytes(self._random.randrange(1, 12))
+                return (Answer(noise + data, delay, follows),)
+
+    def _changed(self, data: bytes) -> bytes:
+        changed = bytearray(data)
+        changed[self._random.randrange(len(data))] ^= self._random.randrange(1, 256)
+        return bytes(changed)
+
+    def _foreign(self, data: bytes) -> bytes:
+        """Return a sound answer of another servo, with as much data."""
+        one, two = StatusPacket.decode(data), StatusPacket2.decode(data)
+        if two is not None:
+            return StatusPacket2(
+                (two.id + 1) % 253, 0, self._random.randbytes(len(two.data))
+            ).encode()
+        if one is not None:
+            noise = self._random.randbytes(len(one.data))
+            return StatusPacket((one.id + 1) % 253, data=noise).encode()
+        return b""
+
+    def _time(self, bounds: tuple[float, float]) -> int:
+        return round(self._random.uniform(*bounds) * 1e9)
+
+    def _strike(self, servo: SimulatedServo, kind: Fault, now: int) -> None:
+        if any(sufferer is servo for _, sufferer, _ in self._repairs):
+            return
+        self._note(kind)
+        end = now + self._time(self._pause)
+        if kind is Fault.POWER_LOSS:
+            servo.power_off()
+            self._repairs.append((end, servo, servo.power_on))
+        elif kind is Fault.OVERLOAD:
+            servo.overload()
+        elif kind is Fault.LOW_VOLTAGE:
+            usual = servo.supply_voltage
+            servo.supply_voltage = servo.register("Min Voltage Limit") / 10.0 - 0.5
+            self._repairs.append((end, servo, lambda: setattr(servo, "supply_voltage", usual)))
+        else:
+            before = servo.temperature
+            servo.temperature = servo.register("Temperature Limit") + 5.0
+            self._repairs.append((end, servo, lambda: setattr(servo, "temperature", before)))
+
+    def _repair(self, now: int) -> None:
+        for repair in [repair for repair in self._repairs if repair[0] <= now]:
+            self._repairs.remove(repair)
+            repair[2]()
+            self.last = max(self.last, now)
