@@ -139,12 +139,27 @@ def test_a_signal_stops_and_relaxes_the_head(start, port, number):
 def test_a_node_that_dies_ends_the_run_with_its_error(start, tmp_path):
     bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
     port = bus.read_until("servos").strip()
-    run = start("head_tracking", "--port", port)
+    run = start("head_tracking", "--port", os.path.realpath(port))  # a name that never comes back
     run.read_until("ready to keep")
     bus.end(signal.SIGINT)
     assert run.end() == 1
     assert "servo_bus died" in run.output.splitlines()[-1]
     assert "Traceback" not in run.output
+
+
+def test_an_adapter_that_is_plugged_in_again_is_found(start, tmp_path):
+    link = str(tmp_path / "servos")
+    bus = start("simulated_bus", "--link", link)
+    bus.read_until("servos")
+    node = start("servo_bus", "--ros-args", "-p", f"port_name:={link}")
+    node.read_until("2 AX-12 servos")
+    bus.end(signal.SIGINT)
+    node.read_until("lost ")
+    again = start("simulated_bus", "--link", link)
+    again.read_until("servos")
+    node.read_until("is there again")
+    node.read_until("(id 2): answers again")
+    assert node.end(signal.SIGINT) == 0
 
 
 def test_a_missing_port_is_an_error(start):
