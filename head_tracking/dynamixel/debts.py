@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 _FORGOTTEN: Final = 1.0
 """Seconds after which no answer is still on its way, through whatever adapter."""
+
+_MOST: Final = 24  # bytes
 
 
 class Debts:
@@ -27,32 +29,39 @@ class Debts:
         """Note that an answer with so many bytes of data may still come."""
         self._since.setdefault((protocol, servo_id), {})[length] = self._clock()
 
-    def owes(self, protocol: int, servo_id: int) -> bool:
-        """Return whether a servo owes any answer."""
-        return (protocol, servo_id) in self._since
+    def extra(self, protocol: int, ids: Iterable[int], length: int) -> int | None:
+        """Return how many bytes more to ask for, so that no late answer has the length of the new.
 
-    def lengths(self, protocol: int, servo_id: int) -> frozenset[int]:
+        Returns:
+            That number; None if there is none, after many failures in a second.
+        """
+        if not self._since:
+            return 0
+        owed: set[int] = set()
+        for servo_id in ids:
+            owed |= self._lengths(protocol, servo_id)
+        return next((extra for extra in range(_MOST + 1) if length + extra not in owed), None)
+
+    def pay(self, protocol: int, servo_id: int, length: int) -> float | None:
+        """Note that such an answer has come; return how late it is, s, or None if none is owed."""
+        owed = self._since.get((protocol, servo_id))
+        if owed is None:
+            return None
+        since = owed.pop(length, None)
+        if not owed:
+            del self._since[protocol, servo_id]
+        return None if since is None else self._clock() - since
+
+    def _lengths(self, protocol: int, servo_id: int) -> set[int]:
         """Return how long the answers are that may still come from a servo."""
         key = (protocol, servo_id)
         owed = self._since.get(key)
         if owed is None:
-            return frozenset()
+            return set()
         now = self._clock()
         recent = {length: since for length, since in owed.items() if now - since <= _FORGOTTEN}
         if recent:
             self._since[key] = recent
         else:
             del self._since[key]
-        return frozenset(recent)
-
-    def pay(self, protocol: int, servo_id: int, length: int) -> float | None:
-        """Note that such an answer has come; return how late it is, s, or None if none is owed."""
-        owed = self._since.get((protocol, servo_id), {})
-        since = owed.pop(length, None)
-        if not owed:
-            self._since.pop((protocol, servo_id), None)
-        return None if since is None else self._clock() - since
-
-    def forgive(self, protocol: int, servo_id: int) -> None:
-        """Note that nothing older can come from a servo: it has answered a later question."""
-        self._since.pop((protocol, servo_id), None)
+        return set(recent)
