@@ -1,9 +1,13 @@
 """Servo bus driver for Dynamixel servos; see `ServoBus` and `BusThread`."""
 
+from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.bus_thread import BusThread, BusTiming, CycleSchedule
+from head_tracking.dynamixel.buses import Buses
 from head_tracking.dynamixel.command import CommandResult, Goal, Torque
 from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
 from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
+from head_tracking.dynamixel.dynamixel_port import DynamixelPort
+from head_tracking.dynamixel.eeprom import EepromSettings
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -27,11 +31,12 @@ from head_tracking.dynamixel.exceptions import (
     UnknownRegisterError,
     WrongModelError,
 )
+from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
 from head_tracking.dynamixel.identification import ServoIdentity
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
-from head_tracking.dynamixel.port import Reply, ServoPort
+from head_tracking.dynamixel.mount import ServoMount
+from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply, ServoPort
 from head_tracking.dynamixel.protocol1 import ErrorBits, Instruction, describe_errors
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.sdk import serial_ports
 from head_tracking.dynamixel.servo_bus import ServoBus
 from head_tracking.dynamixel.servo_state import (
@@ -39,19 +44,24 @@ from head_tracking.dynamixel.servo_state import (
     BusReading,
     BusStatistics,
     EventKind,
+    Health,
     ServoState,
     ServoStatistics,
 )
+from head_tracking.dynamixel.settings import BusSettings
 
 __all__ = [
     "Access",
+    "Adapter",
     "Block",
     "BusEvent",
     "BusReading",
+    "BusSettings",
     "BusStatistics",
     "BusStoppedError",
     "BusThread",
     "BusTiming",
+    "Buses",
     "CommandResult",
     "CommunicationError",
     "ConfigurationError",
@@ -59,10 +69,14 @@ __all__ = [
     "CorruptReplyError",
     "CycleSchedule",
     "DynamixelError",
+    "DynamixelPort",
+    "EepromSettings",
     "ErrorBits",
     "EventKind",
     "Goal",
     "GoalError",
+    "HardwareErrors",
+    "Health",
     "Instruction",
     "JointConfiguration",
     "Memory",
@@ -72,8 +86,9 @@ __all__ = [
     "PortLostError",
     "PortMissingError",
     "PortPermissionError",
-    "DynamixelPort",
     "RangeError",
+    "ReadGroup",
+    "ReadMethod",
     "Register",
     "RegisterRefusedError",
     "Reply",
@@ -83,6 +98,7 @@ __all__ = [
     "ServoIdentity",
     "ServoModeError",
     "ServoModel",
+    "ServoMount",
     "ServoNotFoundError",
     "ServoPort",
     "ServoState",
@@ -91,6 +107,7 @@ __all__ = [
     "TorqueError",
     "UnknownRegisterError",
     "WrongModelError",
+    "XL320Errors",
     "check_configuration",
     "describe_errors",
     "serial_ports",

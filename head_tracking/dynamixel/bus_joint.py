@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import replace
 from enum import IntFlag
+from functools import reduce
 
 from head_tracking.dynamixel.bus_servo import BusServo
 from head_tracking.dynamixel.command import Goal, Torque, check_finite, within_limits
 from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import CommunicationError, GoalError, ServoError
 from head_tracking.dynamixel.port import ServoPort
-from head_tracking.dynamixel.servo_link import SLOWEST
 from head_tracking.dynamixel.servo_state import ServoState
+from head_tracking.dynamixel.wire_goal import WireGoal
 
 _REMEDIES = {
     Torque.OFF_ON_REQUEST: "the joint is relaxed on request; switch its torque on first "
@@ -24,44 +25,33 @@ _REMEDIES = {
 }
 
 
-@dataclass(slots=True)
-class _WireGoal:
-    """What is written each cycle: a tick for each servo and a speed.
-
-    The speed is in rad/s; None stands for the joint's own, 0 for the slowest. `shares` are the
-    bytes for each servo, made for the speed `encoded`.
-    """
-
-    ticks: tuple[int, ...]
-    speed: float | None
-    since: int
-    shares: tuple[bytes, ...] = field(default=())
-    encoded: float = -1.0
-
-
 class BusJoint:
     """State of one joint. Only the thread that owns the bus changes it; any thread may look.
 
     Args:
         configuration: How the joint is wired.
         port: Where its servos are.
+        watchdog: Time without any packet after which its servos shall stop, s; 0: never.
 
     Attributes:
         name: The joint's name.
+        configuration: How the joint is wired.
         servos: Its servo, or its two.
         torque: Why it holds or does not hold its position.
         default_speed: Speed for goals that give none, rad/s.
-        resumes: Whether it was on when its servo was lost, and may be so again.
     """
 
-    def __init__(self, configuration: JointConfiguration, port: ServoPort) -> None:
+    def __init__(
+        self, configuration: JointConfiguration, port: ServoPort, watchdog: float = 0.0
+    ) -> None:
         self.configuration = configuration
         self.name = configuration.joint_name
-        self.servos = tuple(BusServo(mount, port) for mount in configuration.mounts)
+        self.servos = tuple(BusServo(mount, port, watchdog) for mount in configuration.mounts)
         self.torque = Torque.OFF_UNTIL_COMMANDED
         self.default_speed = configuration.joint_speed
-        self.resumes = False
-        self._goal: _WireGoal | None = None
+        self._resumes = False  # it was on when its servo was lost, and may be so again
+        self._recovers = False  # its servo restarts because somebody wants to clear its fault
+        self._goal: WireGoal | None = None
 
     @property
     def stopped(self) -> bool:
@@ -74,27 +64,25 @@ class BusJoint:
         return all(servo.lost for servo in self.servos)
 
     @property
+    def watched(self) -> bool:
+        """Whether a servo of it stops by itself when it hears nothing."""
+        return any(servo.watched for servo in self.servos)
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest position, rad, allowed by configuration and servos."""
-        ends = [
-            sorted(servo.mount.position(tick) for tick in servo.range) for servo in self.servos
-        ]
+        ends = [sorted(servo.mount.position(tick) for tick in servo.range) for servo in self.servos]
         return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
 
     @property
     def drives(self) -> bool:
         """Whether goals are written to its servos."""
-        return self._goal is not None and self.torque is Torque.ON and not self.lost
-
-    @property
-    def goal_position(self) -> float | None:
-        """The goal that is being written, rad."""
-        return None if self._goal is None else self.servos[0].mount.position(self._goal.ticks[0])
+        return self._goal is not None and self.torque is Torque.ON
 
     @property
     def commanded_at(self) -> int | None:
         """Monotonic time, ns, of the goal; None without one, or for one that is held."""
-        return None if self._goal is None or self._goal.since == 0 else self._goal.since
+        return None if self._goal is None else self._goal.since
 
     def admit(self, goal: Goal, clamp: bool) -> float:
         """Return the position to go to, rad, or refuse the goal. Changes nothing.
@@ -110,14 +98,17 @@ class BusJoint:
         tolerance = self.configuration.resolution
         return within_limits(self.name, goal.position, lower, upper, tolerance, clamp)
 
-    # Owner's thread
+    # Owner's thread. Everything that talks to servos raises PortLostError when the port has gone.
+
+    def identify(self) -> None:
+        """Find its servos and relax them; raises as `BusServo.identify` does."""
+        for servo in self.servos:
+            servo.identify()
 
     def lose(self) -> None:
-        """Drop the goal and what the servos said, because they do not answer any more."""
-        self.resumes = self.torque is Torque.ON
+        """Drop the goal, because nobody answers any more."""
+        self._resumes = self._resumes or self.torque is Torque.ON
         self.forget_goal()
-        for servo in self.servos:
-            servo.feedback = None
 
     def come_back(self, servo: BusServo) -> str:
         """Take a servo that answers again back; return what became of the torque.
@@ -129,39 +120,34 @@ class BusJoint:
             CommunicationError: It does not answer.
             ServoError: It is not what the configuration says, or cannot be used.
             ConfigurationError: Its own angle limits leave the joint no range.
-            PortLostError: The port has gone.
         """
         others = self.torque is Torque.ON
-        keep = others or (self.resumes and self.torque is Torque.OFF_UNTIL_COMMANDED)
+        keep = others or (self._resumes and self.torque is Torque.OFF_UNTIL_COMMANDED)
         identity = servo.identify(keep_torque=keep)
+        servo.faulted = False
+        if self._recovers and not self.lost:
+            self._recovers = False
+            self.torque = Torque.OFF_UNTIL_COMMANDED
         if keep and (identity.powered or others):
             problem = self.pin()
             if problem:
                 return f"relaxed, because it does not hold: {problem}"
             return "it kept its torque and holds where it stands"
-        self.resumes = False
+        self._resumes = False
         return self.torque.value
 
     def switch_on(self) -> str:
-        """Hold the present position with torque on; return what went wrong, or nothing.
-
-        Raises:
-            PortLostError: The port has gone.
-        """
+        """Hold the present position with torque on; return what went wrong, or nothing."""
         if self.torque is Torque.ON:
             return ""
         if self.torque in (Torque.OFF_BY_FAULT, Torque.OFF_STOPPED, Torque.OFF_TO_COOL):
-            return self.torque.value
+            return str(self.torque.value)
         if self.lost:
             return "the servo does not answer"
         return self.pin()
 
     def pin(self) -> str:
-        """Make torque on and the present position the goal; return what went wrong, or nothing.
-
-        Raises:
-            PortLostError: The port has gone.
-        """
+        """Make torque on and the present position the goal; return what went wrong, or nothing."""
         ticks: list[int] = []
         for servo in self.servos:
             if servo.lost:
@@ -176,9 +162,9 @@ class BusJoint:
                     with suppress(CommunicationError, ServoError):
                         each.link.set_torque(False)
                 return str(cause)
-        self._goal = _WireGoal(tuple(ticks), 0.0, 0)
+        self._goal = WireGoal(tuple(ticks), 0.0, None)
         self.torque = Torque.ON
-        self.resumes = False
+        self._resumes = False
         return ""
 
     def switch_off(self, state: Torque) -> str:
@@ -186,12 +172,9 @@ class BusJoint:
 
         Args:
             state: The torque state from now on.
-
-        Raises:
-            PortLostError: The port has gone.
         """
         self.torque = state
-        self.resumes = False
+        self._resumes = self._recovers = False
         self._goal = None
         problems: list[str] = []
         for servo in self.servos:
@@ -205,23 +188,68 @@ class BusJoint:
                 problems.append(str(cause))
         return "; ".join(problems)
 
-    def aim(self, goal: Goal, now: int) -> None:
-        """Make this the goal that is written from now on.
+    def recover(self, now: int) -> str:
+        """Clear the fault of its servos; return what went wrong, or nothing.
+
+        Protocol 1.0 servos get their torque limit back. Others restart, which takes a while; the
+        bus finds them again by itself.
 
         Args:
-            goal: Where to go.
             now: Monotonic time, ns.
         """
-        ticks = tuple(servo.inside(servo.mount.ticks(goal.position)) for servo in self.servos)
-        self._goal = _WireGoal(ticks, goal.speed, now)
+        if self.lost:
+            return "the servo does not answer"
+        self.switch_off(Torque.OFF_BY_FAULT)
+        try:
+            for servo in self.servos:
+                if servo.mount.model.protocol == 1:
+                    servo.link.restore_torque_limit()
+                    servo.faulted = False
+                else:
+                    servo.link.reboot()
+                    servo.lose(now)
+                    self._recovers = True
+        except (CommunicationError, ServoError) as cause:
+            return str(cause)
+        if not self._recovers:
+            self.torque = Torque.OFF_UNTIL_COMMANDED
+        return ""
 
-    def stop(self, retries: int) -> None:
+    def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+        """Take over other limits; None leaves one as it is. A goal outside moves inside.
+
+        Args:
+            lowest: `min` of the first servo, ticks.
+            highest: `max` of the first servo, ticks.
+            max_speed: Highest speed, rad/s; 0 for the model's own.
+
+        Raises:
+            ConfigurationError: The servo cannot do that; nothing has changed.
+        """
+        old = self.configuration
+        new = replace(
+            old,
+            min=old.min if lowest is None else lowest,
+            max=old.max if highest is None else highest,
+            max_speed=old.max_speed if max_speed is None else max_speed or None,
+        )
+        self.servos[0].remount(new.mount)
+        self.configuration = new
+        self.default_speed = min(self.default_speed, new.speed_limit)
+        if self._goal is not None:
+            first, *others = self._goal.ticks
+            ticks = (self.servos[0].inside(first), *others)
+            self._goal = WireGoal(ticks, self._goal.speed, self._goal.since)
+
+    def aim(self, goal: Goal, now: int) -> None:
+        """Make this the goal that is written from now on; `now` is monotonic, ns."""
+        ticks = tuple(servo.inside(servo.mount.ticks(goal.position)) for servo in self.servos)
+        self._goal = WireGoal(ticks, goal.speed, now)
+
+    def hold(self, retries: int) -> None:
         """Make the present position the goal, at the speed of the previous one.
 
         A servo that does not answer gets its last known position.
-
-        Raises:
-            PortLostError: The port has gone.
         """
         if self._goal is None:
             return
@@ -233,7 +261,12 @@ class BusJoint:
                     present = servo.link.read_position(retries)
             if present is not None:
                 ticks[index] = servo.inside(servo.mount.fold(present))
-        self._goal = _WireGoal(tuple(ticks), self._goal.speed, 0)
+        self._goal = WireGoal(tuple(ticks), self._goal.speed, None)
+
+    def keep_goal(self) -> None:
+        """Hold the goal from now on, because it has been reached."""
+        if self._goal is not None:
+            self._goal.since = None
 
     def forget_goal(self) -> None:
         """Drop the goal, so that nothing is written any more; torque is not on without one."""
@@ -243,19 +276,12 @@ class BusJoint:
 
     def shares(self) -> tuple[bytes, ...]:
         """Return the bytes of goal position and speed for each servo; only while `drives`."""
-        goal = self._goal
-        assert goal is not None
-        speed = self.default_speed if goal.speed is None else goal.speed
-        if goal.encoded != speed:
-            limit = self.configuration.speed_limit
-            goal.shares = tuple(
-                servo.mount.model.encode_goal(
-                    ticks, servo.mount.speed_ticks(speed, limit) if speed > 0.0 else SLOWEST
-                )
-                for servo, ticks in zip(self.servos, goal.ticks, strict=True)
-            )
-            goal.encoded = speed
-        return goal.shares
+        assert self._goal is not None
+        return self._goal.shares(
+            [servo.mount for servo in self.servos],
+            self.default_speed,
+            self.configuration.speed_limit,
+        )
 
     def state(self, answered: list[BusServo]) -> ServoState:
         """Return the joint's state from those of its servos that answered in this cycle."""
@@ -265,12 +291,13 @@ class BusJoint:
         goal = self._goal
         load = mount.load(feedback.load)
         voltage, temperature, errors = feedback.voltage, feedback.temperature, first.errors
-        for other in answered[1:]:
-            assert other.feedback is not None
-            load = (load + other.mount.load(other.feedback.load)) / 2.0
-            voltage = min(voltage, other.feedback.voltage)
-            temperature = max(temperature, other.feedback.temperature)
-            errors = _both(errors, other.errors)
+        if len(answered) > 1:
+            said = [servo.feedback for servo in answered if servo.feedback is not None]
+            loads = [servo.mount.load(servo.feedback.load) for servo in answered if servo.feedback]
+            load = sum(loads) / len(loads)
+            voltage = min(each.voltage for each in said)
+            temperature = max(each.temperature for each in said)
+            errors = reduce(_both, (servo.errors for servo in answered))
         return ServoState(
             self.name,
             first.id,

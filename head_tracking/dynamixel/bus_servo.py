@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import IntFlag
 
-from head_tracking.dynamixel.exceptions import CommunicationError
+from head_tracking.dynamixel.command import Torque
+from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.identification import ServoIdentity, identify
 from head_tracking.dynamixel.mount import ServoMount
 from head_tracking.dynamixel.port import ServoPort
@@ -19,21 +20,22 @@ class BusServo:
     Args:
         mount: How it is mounted.
         port: Where it is.
+        watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
 
     Attributes:
         id: Its id.
         mount: How it is mounted.
         link: Transactions with it.
         identity: What it said about itself; None until it was found.
-        lost: Whether it has stopped answering and is left out of the cycle.
+        lost: Whether it does not answer and is left out of the cycle.
         failed_cycles: Failed cycles in a row.
         ask_at: Not before this monotonic time, ns, is it asked again.
+        interrupted: Whether it has missed a cycle since its torque was last seen.
         faulted: Whether it has shut itself down.
         errors: Its error state when it last told.
         feedback: What it last said; None before it said anything.
         stamp: When that was, ns.
         range: Lowest and highest tick that configuration and servo allow.
-        watchdog: Time without any packet after which it shall stop by itself, s; 0 for never.
     """
 
     def __init__(self, mount: ServoMount, port: ServoPort, watchdog: float = 0.0) -> None:
@@ -44,30 +46,34 @@ class BusServo:
         self.lost = False
         self.failed_cycles = 0
         self.ask_at = 0
+        self.interrupted = False
         self.faulted = False
         self.errors: IntFlag = NO_ERROR
         self.feedback: Feedback | None = None
         self.stamp = 0
         self.range = mount.tick_range
-        self.watchdog = watchdog
+        self._watchdog = watchdog if "Bus Watchdog" in mount.model.control_table else 0.0
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it may have been without power since its torque was last seen."""
+        return self.failed_cycles > 0 or self.interrupted or self.lost
+
+    @property
+    def watched(self) -> bool:
+        """Whether it stops by itself when it hears nothing."""
+        return self._watchdog > 0.0
 
     @property
     def health(self) -> Health:
         """What is known about it."""
-        if self.lost:
-            return Health.LOST
         if self.identity is None:
             return Health.UNKNOWN
+        if self.lost:
+            return Health.LOST
         if self.failed_cycles:
             return Health.STALE
         return Health.FAULTED if self.faulted else Health.PRESENT
-
-    @property
-    def position(self) -> float | None:
-        """The joint's position when it last answered, rad."""
-        if self.feedback is None:
-            return None
-        return self.mount.position(self.mount.fold(self.feedback.ticks))
 
     def identify(self, keep_torque: bool = False) -> ServoIdentity:
         """Find out what answers, and count it as present from now on.
@@ -78,21 +84,27 @@ class BusServo:
             ConfigurationError: Its own angle limits leave the joint no range.
         """
         identity = identify(self.link, self.mount, keep_torque)
+        self.range = narrowed(self.mount, identity)
         self.identity = identity
-        self.range = (identity.lowest, identity.highest)
-        self.lost = self.faulted = False
+        self.lost = self.interrupted = False
         self.failed_cycles = self.ask_at = 0
         return identity
+
+    def remount(self, mount: ServoMount) -> None:
+        """Take over other limits; raises ConfigurationError if the servo's own leave nothing."""
+        self.range = mount.tick_range if self.identity is None else narrowed(mount, self.identity)
+        self.mount = mount
 
     def answered(self, feedback: Feedback, stamp: int) -> None:
         """Take note of an answer."""
         self.feedback = feedback
         self.stamp = stamp
-        self.failed_cycles = 0
-        self.ask_at = 0
+        if self.failed_cycles:
+            self.failed_cycles = self.ask_at = 0
+            self.interrupted = True
 
     def failed(self, ask_at: int) -> None:
-        """Take note of a cycle without a good answer."""
+        """Take note of a cycle without a good answer; `ask_at` is when to ask again, ns."""
         self.failed_cycles += 1
         self.ask_at = ask_at
 
@@ -100,13 +112,16 @@ class BusServo:
         """Leave it out of the cycle and ask it again at a time, ns."""
         self.lost = True
         self.ask_at = ask_at
+        self.feedback = None
 
     def pin(self) -> int:
         """Switch torque on where it stands; return the goal, in ticks. See `ServoLink.pin`."""
-        self.link.set_watchdog(0.0)
+        if self.watched:
+            self.link.set_watchdog(0.0)
         goal = self.link.pin(*self.range, self.mount.fold)
-        if self.watchdog:
-            self.link.set_watchdog(self.watchdog)
+        if self.watched:
+            self.link.set_watchdog(self._watchdog)
+        self.interrupted = False
         return goal
 
     def inside(self, ticks: int) -> int:
@@ -114,20 +129,13 @@ class BusServo:
         lowest, highest = self.range
         return max(lowest, min(highest, ticks))
 
-    def look_for_errors(self) -> IntFlag:
-        """Ask for the error state that goes with the last answer, and return it.
+    def statistics(self, torque: Torque) -> ServoStatistics:
+        """Return what there is to know about it.
 
-        Raises:
-            CommunicationError: The servo does not answer.
+        Args:
+            torque: Its joint's.
         """
-        if self.feedback is None:
-            raise CommunicationError(f"servo {self.id} has not answered yet")
-        self.errors = self.link.errors(self.feedback.error)
-        return self.errors
-
-    def statistics(self, stopped: bool) -> ServoStatistics:
-        """Return the counters."""
-        counters = self.link.counters
+        counters, feedback = self.link.counters, self.feedback
         return ServoStatistics(
             joint_name=self.mount.joint_name,
             id=self.id,
@@ -139,7 +147,28 @@ class BusServo:
             lost=self.lost,
             model=self.mount.model.name,
             firmware_version=None if self.identity is None else self.identity.firmware_version,
-            health=Health.STOPPED if stopped else self.health,
+            health=Health.STOPPED if torque is Torque.OFF_STOPPED else self.health,
             errors=self.errors,
-            last_stamp=None if self.feedback is None else self.stamp,
+            last_stamp=self.stamp or None,
+            temperature=None if feedback is None else float(feedback.temperature),
+            voltage=None if feedback is None else feedback.voltage * 0.1,
+            load=None if feedback is None else self.mount.load(feedback.load),
+            torque=torque.value,
         )
+
+
+def narrowed(mount: ServoMount, identity: ServoIdentity) -> tuple[int, int]:
+    """Return the range, in ticks, that configuration and servo allow.
+
+    Raises:
+        ConfigurationError: They have nothing in common.
+    """
+    (low, high), (lower, upper) = mount.tick_range, identity.own_range
+    lowest, highest = max(low, lower), min(high, upper)
+    if lowest >= highest:
+        raise ConfigurationError(
+            f"{mount.joint_name}: the configuration allows ticks {low} to {high}, "
+            f"servo {mount.id} itself {lower} to {upper}: nothing in common; correct min and max "
+            "or the servo's angle limits"
+        )
+    return lowest, highest

@@ -260,9 +260,7 @@ class ControlTable:
         """Yield blocks of adjacent registers, of at most so many bytes, that make up the table."""
         run: list[Register] = []
         for register in self._registers:
-            if run and (
-                register.address != run[-1].end or register.end - run[0].address > longest
-            ):
+            if run and (register.address != run[-1].end or register.end - run[0].address > longest):
                 yield Block(tuple(run))
                 run = []
             run.append(register)

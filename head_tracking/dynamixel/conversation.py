@@ -259,9 +259,7 @@ class Conversation:
             now = self._wire_free
         self._wire_free = now + len(data) * self._seconds_per_byte
 
-    def _listen(
-        self, protocol: int, servo_id: int, length: int, following: bytes = b""
-    ) -> Answer:
+    def _listen(self, protocol: int, servo_id: int, length: int, following: bytes = b"") -> Answer:
         """Wait for the answer of a servo, then send the following question, if both are there."""
         dialect = DIALECTS[protocol]
         size = dialect.overhead + length

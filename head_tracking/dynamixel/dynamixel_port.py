@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import termios
+import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 
@@ -43,6 +44,7 @@ class DynamixelPort:
             long as answers take on this port, and a margin (`Patience`).
         write_timeout: Time the device may refuse to take data, s.
         open_device: Opens the device.
+        clock: Monotonic time, s; the same that the device's line counts by.
 
     Raises:
         ConfigurationError: The SDK cannot set this baud rate, or a timeout is not above 0.
@@ -56,6 +58,7 @@ class DynamixelPort:
         reply_timeout: float | None = None,
         write_timeout: float = 0.1,
         open_device: Callable[[str, int], SerialDevice] = SerialDevice,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_baud_rate(baud_rate)
         for name, value in (("reply_timeout", reply_timeout), ("write_timeout", write_timeout)):
@@ -66,6 +69,7 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._write_timeout = write_timeout
         self._open_device = open_device
+        self._clock = clock
         self._device: SerialDevice | None = None
         self._conversation: Conversation | None = None
         self._patience = Patience(reply_timeout)
@@ -93,6 +97,15 @@ class DynamixelPort:
         """Whether the device is open."""
         return self._device is not None
 
+    @property
+    def comes_back(self) -> bool:
+        """Whether the device, once gone, may be found again under its name.
+
+        A pseudo-terminal never is: its number goes to the next program that asks for one. A link
+        to one may be.
+        """
+        return not self._name.startswith("/dev/pts/")
+
     def open(self) -> None:
         """Open the device and lock it, so that no second program disturbs the bus.
 
@@ -108,7 +121,7 @@ class DynamixelPort:
         self._adapter = device.adapter
         self._patience = Patience(self._reply_timeout, device.adapter.latency)
         self._conversation = Conversation(
-            device.line, self._baud_rate, self._patience, self._write_timeout
+            device.line, self._baud_rate, self._patience, self._write_timeout, self._clock
         )
         self._device = device
 
@@ -310,9 +323,7 @@ class DynamixelPort:
         except _LOST as cause:
             raise self._lost(cause) from cause
 
-    def _reply(
-        self, protocol: int, servo_id: int, answer: Answer, length: int, what: str
-    ) -> Reply:
+    def _reply(self, protocol: int, servo_id: int, answer: Answer, length: int, what: str) -> Reply:
         """Return what an answer says, or raise why it says nothing."""
         if not isinstance(answer, Status):
             raise self._failure(answer, servo_id, what)
@@ -381,5 +392,3 @@ def _group_packet(group: ReadGroup) -> bytes:
     instruction = Instruction2.FAST_SYNC_READ if fast else Instruction2.SYNC_READ
     where = group.address.to_bytes(2, "little") + group.length.to_bytes(2, "little")
     return instruction_packet(2, BROADCAST_ID, instruction, where + bytes(group.ids))
-
-

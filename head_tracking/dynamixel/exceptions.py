@@ -87,9 +87,7 @@ class PortLostError(DynamixelError):
     """The port was open and has gone: unplugged, or its other end has closed."""
 
     def __init__(self, port_name: str, reason: object) -> None:
-        super().__init__(
-            f"lost {port_name}: {reason}; check the cable of the adapter, then connect again"
-        )
+        super().__init__(f"lost {port_name}: {reason}; check the cable of the adapter")
         self.port_name = port_name
 
 

@@ -68,6 +68,11 @@ class GoalInbox:
         with self._lock:
             self._goals.pop(joint_name, None)
 
+    def put_back(self, joint_name: str, goal: Goal) -> None:
+        """Leave a goal for the next cycle, unless there is a newer one."""
+        with self._lock:
+            self._goals.setdefault(joint_name, goal)
+
     def take(self) -> dict[str, Goal]:
         """Return the newest goals and forget them."""
         with self._lock:

@@ -32,8 +32,7 @@ class ServoIdentity:
         id: Servo id.
         model: Name of the model.
         firmware_version: Contents of its register.
-        lowest: Lowest tick that configuration and servo allow.
-        highest: Highest tick that configuration and servo allow.
+        own_range: Lowest and highest tick by the servo's own angle limits.
         shutdown: Errors upon which the servo switches itself off.
         temperature_limit: Above it the servo counts as overheated, degrees Celsius.
         powered: Whether its torque was on when it was found.
@@ -43,8 +42,7 @@ class ServoIdentity:
     id: int
     model: str
     firmware_version: int
-    lowest: int
-    highest: int
+    own_range: tuple[int, int]
     shutdown: IntFlag
     temperature_limit: float
     powered: bool
@@ -78,7 +76,6 @@ def identify(link: ServoLink, mount: ServoMount, keep_torque: bool = False) -> S
     Raises:
         ServoModeError: It does not answer reads, or does not work in positions.
         WrongModelError: It is another model than configured.
-        ConfigurationError: Its own angle limits leave the joint no range.
         RegisterRefusedError: It does not switch torque off.
         CommunicationError: It stops answering.
     """
@@ -103,21 +100,13 @@ def identify(link: ServoLink, mount: ServoMount, keep_torque: bool = False) -> S
         link.set_torque(False)
     lower, upper = (link.get(name) for name in link.model.position_limits)
     _check_mode(link, mount, lower, upper)
-    lowest, highest = max(mount.tick_range[0], lower), min(mount.tick_range[1], upper)
-    if lowest >= highest:
-        raise ConfigurationError(
-            f"{mount.joint_name}: the configuration allows ticks {mount.tick_range[0]} to "
-            f"{mount.tick_range[1]}, servo {link.id} itself {lower} to {upper}: "
-            "nothing in common; correct min and max or the servo's angle limits"
-        )
     shutdown = link.get("Shutdown") & sum(link.model.errors)
     return ServoIdentity(
         mount.joint_name,
         link.id,
         link.model.name,
         link.get("Firmware Version"),
-        lowest,
-        highest,
+        (lower, upper),
         link.model.errors(shutdown),
         float(link.get("Temperature Limit")),
         powered,
@@ -147,9 +136,9 @@ def _check_mode(link: ServoLink, mount: ServoMount, lower: int, upper: int) -> N
             f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
         )
     elif lower == upper:
-        mode = "wheel mode" if lower == 0 else "multi-turn mode"
+        name = "wheel mode" if lower == 0 else "multi-turn mode"
         raise ServoModeError(
-            f"{who} is in {mode} (both angle limits are {lower}) and has no positions within one "
+            f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
             "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
             f"{mount.tick_range[0]} and {mount.tick_range[1]}, {how}"
         )

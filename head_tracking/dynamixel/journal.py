@@ -12,7 +12,7 @@ class Journal:
         self._events: list[BusEvent] = []
 
     def note(self, kind: EventKind, joint_name: str, servo_id: int, text: str) -> None:
-        """Note what happened to a servo."""
+        """Note what happened to a joint."""
         self._events.append(BusEvent(kind, joint_name, f"{joint_name} (id {servo_id}): {text}"))
 
     def note_port(self, kind: EventKind, text: str) -> None:

@@ -71,6 +71,14 @@ class ServoPort(Protocol):
     def adapter(self) -> Adapter:
         """What is known about the device since it was opened."""
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open; a lost one is not."""
+
+    @property
+    def comes_back(self) -> bool:
+        """Whether a device that has gone may be found again under its name."""
+
     def open(self) -> None:
         """Open the port; raises PortError."""
 

@@ -42,12 +42,14 @@ def _plan(servos: Sequence[BusServo]) -> Plan:
         (
             ReadGroup(
                 method if len(members) > 1 else ReadMethod.EACH,
-                *where,
+                protocol,
+                address,
+                length,
                 tuple(servo.id for servo in members),
             ),
             members,
         )
-        for (method, *where), members in by_kind.items()
+        for (method, protocol, address, length), members in by_kind.items()
     ]
 
 

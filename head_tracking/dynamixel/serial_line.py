@@ -63,9 +63,10 @@ class SerialLine:
         patience = deadline - time.monotonic()
         if patience <= 0.0 and self._overtime <= 0:
             return b""
-        if not self._readable.poll(int(patience * 1e3) if patience > 0.0 else 0):
-            if patience <= 0.0 or not self._wait(deadline - time.monotonic()):
-                return b""
+        if not self._readable.poll(int(patience * 1e3) if patience > 0.0 else 0) and (
+            patience <= 0.0 or not self._wait(deadline - time.monotonic())
+        ):
+            return b""
         try:
             data = os.read(self._descriptor, limit)
         except BlockingIOError:

@@ -7,50 +7,47 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 
 from head_tracking.dynamixel.bus_joint import BusJoint
-from head_tracking.dynamixel.command import CommandResult, Goal, Torque, check_speed
-from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
+from head_tracking.dynamixel.bus_joints import BusJoints
+from head_tracking.dynamixel.bus_servo import BusServo
+from head_tracking.dynamixel.command import Torque
+from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import (
     DynamixelError,
-    GoalError,
-    NotConnectedError,
+    PortError,
+    PortLostError,
     ServoNotFoundError,
-    TorqueError,
 )
-from head_tracking.dynamixel.goal_inbox import GoalInbox
-from head_tracking.dynamixel.identification import ServoIdentity, answering, summary
+from head_tracking.dynamixel.identification import answering
 from head_tracking.dynamixel.port import ServoPort
-from head_tracking.dynamixel.servo_link import ServoLink
-from head_tracking.dynamixel.servo_state import (
-    BusReading,
-    BusStatistics,
-    EventKind,
-    ServoState,
-)
+from head_tracking.dynamixel.protection import Protection
+from head_tracking.dynamixel.servo_state import BusReading, BusStatistics, EventKind, ServoState
+from head_tracking.dynamixel.settings import BusSettings
 from head_tracking.dynamixel.supervision import Supervision
 
 
-class ServoBus:
+class ServoBus(BusJoints):
     """Reads and drives the servos of one port.
 
-    One thread owns the bus: it calls `connect`, `step`, `set_torque`, `hold` and `close`
-    (`BusThread` is that thread). Any thread may call `command`, `set_speed` and what only looks:
-    `statistics`, `limits`, `torque`, `speed`, `servos`, `summary`.
+    One thread owns the bus: it calls `connect`, `step`, everything that talks to servos, and
+    `close` (`BusThread` is that thread). Any thread may call `command`, `set_speed` and what only
+    looks: `statistics`, `limits`, `torque`, `speed`, `joints`, `servos`, `summary`.
 
     Servos start relaxed. The first command to a joint switches its torque on; after
     `set_torque(..., False)` commands are refused until `set_torque(..., True)`. Goals outside the
     limits never reach the wire, nor does a moving speed of 0, nor a goal for a relaxed servo.
 
+    Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
+    with what is there and looks for the rest.
+
     Args:
         port: Where the servos are.
         joints: The joints to drive.
         clock: Time for the stamps of measurements, ns.
-        monotonic: Time that never jumps, ns; decides when a lost servo is asked again.
-        retries: How often a failed read is repeated within the same cycle.
-        lost_after: Failed cycles in a row after which a servo counts as lost.
-        poll_interval: Time between two questions to a lost servo, s.
+        monotonic: Time that never jumps, ns.
+        settings: How to deal with silence, faults and heat.
 
     Raises:
-        ConfigurationError: The joints contradict each other, or a number makes no sense.
+        ConfigurationError: The joints contradict each other.
     """
 
     def __init__(
@@ -60,28 +57,27 @@ class ServoBus:
         clock: Callable[[], int] = time.time_ns,
         *,
         monotonic: Callable[[], int] = time.monotonic_ns,
-        retries: int = 1,
-        lost_after: int = 5,
-        poll_interval: float = 0.5,
+        settings: BusSettings | None = None,
     ) -> None:
-        self._port = port
+        self._settings = settings or BusSettings()
+        super().__init__(port, joints, monotonic, self._settings)
         self._clock = clock
-        self._retries = retries
+        all_joints = tuple(self._joints.values())
         self._supervision = Supervision(
-            clock, monotonic, retries, lost_after, round(poll_interval * 1e9)
+            port, all_joints, self._journal, clock, monotonic, self._settings
         )
-        self._joints = {
-            joint.joint_name: BusJoint(joint, ServoLink(port, joint.id, joint.model))
-            for joint in check_configuration(joints)
-        }
-        self._inbox = GoalInbox()
-        self._connected = False
+        self._protection = Protection(all_joints, self._journal, monotonic, self._settings)
+        self._port_losses = 0
+        self._look_again_at: int | None = None  # the port has gone; ns
         self._cycles = 0
 
     # Owner's thread
 
-    def connect(self) -> str:
+    def connect(self, *, allow_missing: bool = False) -> str:
         """Open the port, find all servos, relax them, and return a line that says what is there.
+
+        Args:
+            allow_missing: Go on without the servos that do not answer, and look for them.
 
         Returns:
             A summary such as "2 AX-12 servos: ids 1, 2".
@@ -93,83 +89,55 @@ class ServoBus:
             ConfigurationError: A servo's own angle limits leave a joint no range.
             CommunicationError: A servo answers pings, but then fails.
         """
-        joints = tuple(self._joints.values())
+        servos = self._servos()
         self._port.open()
         try:
-            asked = [joint.link.id for joint in joints]
-            found = answering([joint.link for joint in joints])
-            if len(found) < len(asked):
+            found = answering([servo.link for servo in servos])
+            if len(found) < len(servos) and not allow_missing:
+                asked = [servo.id for servo in servos]
                 raise ServoNotFoundError(asked, found, self._port.name, self._port.baud_rate)
-            for joint in joints:
-                joint.identify()
+            for servo in servos:
+                if servo.id in found:
+                    servo.identify()
+                else:
+                    servo.lose(0)
         except BaseException:
             self._port.close()
             raise
         self._inbox.take()
+        self._look_again_at = None
         self._connected = True
         return self.summary
 
     def step(self) -> BusReading:
-        """Run one cycle: read every servo, then write all goals in one packet.
+        """Run one cycle: read every servo and write all goals, in one packet for each protocol.
 
         Returns:
             What was read in this cycle; joints that did not answer are absent.
 
         Raises:
-            PortLostError: The port has gone.
             NotConnectedError: `connect` has not been called.
+            PortLostError: The port has gone and cannot come back under its name.
         """
         self._require_connection()
         self._cycles += 1
         stamp = self._clock()
-        states: dict[str, ServoState] = {}
-        failed: list[str] = []
-        for joint in self._joints.values():
-            if joint.lost:
-                continue
-            state = self._supervision.read(joint)
-            if state is None:
-                failed.append(joint.name)
-            else:
-                states[joint.name] = state
-        self._supervision.poll_one_lost(self._joints.values())
-        self._take_goals()
-        self._write_goals()
-        lost = tuple(joint.name for joint in self._joints.values() if joint.lost)
-        events = self._supervision.take_events()
-        return BusReading(self._cycles, stamp, states, tuple(failed), lost, events)
-
-    def set_torque(self, joints: Iterable[str] | None, on: bool) -> None:
-        """Switch the torque of some joints, or of all (None).
-
-        Torque on holds the present position. Torque off drops the goal; commands are refused until
-        torque is switched on again.
-
-        Raises:
-            GoalError: A joint is unknown; nothing was switched.
-            TorqueError: Some joints did not confirm; the others were switched.
-            PortLostError: The port has gone.
-            NotConnectedError: `connect` has not been called.
-        """
-        self._require_connection()
-        chosen = (
-            list(self._joints.values())
-            if joints is None
-            else [self._joint(name) for name in dict.fromkeys(joints)]
-        )
-        problems: dict[str, object] = {}
-        for joint in chosen:
-            if on:
-                problem, kind = joint.switch_on(), EventKind.TORQUE_ON
-            else:
-                self._inbox.drop(joint.name)
-                problem, kind = joint.switch_off(Torque.OFF_ON_REQUEST), EventKind.TORQUE_OFF
-            if problem:
-                problems[joint.name] = problem
-            else:
-                self._supervision.report(kind, joint, joint.torque.value)
-        if problems:
-            raise TorqueError(on, problems)
+        states: Mapping[str, ServoState] = {}
+        failed: tuple[str, ...] = ()
+        try:
+            if self._port_is_there():
+                self._protection.before_cycle()
+                self._take_goals()
+                states, failed = self._supervision.read(self._prepare_goals)
+                self._port.flush()
+                self._protection.after_cycle(states)
+                self._supervision.poll_one_lost()
+        except PortLostError as cause:
+            if not self._port.comes_back:
+                raise
+            self._lose_port(str(cause))
+        lost = tuple([name for name, joint in self._joints.items() if joint.lost])
+        return BusReading(self._cycles, stamp, states, failed, lost, self._journal.take())
 
     def hold(self) -> None:
         """Stop now: make the present position the goal of every joint with torque on.
@@ -181,8 +149,9 @@ class ServoBus:
         self._require_connection()
         self._inbox.take()
         for joint in self._joints.values():
-            joint.stop(self._retries)
-        self._write_goals()
+            joint.hold(self._settings.retries)
+        self._prepare_goals(also_silent=True)
+        self._port.flush()
 
     def close(self) -> tuple[str, ...]:
         """Hold, relax every servo, close the port. Never raises for what happens on the wire.
@@ -196,7 +165,7 @@ class ServoBus:
                 with suppress(DynamixelError):
                     self.hold()
                 for joint in self._joints.values():
-                    if not self._relaxed_for_good(joint):
+                    if not joint.stopped and not _relaxed_for_good(joint):
                         unconfirmed.append(joint.name)
         finally:
             self._connected = False
@@ -205,118 +174,99 @@ class ServoBus:
 
     # Any thread
 
-    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
-        """Set the goals of some joints; the newest goal of a joint wins.
-
-        The goals are written in the owner's next cycle. Speeds above a joint's `speed_limit` are
-        reduced to it.
-
-        Args:
-            goals: Goal by joint name.
-            clamp: Move positions outside the limits to the limit instead of refusing them. One
-                tick of excess always counts as being on the limit.
-
-        Raises:
-            GoalError: A joint is unknown or relaxed on request, a position is not finite or
-                outside the limits, a speed is not finite or not above 0, or no joint of the
-                command answers. Nothing has changed.
-            NotConnectedError: `connect` has not been called.
-        """
-        self._require_connection()
-        try:
-            joints = {name: self._joint(name) for name in goals}
-            return self._inbox.put(joints, goals, clamp)
-        except GoalError:
-            self._inbox.count_refusal()
-            raise
-
-    def set_speed(self, joint: str, speed: float) -> None:
-        """Set the speed, rad/s, for commands that give none, also for one under way.
-
-        Raises:
-            GoalError: The joint is unknown, or the speed not finite or not above 0.
-        """
-        check_speed(joint, speed)
-        self._joint(joint).default_speed = speed
-
-    def speed(self, joint: str) -> float:
-        """Return the speed for commands that give none, rad/s; raises GoalError if unknown."""
-        return self._joint(joint).default_speed
-
-    def torque(self, joint: str) -> Torque:
-        """Return the torque of a joint; raises GoalError if it is unknown."""
-        return self._joint(joint).torque
-
-    def limits(self, joint: str) -> tuple[float, float]:
-        """Return lowest and highest position, rad, that configuration and servo allow.
-
-        Raises:
-            GoalError: The joint is unknown.
-        """
-        return self._joint(joint).limits
-
-    @property
-    def joints(self) -> tuple[JointConfiguration, ...]:
-        """The configured joints."""
-        return tuple(joint.configuration for joint in self._joints.values())
-
-    @property
-    def servos(self) -> tuple[ServoIdentity, ...]:
-        """What was found on the bus; empty before `connect`."""
-        found = (joint.identity for joint in self._joints.values())
-        return tuple(identity for identity in found if identity is not None)
-
-    @property
-    def summary(self) -> str:
-        """A line that says what was found, such as "2 AX-12 servos: ids 1, 2"."""
-        return summary(self.servos)
-
     def statistics(self) -> BusStatistics:
         """Return the counters."""
-        servos = tuple(joint.statistics() for joint in self._joints.values())
-        return BusStatistics(self._cycles, self._inbox.refused, self._inbox.clamped, servos)
+        return BusStatistics(
+            self._cycles,
+            self._inbox.refused,
+            self._inbox.clamped,
+            tuple(
+                servo.statistics(joint.torque)
+                for joint in self._joints.values()
+                for servo in joint.servos
+            ),
+            self._connected and self._look_again_at is None,
+            self._port_losses,
+            self._port.adapter,
+        )
 
     # Steps of a cycle
+
+    def _port_is_there(self) -> bool:
+        """Look for a port that has gone; return whether there is one."""
+        if self._look_again_at is None:
+            if self._port.is_open:
+                return True
+            lost = PortLostError(self._port.name, "it went between two cycles")
+            if not self._port.comes_back:
+                raise lost
+            self._lose_port(str(lost))
+        now = self._monotonic()
+        assert self._look_again_at is not None
+        if now < self._look_again_at:
+            return False
+        self._look_again_at = now + round(self._settings.reconnect_interval * 1e9)
+        try:
+            self._port.open()
+        except PortError:
+            return False
+        if not any(self._answers(servo) for servo in self._servos()):
+            self._port.close()  # it may be somebody else's by now
+            return False
+        self._look_again_at = None
+        self._journal.note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        return True
+
+    def _servos(self) -> list[BusServo]:
+        return [servo for joint in self._joints.values() for servo in joint.servos]
+
+    def _answers(self, servo: BusServo) -> bool:
+        return bool(answering([servo.link], attempts=1))
+
+    def _lose_port(self, why: str) -> None:
+        self._port.close()
+        self._port_losses += 1
+        self._look_again_at = self._monotonic()
+        self._inbox.take()
+        self._supervision.lose_all()
+        self._journal.note_port(EventKind.PORT_LOST, why)
 
     def _take_goals(self) -> None:
         for name, goal in self._inbox.take().items():
             joint = self._joints[name]
-            if joint.lost or joint.torque is Torque.OFF_ON_REQUEST:
+            if joint.lost or joint.torque.waits:
                 continue  # since the command was accepted
             if joint.torque is not Torque.ON:
+                if any(servo.failed_cycles for servo in joint.servos):
+                    self._inbox.put_back(name, goal)
+                    continue
                 problem = joint.switch_on()
                 if problem:
-                    text = f"goal dropped: {problem}"
-                    self._supervision.report(EventKind.TORQUE_FAILED, joint, text)
+                    self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
                     continue
-                self._supervision.report(EventKind.TORQUE_ON, joint, joint.torque.value)
-            joint.aim(goal)
+                self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+            joint.aim(goal, self._monotonic())
 
-    def _write_goals(self) -> None:
-        packets: dict[tuple[int, int], dict[int, bytes]] = {}
+    def _prepare_goals(self, also_silent: bool = False) -> None:
+        """Leave the goals with the port, which sends them with its next packet."""
+        packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
         for joint in self._joints.values():
             if joint.drives:
-                block = joint.configuration.model.goal
-                shares = packets.setdefault((block.address, block.length), {})
-                shares[joint.link.id] = joint.wire_goal()
-        for (address, _), shares in packets.items():
-            self._port.sync_write(address, shares)
+                for servo, share in zip(joint.servos, joint.shares(), strict=True):
+                    if servo.lost or (
+                        (servo.failed_cycles or servo.interrupted) and not also_silent
+                    ):
+                        continue  # it may have been without power, and must not start by itself
+                    model = servo.mount.model
+                    key = (model.protocol, model.goal.address, model.goal.length)
+                    packets.setdefault(key, {})[servo.id] = share
+        for (protocol, address, _), shares in packets.items():
+            self._port.sync_write(address, shares, protocol, hold=True)
 
-    def _relaxed_for_good(self, joint: BusJoint) -> bool:
-        relaxed = Torque.OFF_UNTIL_COMMANDED if joint.torque is Torque.ON else joint.torque
-        try:
-            return not joint.switch_off(relaxed)
-        except DynamixelError:
-            return False
 
-    def _require_connection(self) -> None:
-        if not self._connected:
-            raise NotConnectedError(f"the bus on {self._port.name} is not connected")
-
-    def _joint(self, name: str) -> BusJoint:
-        try:
-            return self._joints[name]
-        except KeyError:
-            raise GoalError(
-                f"no joint {name!r} on this bus; it has {', '.join(self._joints)}"
-            ) from None
+def _relaxed_for_good(joint: BusJoint) -> bool:
+    relaxed = Torque.OFF_UNTIL_COMMANDED if joint.torque is Torque.ON else joint.torque
+    try:
+        return not joint.switch_off(relaxed)
+    except DynamixelError:
+        return False

@@ -199,8 +199,7 @@ class ServoLink:
     def set_watchdog(self, seconds: float) -> None:
         """Let the servo stop by itself when it hears no packet for some time.
 
-        Does nothing to a servo without a bus watchdog. It is cleared first, because one that has
-        tripped refuses goals until then.
+        It is cleared first, because one that has tripped refuses goals until then.
 
         Args:
             seconds: That time; 0 switches the watchdog off.
@@ -209,8 +208,6 @@ class ServoLink:
             RegisterRefusedError: The servo does not take it.
             CommunicationError: The servo does not answer.
         """
-        if "Bus Watchdog" not in self.model.control_table:
-            return
         self.set("Bus Watchdog", 0)
         if seconds > 0.0:
             self.set("Bus Watchdog", max(1, min(127, round(seconds / _WATCHDOG_UNIT))))
@@ -229,6 +226,15 @@ class ServoLink:
             return self.model.errors(0)
         known = sum(self.model.errors)
         return self.model.errors(self.get("Hardware Error Status") & known)
+
+    def restore_torque_limit(self) -> None:
+        """Undo what a protocol 1.0 servo does to shut down: it sets its Torque Limit to 0.
+
+        Raises:
+            RegisterRefusedError: The servo does not take it.
+            CommunicationError: The servo does not answer.
+        """
+        self.set("Torque Limit", self.get("Max Torque"))
 
     def reboot(self) -> None:
         """Restart a protocol 2.0 servo; raises CommunicationError if it does not say yes."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntFlag
 
+from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.protocol1 import NO_ERROR
 
 
@@ -135,6 +136,10 @@ class ServoStatistics:
         health: What is known about it.
         errors: Its error state when it last told.
         last_stamp: When it last answered, ns, on the clock given to the bus; None if never.
+        temperature: Degrees Celsius when it last answered; None if that does not count any more.
+        voltage: Supply, V, likewise.
+        load: Output of the servo, -1 to 1 of its full torque, likewise.
+        torque: Why it holds or does not hold its position.
     """
 
     joint_name: str
@@ -150,6 +155,10 @@ class ServoStatistics:
     health: Health = Health.PRESENT
     errors: IntFlag = NO_ERROR
     last_stamp: int | None = None
+    temperature: float | None = None
+    voltage: float | None = None
+    load: float | None = None
+    torque: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +172,7 @@ class BusStatistics:
         servos: One entry per servo, in the order of the configuration.
         connected: Whether the port is open.
         port_losses: How often the port has gone.
+        adapter: What is known about the adapter.
     """
 
     cycles: int
@@ -171,3 +181,4 @@ class BusStatistics:
     servos: tuple[ServoStatistics, ...]
     connected: bool = True
     port_losses: int = 0
+    adapter: Adapter = field(default_factory=Adapter)

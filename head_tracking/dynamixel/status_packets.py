@@ -64,8 +64,8 @@ class Dialect(Protocol):
 class Dialect1:
     """Protocol 1.0: FF FF ID LEN ERROR DATA CHECKSUM."""
 
-    number: Final = 1
-    overhead: Final = 6
+    number: int = 1
+    overhead: int = 6
 
     def whole(self, data: bytes, servo_id: int) -> Status | None:
         """See `Dialect.whole`."""
@@ -104,8 +104,8 @@ class Dialect1:
 class Dialect2:
     """Protocol 2.0: FF FF FD 00 ID LEN LEN 55 ERROR DATA CRC CRC, with stuffed content."""
 
-    number: Final = 2
-    overhead: Final = 11
+    number: int = 2
+    overhead: int = 11
 
     def whole(self, data: bytes, servo_id: int) -> Status | None:
         """See `Dialect.whole`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from head_tracking.dynamixel.bus_joint import BusJoint
@@ -17,6 +17,7 @@ from head_tracking.dynamixel.port import Reply, ServoPort
 from head_tracking.dynamixel.protocol1 import NO_ERROR, ErrorBits
 from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
+from head_tracking.dynamixel.settings import BusSettings
 
 _SHARE: Final = 20
 """Silence may take a twentieth of the bus's time: a servo that cost 2 ms rests for 38 ms."""
@@ -29,50 +30,38 @@ class Supervision:
 
     Args:
         port: Where the servos are.
+        joints: All joints of the bus.
         journal: Gets the events.
         clock: Time for the stamps of measurements, ns.
         monotonic: Time that never jumps, ns; decides when a lost servo is asked again.
-        retries: How often a failed read is repeated within the same cycle.
-        lost_after: Failed cycles in a row after which a servo counts as lost.
-        poll_interval: Time between two questions to a lost servo, ns.
-
-    Raises:
-        ConfigurationError: A number makes no sense.
+        settings: How patient to be.
     """
 
     def __init__(
         self,
         port: ServoPort,
+        joints: Sequence[BusJoint],
         journal: Journal,
         clock: Callable[[], int],
         monotonic: Callable[[], int],
-        retries: int,
-        lost_after: int,
-        poll_interval: int,
+        settings: BusSettings,
     ) -> None:
-        if retries < 0 or lost_after < 1 or poll_interval <= 0:
-            raise ConfigurationError(
-                f"retries {retries}, lost_after {lost_after}, poll_interval {poll_interval} ns: "
-                "allowed are at least 0, at least 1, above 0"
-            )
         self._port = port
+        self._joints = joints
         self._journal = journal
         self._clock = clock
         self._monotonic = monotonic
-        self._retries = retries
-        self._lost_after = lost_after
-        self._poll_interval = poll_interval
+        self._retries = settings.retries
+        self._lost_after = settings.lost_after
+        self._poll_interval = round(settings.poll_interval * 1e9)
         self._plan = ReadingPlan()
         self._problems: dict[int, str] = {}
 
-    def read(
-        self, joints: Iterable[BusJoint], meanwhile: Callable[[], None]
-    ) -> tuple[dict[str, ServoState], tuple[str, ...]]:
+    def read(self, meanwhile: Callable[[], None]) -> tuple[dict[str, ServoState], tuple[str, ...]]:
         """Read the servos of all joints.
 
         Args:
-            joints: All joints of the bus.
-            meanwhile: Called when the first question is on its way.
+            meanwhile: Called when the first question is on its way, or when there is none.
 
         Returns:
             What was read, by joint, and the joints that were asked in vain.
@@ -81,7 +70,7 @@ class Supervision:
             PortLostError: The port has gone.
         """
         asked: list[tuple[BusJoint, list[BusServo]]] = []
-        for joint in joints:
+        for joint in self._joints:
             if not joint.stopped:
                 due = [servo for servo in joint.servos if self._due(servo)]
                 if due:
@@ -92,39 +81,44 @@ class Supervision:
             meanwhile = _nothing
             for servo in servos:
                 before = self._clock()
-                reply = next(replies)
-                self._take(servo, reply, before)
+                self._take(servo, next(replies), before)
         meanwhile()
         states: dict[str, ServoState] = {}
         failed: list[str] = []
         for joint, due in asked:
-            answered = due if len(due) == 1 else [s for s in due if not s.failed_cycles]
-            if answered[:1] and not answered[0].failed_cycles:
+            answered = [servo for servo in due if not servo.failed_cycles]
+            if answered:
                 states[joint.name] = joint.state(answered)
             else:
                 failed.append(joint.name)
-            for servo in due:
-                if servo.failed_cycles >= self._lost_after:
-                    self._lose(joint, servo)
+            if len(answered) < len(due):
+                for servo in due:
+                    if servo.failed_cycles >= self._lost_after:
+                        self._lose(joint, servo)
         return states, tuple(failed)
 
-    def poll_one_lost(self, joints: Iterable[BusJoint]) -> BusServo | None:
-        """Ask one lost servo whose time has come; return it if it takes part again.
+    def poll_one_lost(self) -> None:
+        """Ask one lost servo whose time has come.
 
         One per cycle, because each silent servo costs the others a timeout.
 
         Raises:
             PortLostError: The port has gone.
         """
-        waiting = [(j, s) for j in joints if not j.stopped for s in j.servos if s.lost]
-        if not waiting:
-            return None
-        now = self._monotonic()
-        for joint, servo in waiting:
-            if servo.ask_at <= now:
-                servo.ask_at = now + self._poll_interval
-                return servo if self._poll(joint, servo) else None
-        return None
+        for joint in self._joints:
+            for servo in joint.servos:
+                if servo.lost and not joint.stopped and servo.ask_at <= self._monotonic():
+                    servo.ask_at = self._monotonic() + self._poll_interval
+                    self._poll(joint, servo)
+                    return
+
+    def lose_all(self) -> None:
+        """Ask every servo anew, one per cycle: the port has gone and may come back."""
+        for joint in self._joints:
+            if not joint.stopped:
+                for servo in joint.servos:
+                    servo.lose(0)
+                joint.lose()
 
     def _due(self, servo: BusServo) -> bool:
         if servo.lost:
@@ -132,33 +126,30 @@ class Supervision:
         return not servo.failed_cycles or servo.ask_at <= self._monotonic()
 
     def _take(self, servo: BusServo, reply: Reply | CommunicationError, before: int) -> None:
-        """Take note of an answer; ask once more if it is none."""
+        """Take note of an answer; ask again if it is none."""
         link = servo.link
+        start = before
         retries = 0 if servo.failed_cycles else self._retries
         while True:
             try:
                 if isinstance(reply, CommunicationError):
                     raise reply
                 feedback = link.feedback(reply)
-            except CommunicationError as cause:
-                link.count(cause)
+            except CommunicationError as failure:
+                link.count(failure)
                 if retries <= 0:
                     break
-                failure: CommunicationError | None = cause
             else:
                 link.counters.replies += 1
-                failure = None
-            now = self._clock()
-            if failure is None:
                 if servo.mount.model.protocol == 1:
                     servo.errors = ErrorBits(feedback.error & 0x7F) if feedback.error else NO_ERROR
-                servo.answered(feedback, before + (now - before) // 2)
+                servo.answered(feedback, before + (self._clock() - before) // 2)
                 return
             retries -= 1
             link.counters.retries += 1
-            before = now
+            before = self._clock()
             reply = self._again(servo)
-        cost = min(max(0, self._clock() - before), _LONGEST_WAIT)
+        cost = min(max(0, self._clock() - start), _LONGEST_WAIT)
         servo.failed(self._monotonic() + cost * (_SHARE - 1))
 
     def _again(self, servo: BusServo) -> Reply | CommunicationError:
@@ -180,23 +171,20 @@ class Supervision:
         if joint.lost:
             joint.lose()
 
-    def _poll(self, joint: BusJoint, servo: BusServo) -> bool:
+    def _poll(self, joint: BusJoint, servo: BusServo) -> None:
         try:
             servo.link.ping()
             torque = joint.come_back(servo)
         except CommunicationError:
-            return False
+            return
         except (ServoError, ConfigurationError) as cause:
             if self._problems.get(servo.id) != str(cause):
                 self._problems[servo.id] = str(cause)
                 self._journal.note(EventKind.UNUSABLE, joint.name, servo.id, str(cause))
-            return False
+            return
         self._problems.pop(servo.id, None)
         self._journal.note(EventKind.RETURNED, joint.name, servo.id, f"answers again; {torque}")
-        return True
 
 
 def _nothing() -> None:
     pass
-
-

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from head_tracking.dynamixel import (
+    BusSettings,
     BusStatistics,
     BusTiming,
+    Health,
     ServoState,
     ServoStatistics,
     describe_errors,
 )
+
+_FRESH_CYCLES = 5.0
+_FRESH_SECONDS = 0.2
+
+_BAD = {Health.UNKNOWN, Health.LOST, Health.FAULTED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +32,16 @@ class BusStatus:
         statistics: counters.
         timing: how the cycle keeps up.
         states: what the last cycle read, by joint.
+        now: time on the clock of the stamps [ns].
+        settings: says which temperatures are too high.
     """
 
     port_name: str
     statistics: BusStatistics
     timing: BusTiming
     states: Mapping[str, ServoState]
+    now: int = 0
+    settings: BusSettings = field(default_factory=BusSettings)
 
     @property
     def faults(self) -> int:
@@ -38,65 +49,111 @@ class BusStatus:
         return sum(servo.timeouts + servo.corrupt for servo in self.statistics.servos)
 
 
-def bus_diagnostics(status: BusStatus) -> DiagnosticArray:
-    """One entry for the bus and one for every servo; OK only with a fresh state."""
-    return DiagnosticArray(
-        status=[
-            _bus(status),
-            *(
-                _servo(servo, status.states.get(servo.joint_name))
-                for servo in status.statistics.servos
-            ),
-        ]
+def combined(statuses: Sequence[BusStatus]) -> BusStatus:
+    """The status of several buses as if they were one, with the timing of the slowest."""
+    first, *others = statuses
+    if not others:
+        return first
+    slowest = min(statuses, key=lambda status: status.timing.reached_rate)
+    return replace(
+        first,
+        port_name=", ".join(status.port_name for status in statuses),
+        statistics=replace(
+            slowest.statistics,
+            servos=tuple(servo for status in statuses for servo in status.statistics.servos),
+        ),
+        timing=slowest.timing,
+        states={name: state for status in statuses for name, state in status.states.items()},
     )
 
 
+def bus_diagnostics(status: BusStatus) -> list[DiagnosticStatus]:
+    """One entry for the bus and one for every servo; OK only with fresh data."""
+    return [_bus(status), *(_servo(servo, status) for servo in status.statistics.servos)]
+
+
 def _bus(status: BusStatus) -> DiagnosticStatus:
-    timing = status.timing
-    slow = 0 < timing.reached_rate < 0.9 * timing.update_rate
+    timing, counted = status.timing, status.statistics
+    level = DiagnosticStatus.OK
+    message = f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second"
+    if not counted.connected:
+        level, message = DiagnosticStatus.ERROR, "the port has gone; it is looked for all the time"
+    elif counted.adapter.advice:
+        level, message = DiagnosticStatus.WARN, counted.adapter.advice
+    elif 0 < timing.reached_rate < 0.9 * timing.update_rate:
+        level = DiagnosticStatus.WARN
     return _entry(
         f"servo_bus: {status.port_name}",
-        DiagnosticStatus.WARN if slow else DiagnosticStatus.OK,
-        f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second",
+        level,
+        message,
         {
             "update rate wanted (Hz)": f"{timing.update_rate:.1f}",
             "update rate reached (Hz)": f"{timing.reached_rate:.1f}",
             "longest cycle (ms)": f"{1e3 * timing.longest_cycle:.1f}",
-            "cycles": str(status.statistics.cycles),
+            "cycles": str(counted.cycles),
             "cycles left out": str(timing.missed),
-            "commands refused": str(status.statistics.refused_commands),
-            "commands clamped": str(status.statistics.clamped_commands),
+            "commands refused": str(counted.refused_commands),
+            "commands clamped": str(counted.clamped_commands),
+            "adapter": str(counted.adapter),
+            "times the port has gone": str(counted.port_losses),
         },
         status.port_name,
     )
 
 
-def _servo(servo: ServoStatistics, state: ServoState | None) -> DiagnosticStatus:
-    name = f"servo_bus: {servo.joint_name}"
-    counters = {
+def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
+    age = None if servo.last_stamp is None else (status.now - servo.last_stamp) * 1e-9
+    level, message = _verdict(servo, age, status)
+    values = {
         "id": str(servo.id),
+        "model": servo.model,
+        "firmware": "unknown" if servo.firmware_version is None else str(servo.firmware_version),
+        "state": servo.health.value,
+        "torque": servo.torque,
+        "errors": describe_errors(servo.errors),
+        "age (s)": "never answered" if age is None else f"{age:.3f}",
         "replies": str(servo.replies),
         "retries": str(servo.retries),
         "timeouts": str(servo.timeouts),
         "corrupt replies": str(servo.corrupt),
     }
-    if state is None:
-        level = DiagnosticStatus.ERROR if servo.lost else DiagnosticStatus.STALE
-        message = "lost: it does not answer" if servo.lost else "no answer in the last cycle"
-        return _entry(name, level, message, counters, str(servo.id))
-    values = {
-        "position (rad)": f"{state.position:.4f}",
-        "velocity (rad/s)": f"{state.velocity:.3f}",
-        "load (share of full torque)": f"{state.load:.2f}",
-        "voltage (V)": f"{state.voltage:.1f}",
-        "temperature (degrees Celsius)": f"{state.temperature:.0f}",
-        "torque": "on" if state.torque else "off",
-    }
-    if state.error:
-        level, message = DiagnosticStatus.ERROR, describe_errors(state.error)
-    else:
-        level, message = DiagnosticStatus.OK, "torque on" if state.torque else "relaxed"
-    return _entry(name, level, message, counters | values, str(servo.id))
+    state = status.states.get(servo.joint_name)
+    if state is not None and state.id == servo.id:
+        values["position (rad)"] = f"{state.position:.4f}"
+        values["velocity (rad/s)"] = f"{state.velocity:.3f}"
+    for name, number, form in (
+        ("load (share of full torque)", servo.load, ".2f"),
+        ("voltage (V)", servo.voltage, ".1f"),
+        ("temperature (degrees Celsius)", servo.temperature, ".0f"),
+    ):
+        if number is not None and servo.health in (Health.PRESENT, Health.FAULTED):
+            values[name] = f"{number:{form}}"
+    name = f"servo_bus: {servo.joint_name}"
+    if sum(other.joint_name == servo.joint_name for other in status.statistics.servos) > 1:
+        name += f" (servo {servo.id})"
+    return _entry(name, level, message, values, str(servo.id))
+
+
+def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tuple[bytes, str]:
+    """Level and message; the worst comes first."""
+    fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / status.timing.update_rate)
+    errors = describe_errors(servo.errors)
+    if servo.health is Health.FAULTED:
+        return DiagnosticStatus.ERROR, f"{servo.health.value}: {errors}; call recover"
+    if servo.health in _BAD:
+        return DiagnosticStatus.ERROR, servo.health.value
+    if servo.health is Health.STOPPED:
+        return DiagnosticStatus.WARN, servo.health.value
+    if servo.health is Health.STALE or age is None or age > fresh:
+        return DiagnosticStatus.STALE, Health.STALE.value
+    if servo.errors:
+        return DiagnosticStatus.ERROR, errors
+    temperature = servo.temperature or 0.0
+    if temperature >= status.settings.hot:
+        return DiagnosticStatus.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"
+    if temperature >= status.settings.warm:
+        return DiagnosticStatus.WARN, f"{temperature:.0f} degrees Celsius; {servo.torque}"
+    return DiagnosticStatus.OK, servo.torque
 
 
 def _entry(

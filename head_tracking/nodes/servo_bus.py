@@ -2,65 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import (
+    Buses,
     BusEvent,
     BusReading,
-    BusThread,
     DynamixelError,
+    DynamixelPort,
     EventKind,
     Goal,
     JointConfiguration,
-    Protocol1Port,
     ServoBus,
     ServoState,
-    Torque,
-    check_configuration,
 )
+from head_tracking.nodes.bus_parameters import (
+    EepromParameters,
+    ServoBusParameters,
+    TemperatureParameters,
+    bus_settings,
+)
+from head_tracking.nodes.bus_services import BusServices
 from head_tracking.nodes.conversions import goals_from_message, servo_states_message
-from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
-from head_tracking.nodes.joint_configuration import declare_joint
+from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics, combined
+from head_tracking.nodes.joint_configuration import (
+    ControllerParameters,
+    MotorParameters,
+    declare_joint,
+)
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
-from head_tracking.parameters import parameter
 
-_TORQUE_TIMEOUT = 2.0  # s
-
-
-@dataclass(frozen=True, slots=True)
-class ServoBusParameters:
-    """The port and who is on it."""
-
-    port_name: str = parameter("/dev/ttyUSB0", "Serial port of the bus.", fixed=True)
-    baud_rate: int = parameter(
-        1_000_000, "Speed of the bus.", unit="bit/s", minimum=9600, maximum=4_500_000, fixed=True
-    )
-    update_rate: float = parameter(
-        50.0, "Bus cycles per second.", unit="Hz", minimum=1.0, maximum=1000.0, fixed=True
-    )
-    diagnostics_rate: float = parameter(
-        1.0, "Diagnostics per second.", unit="Hz", minimum=0.1, maximum=50.0, fixed=True
-    )
-    reply_timeout: float = parameter(
-        0.025,
-        "How long to wait for a servo's answer.",
-        unit="s",
-        minimum=0.001,
-        maximum=1.0,
-        fixed=True,
-    )
-    dynamixels: tuple[str, ...] = parameter(
-        ("head_pan", "head_tilt"), "The servos; X is described by X_controller.*.", fixed=True
-    )
+_BAD_NEWS = (
+    EventKind.LOST,
+    EventKind.UNUSABLE,
+    EventKind.TORQUE_FAILED,
+    EventKind.TORQUE_LOST,
+    EventKind.FAULTED,
+    EventKind.RESTING,
+    EventKind.PORT_LOST,
+)
 
 
 class ServoBusNode(Node):
@@ -68,10 +55,11 @@ class ServoBusNode(Node):
 
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
+            Called once for each bus.
 
     Raises:
-        DynamixelError: the configuration can't work, the port can't be opened, or a servo does
-            not answer.
+        DynamixelError: the configuration can't work, a port can't be opened, or a servo does not
+            answer.
     """
 
     def __init__(
@@ -81,72 +69,110 @@ class ServoBusNode(Node):
     ) -> None:
         super().__init__("servo_bus", **options)
         p = NodeParameters(self, ServoBusParameters).value
-        joints = [declare_joint(self, name, self._on_speed) for name in p.dynamixels]
-        check_configuration(joints)
-        self._port_name = p.port_name if connect is None else connect(joints)
-        self._bus = ServoBus(
-            Protocol1Port(self._port_name, p.baud_rate, reply_timeout=p.reply_timeout),
-            joints,
-            clock=lambda: int(self.get_clock().now().nanoseconds),
-        )
-        self._thread = BusThread(self._bus, p.update_rate, self._on_reading, self._on_error)
-        self._states: dict[str, ServoState] = {}
+        temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
+        self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
+        self._settings = bus_settings(p, temperature)
+        self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._failure: BaseException | None = None
         self._failed = self.create_guard_condition(self._on_failure)
         self._state_publisher = self.create_publisher(JointState, "servo_states", 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        summary = self._bus.connect()
-        self.get_logger().info(f"{summary} on {self._port_name}; relaxed until a command comes")
-        self._create_interfaces()
+        ports = self._declare_joints(p)
+        buses = [
+            self._make_bus(joints, p, name if connect is None else connect(joints), baud_rate)
+            for (name, baud_rate), joints in ports.items()
+        ]
+        self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error)
+        self._connect(p.allow_missing)
+        self._create_topics()
+        BusServices(self, self._buses, lambda: self._eeprom.value.settings)
         self.create_timer(1.0 / p.diagnostics_rate, self._publish_diagnostics)
-        self._thread.start()
+        self._buses.start()
 
     @property
     def joints(self) -> tuple[JointConfiguration, ...]:
         """The joints and the servos that drive them."""
-        return self._bus.joints
+        return self._buses.joints
 
     def status(self) -> BusStatus:
-        """Counters, rate and the newest state of every servo that answers."""
-        return BusStatus(self._port_name, self._bus.statistics(), self._thread.timing, self._states)
+        """Counters, rate and the newest state of every servo that answers, of all buses."""
+        return combined(self._statuses())
 
     def destroy_node(self) -> None:
-        """Stops the head, relaxes the servos and closes the port."""
-        self._thread.stop()
-        for joint in self._thread.unconfirmed:
+        """Stops the head, relaxes the servos and closes the ports."""
+        for joint in self._buses.stop():
             self.get_logger().error(f"{joint} did not confirm that it is relaxed")
         super().destroy_node()
 
-    def _create_interfaces(self) -> None:
+    def _declare_joints(
+        self, p: ServoBusParameters
+    ) -> dict[tuple[str, int], list[JointConfiguration]]:
+        """The joints of each port and baud rate."""
+        ports: dict[tuple[str, int], list[JointConfiguration]] = {}
+        for name in p.dynamixels:
+            joint = declare_joint(self, name, self._on_controller, self._on_motor)
+            port = (joint.port_name or p.port_name, joint.baud_rate or p.baud_rate)
+            ports.setdefault(port, []).append(joint.configuration)
+        return ports
+
+    def _make_bus(
+        self,
+        joints: Sequence[JointConfiguration],
+        p: ServoBusParameters,
+        port_name: str,
+        baud_rate: int,
+    ) -> ServoBus:
+        return ServoBus(
+            DynamixelPort(port_name, baud_rate, reply_timeout=p.reply_timeout or None),
+            joints,
+            clock=lambda: int(self.get_clock().now().nanoseconds),
+            settings=self._settings,
+        )
+
+    def _connect(self, allow_missing: bool) -> None:
+        log = self.get_logger()
+        connected: list[ServoBus] = []
+        try:
+            for bus, _ in self._buses.threads:
+                summary = bus.connect(allow_missing=allow_missing) or "no servo answers"
+                connected.append(bus)
+                adapter = bus.adapter
+                log.info(f"{summary} on {bus.port_name} ({adapter}); relaxed until a command comes")
+                if adapter.advice:
+                    log.warning(f"{bus.port_name}: {adapter.advice}")
+        except BaseException:
+            for bus in connected:
+                bus.close()
+            raise
+
+    def _create_topics(self) -> None:
         self.create_subscription(JointState, "joint_commands", self._on_joint_commands, 1)
-        for joint in self._bus.joints:
+        for joint in self._buses.joints:
             name, controller = joint.joint_name, joint.controller
             self.create_subscription(
                 Float64, f"{controller}/command", self._command_callback(name), 1
             )
             self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
-            self.create_service(
-                SetBool, f"{controller}/torque_enable", self._torque_callback((name,))
-            )
-        self.create_service(SetBool, "torque_enable", self._torque_callback(None))
-        self.create_service(Trigger, "relax", self._on_relax)
 
-    def _on_reading(self, reading: BusReading) -> None:
+    def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
         """Called in the bus's thread."""
-        self._states = dict(reading.states)
         for event in reading.events:
             self._log_event(event)
+        self._states[bus] = reading.states
         if reading.states:
             self._state_publisher.publish(servo_states_message(reading.states.values()))
 
     def _log_event(self, event: BusEvent) -> None:
-        if event.kind in (EventKind.LOST, EventKind.UNUSABLE, EventKind.TORQUE_FAILED):
-            self.get_logger().error(event.text)
+        log = self.get_logger()
+        if event.kind in _BAD_NEWS:
+            log.error(event.text)
+        elif event.kind is EventKind.ALARM:
+            log.warning(event.text)
         else:
-            self.get_logger().info(event.text)
+            log.info(event.text)
 
     def _on_error(self, error: BaseException) -> None:
-        """Called in the bus's thread when it has ended."""
+        """Called in a bus's thread when it has ended."""
         self._failure = error
         self._failed.trigger()
 
@@ -155,28 +181,23 @@ class ServoBusNode(Node):
             raise self._failure
 
     def _on_joint_commands(self, message: JointState) -> None:
-        """A stream of goals: the limits clamp it, and joints relaxed on request are left out."""
+        """A stream of goals: the limits clamp it, and joints that take no commands are left out."""
         log = self.get_logger()
         try:
             goals = goals_from_message(message)
-        except ValueError as error:
+            waiting = [name for name in goals if self._buses.torque(name).waits]
+        except (ValueError, DynamixelError) as error:
             log.error(f"joint_commands refused: {error}", throttle_duration_sec=1.0)
             return
-        relaxed = [
-            joint.joint_name
-            for joint in self._bus.joints
-            if joint.joint_name in goals
-            and self._bus.torque(joint.joint_name) is Torque.OFF_ON_REQUEST
-        ]
-        if relaxed:
+        for name in waiting:
             log.warning(
-                f"{', '.join(relaxed)}: relaxed on request, so joint_commands does nothing; call "
-                "torque_enable with data: true",
+                f"{name}: {self._buses.torque(name).value}; joint_commands does nothing until then "
+                "(torque_enable, start or recover, as the case may be)",
                 throttle_duration_sec=5.0,
             )
-        goals = {name: goal for name, goal in goals.items() if name not in relaxed}
+        goals = {name: goal for name, goal in goals.items() if name not in waiting}
         try:
-            result = self._bus.command(goals, clamp=True)
+            result = self._buses.command(goals, clamp=True)
         except DynamixelError as error:
             log.error(f"joint_commands refused: {error}", throttle_duration_sec=1.0)
             return
@@ -190,47 +211,50 @@ class ServoBusNode(Node):
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self._bus.command({joint: Goal(message.data)})
+                self._buses.command({joint: Goal(message.data)})
             except DynamixelError as error:
                 self.get_logger().error(f"command refused: {error}")
 
         return callback
 
     def _speed_callback(self, joint: str) -> Callable[[Float64], None]:
-        return lambda message: self._on_speed(joint, message.data)
-
-    def _on_speed(self, joint: str, speed: float) -> None:
-        try:
-            self._bus.set_speed(joint, speed)
-        except DynamixelError as error:
-            self.get_logger().error(f"speed refused: {error}")
-
-    def _torque_callback(
-        self, joints: tuple[str, ...] | None
-    ) -> Callable[[SetBool.Request, SetBool.Response], SetBool.Response]:
-        def callback(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-            response.success, response.message = self._set_torque(joints, request.data)
-            return response
+        def callback(message: Float64) -> None:
+            try:
+                self._buses.bus_of(joint).set_speed(joint, message.data)
+            except DynamixelError as error:
+                self.get_logger().error(f"speed refused: {error}")
 
         return callback
 
-    def _on_relax(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._set_torque(None, False)
-        return response
+    def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
+        """Called when somebody has set a speed, which has been checked."""
+        self._buses.call([joint], lambda bus, _: bus.set_limits(joint, max_speed=changed.max_speed))
+        self._buses.bus_of(joint).set_speed(joint, changed.joint_speed)
 
-    def _set_torque(self, joints: tuple[str, ...] | None, on: bool) -> tuple[bool, str]:
-        future = self._thread.call(lambda bus: bus.set_torque(joints, on))
-        try:
-            future.result(_TORQUE_TIMEOUT)
-        except DynamixelError as error:
-            return False, str(error)
-        except TimeoutError:
-            return False, f"the bus did not answer within {_TORQUE_TIMEOUT} s"
-        named = joints or tuple(joint.joint_name for joint in self._bus.joints)
-        return True, f"{', '.join(named)}: {'torque on' if on else 'relaxed'}"
+    def _on_motor(self, joint: str, changed: MotorParameters) -> None:
+        """Called when somebody has set a limit, which has been checked."""
+        self._buses.call(
+            [joint],
+            lambda bus, _: bus.set_limits(joint, lowest=changed.min, highest=changed.max),
+        )
+
+    def _statuses(self) -> list[BusStatus]:
+        return [
+            BusStatus(
+                bus.port_name,
+                bus.statistics(),
+                thread.timing,
+                self._states.get(bus, {}),
+                int(self.get_clock().now().nanoseconds),
+                self._settings,
+            )
+            for bus, thread in self._buses.threads
+        ]
 
     def _publish_diagnostics(self) -> None:
-        message = bus_diagnostics(self.status())
+        message = DiagnosticArray(
+            status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
+        )
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, Packet, writes
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, FakeServo, Packet, writes
 
 from head_tracking.dynamixel import (
     BusEvent,
+    BusSettings,
     ConfigurationError,
     CorruptReplyError,
     ErrorBits,
     EventKind,
     Goal,
+    GoalError,
+    Health,
     JointConfiguration,
     NotConnectedError,
     PortLostError,
@@ -22,6 +25,8 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoModeError,
     ServoNotFoundError,
+    Torque,
+    TorqueError,
     WrongModelError,
 )
 
@@ -175,10 +180,22 @@ def test_angle_limits_without_overlap_are_refused() -> None:
         bus.connect()
 
 
-@pytest.mark.parametrize("option", [{"retries": -1}, {"lost_after": 0}, {"poll_interval": 0.0}])
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"retries": -1},
+        {"lost_after": 0},
+        {"poll_interval": 0.0},
+        {"reconnect_interval": 0.0},
+        {"command_timeout": -1.0},
+        {"watchdog": 3.0},
+        {"warm": 66.0},
+        {"rest": 64.0},
+    ],
+)
 def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError, match="allowed are"):
-        ServoBus(FakePort(), JOINTS, **option)  # type: ignore[arg-type]
+        BusSettings(**option)  # type: ignore[arg-type]
 
 
 def test_bus_must_be_connected() -> None:
@@ -244,7 +261,7 @@ def test_failed_read_is_repeated_at_once() -> None:
 def test_number_of_retries_can_be_chosen() -> None:
     port = FakePort()
     clock = FakeClock()
-    bus = ServoBus(port, JOINTS, clock, monotonic=clock, retries=0)
+    bus = ServoBus(port, JOINTS, clock, monotonic=clock, settings=BusSettings(retries=0))
     bus.connect()
     port.failures[1].append(ReplyTimeoutError("late"))
     assert bus.step().failed == ("head_pan_joint",)
@@ -351,21 +368,46 @@ def test_several_lost_servos_are_asked_in_different_cycles() -> None:
     assert port.take_log() == [("ping", 2)]
 
 
-def test_returned_servo_is_relaxed_without_goal_and_reported_once() -> None:
+def test_servo_that_kept_its_torque_holds_where_it_stands() -> None:
     port = FakePort()
     bus, clock = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
     lose_pan(bus, port)
-    port.servos[1].answers = True
-    assert port.servos[1]["Torque Enable"] == 1  # only the answers were lost
+    port.servos[1].answers = True  # only the answers were lost
+    port.servos[1]["Present Position"] = 560
     clock.pass_time(0.6)
-    readings = [bus.step() for _ in range(3)]
+    readings = [bus.step() for _ in range(2)]
     events = [event for reading in readings for event in reading.events]
     assert [event.kind for event in events] == [EventKind.RETURNED]
-    assert port.servos[1]["Torque Enable"] == 0
+    assert port.servos[1]["Torque Enable"] == 1
+    assert readings[-1].states["head_pan_joint"].goal == PAN.position(560)
+    assert port.servos[1]["Goal Position"] == 560
+
+
+def test_servo_that_lost_its_power_returns_relaxed() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    lose_pan(bus, port)
+    port.servos[1] = FakeServo(1)
+    clock.pass_time(0.6)
+    readings = [bus.step() for _ in range(2)]
     assert readings[-1].states["head_pan_joint"].goal is None
-    assert writes(port.log) == [("write", 1, 24, b"\x00")]
+    assert port.servos[1]["Torque Enable"] == 0
+    assert writes(port.log) == []
+
+
+def test_servo_that_was_relaxed_returns_relaxed() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    port.servos[1]["Torque Enable"] = 1  # whoever did that
+    clock.pass_time(0.6)
+    bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
 
 
 def test_returned_servo_takes_commands_again() -> None:
@@ -405,11 +447,108 @@ def test_another_servo_in_its_place_is_not_used_and_reported_once() -> None:
     assert [event.kind for event in events] == [EventKind.UNUSABLE]
 
 
-def test_vanished_port_ends_the_cycle() -> None:
+# The adapter unplugged
+
+
+def test_bus_goes_on_without_its_port_and_finds_it_again() -> None:
     port = FakePort()
+    bus, clock = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.gone = True
+    reading = bus.step()
+    assert (reading.states, reading.lost) == ({}, ("head_pan_joint", "head_tilt_joint"))
+    assert [event.kind for event in reading.events] == [EventKind.PORT_LOST]
+    assert not bus.statistics().connected
+    with pytest.raises(GoalError, match="does not answer"):
+        bus.command({"head_pan_joint": Goal(0.1)})
+    port.gone = False
+    clock.pass_time(0.3)
+    readings = [bus.step() for _ in range(3)]
+    kinds = [event.kind for reading in readings for event in reading.events]
+    assert kinds == [EventKind.PORT_RETURNED, EventKind.RETURNED, EventKind.RETURNED]
+    assert set(readings[-1].states) == {"head_pan_joint", "head_tilt_joint"}
+    assert readings[-1].states["head_pan_joint"].goal == 0.0  # held where it stands
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
+    assert (bus.statistics().connected, bus.statistics().port_losses) == (True, 1)
+
+
+def test_port_is_looked_for_five_times_a_second() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    port.gone = True
+    port.times_tried = 0
+    for _ in range(100):
+        bus.step()
+        clock.pass_time(0.02)
+    assert 8 <= port.times_tried <= 11
+
+
+def test_port_without_any_of_the_servos_is_left_alone() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    port.gone = True
+    bus.step()
+    port.gone = False
+    for servo in port.servos.values():
+        servo.answers = False
+    clock.pass_time(0.3)
+    bus.step()
+    assert not port.opened
+    port.servos[2].answers = True
+    clock.pass_time(0.3)
+    bus.step()
+    assert port.opened
+
+
+def test_port_that_cannot_come_back_ends_the_cycle() -> None:
+    port = FakePort()
+    port.comes_back = False
     bus, _ = connected(port)
     port.gone = True
     with pytest.raises(PortLostError):
         bus.step()
     assert bus.close() == ("head_pan_joint", "head_tilt_joint")
     assert bus.close() == ()
+
+
+def test_torque_off_while_the_port_is_gone_is_remembered() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.gone = True
+    bus.step()
+    with pytest.raises(TorqueError):
+        bus.set_torque(None, False)
+    port.gone = False
+    clock.pass_time(0.3)
+    for _ in range(3):
+        bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+    assert bus.torque("head_pan_joint") is Torque.OFF_ON_REQUEST
+
+
+def test_port_that_goes_between_two_cycles_is_found_again() -> None:
+    port = FakePort()
+    bus, clock = connected(port)
+    port.gone = True
+    with pytest.raises(TorqueError, match="unplugged"):
+        bus.set_torque(["head_pan_joint"], True)
+    assert [event.kind for event in bus.step().events] == [EventKind.PORT_LOST]
+    port.gone = False
+    clock.pass_time(0.3)
+    assert bus.step().events[0].kind is EventKind.PORT_RETURNED
+
+
+def test_bus_starts_without_a_servo_if_it_may() -> None:
+    port = FakePort(1)
+    bus, clock = make(port)
+    assert bus.connect(allow_missing=True) == "1 AX-12 servo: id 1"
+    assert [servo.health for servo in bus.statistics().servos] == [Health.PRESENT, Health.UNKNOWN]
+    reading = bus.step()
+    assert (set(reading.states), reading.lost) == ({"head_pan_joint"}, ("head_tilt_joint",))
+    port.servos[2] = FakeServo(2)
+    clock.pass_time(0.6)
+    assert bus.step().events[0].kind is EventKind.RETURNED
+    assert "head_tilt_joint" in bus.step().states

@@ -13,13 +13,13 @@ import pytest
 from head_tracking.dynamixel import (
     BusReading,
     BusThread,
+    DynamixelPort,
     Goal,
     GoalError,
     JointConfiguration,
     PortBusyError,
     PortLostError,
     PortMissingError,
-    Protocol1Port,
     Register,
     ServoBus,
     ServoModeError,
@@ -42,7 +42,7 @@ class Head:
     def __init__(self, simulated: SimulatedPort, *joints: JointConfiguration) -> None:
         self.simulated = simulated
         self.joints = {joint.joint_name: joint for joint in joints or (PAN, TILT)}
-        port = Protocol1Port(simulated.port_name, reply_timeout=0.2)  # a busy machine is no fault
+        port = DynamixelPort(simulated.port_name, reply_timeout=0.2)  # a busy machine is no fault
         self.bus = ServoBus(port, self.joints.values(), time.monotonic_ns)
         self.summary = self.bus.connect()
         self.reading: BusReading | None = None
@@ -106,7 +106,7 @@ def test_connect_says_what_is_there(head: Head) -> None:
 
 @pytest.mark.parametrize("register", TABLE, ids=lambda register: register.name)
 def test_every_register_is_readable(simulated: SimulatedPort, register: Register) -> None:
-    port = Protocol1Port(simulated.port_name, reply_timeout=5.0)
+    port = DynamixelPort(simulated.port_name, reply_timeout=5.0)
     port.open()
     reply = port.read(1, register.address, register.size)
     assert register.decode(reply.data) == simulated.use(lambda bus: bus[1].register(register.name))
@@ -192,13 +192,13 @@ def test_stop_relaxes_the_servos_and_frees_the_port(head: Head) -> None:
     ]
     stopped = head.true("head_pan_joint")
     assert stopped < 1.5
-    again = Protocol1Port(head.simulated.port_name)
+    again = DynamixelPort(head.simulated.port_name)
     again.open()
     again.close()
 
 
 def test_callback_that_raises_leaves_no_torque(simulated: SimulatedPort) -> None:
-    bus = ServoBus(Protocol1Port(simulated.port_name, reply_timeout=0.2), (PAN, TILT))
+    bus = ServoBus(DynamixelPort(simulated.port_name, reply_timeout=0.2), (PAN, TILT))
     bus.connect()
 
     def explode(reading: BusReading) -> None:
@@ -218,14 +218,14 @@ def test_callback_that_raises_leaves_no_torque(simulated: SimulatedPort) -> None
 
 
 def test_missing_id_is_named(simulated: SimulatedPort) -> None:
-    bus = ServoBus(Protocol1Port(simulated.port_name), (PAN, replace(TILT, id=5)))
+    bus = ServoBus(DynamixelPort(simulated.port_name), (PAN, replace(TILT, id=5)))
     with pytest.raises(ServoNotFoundError, match=r"servo id 5 .*answered: 1"):
         bus.connect()
 
 
 def test_wheel_mode_is_refused(simulated: SimulatedPort) -> None:
     simulated.use(lambda bus: bus[1].set_register("CCW Angle Limit", 0))
-    bus = ServoBus(Protocol1Port(simulated.port_name, reply_timeout=5.0), (PAN, TILT))
+    bus = ServoBus(DynamixelPort(simulated.port_name, reply_timeout=5.0), (PAN, TILT))
     with pytest.raises(ServoModeError, match="wheel mode"):
         bus.connect()
 
@@ -242,13 +242,13 @@ def test_head_moves_whatever_writes_are_answered(simulated: SimulatedPort, level
 
 def test_status_return_level_0_is_refused(simulated: SimulatedPort) -> None:
     simulated.use(lambda bus: bus[1].set_register("Status Return Level", 0))
-    bus = ServoBus(Protocol1Port(simulated.port_name), (PAN, TILT))
+    bus = ServoBus(DynamixelPort(simulated.port_name), (PAN, TILT))
     with pytest.raises(ServoModeError, match="Status Return Level"):
         bus.connect()
 
 
 def test_busy_port_is_named(head: Head) -> None:
-    second = ServoBus(Protocol1Port(head.simulated.port_name), (PAN, TILT))
+    second = ServoBus(DynamixelPort(head.simulated.port_name), (PAN, TILT))
     with pytest.raises(PortBusyError, match="another program"):
         second.connect()
     assert eventually(lambda: near(head.measured("head_pan_joint"), 0.0))  # the first goes on
@@ -256,7 +256,7 @@ def test_busy_port_is_named(head: Head) -> None:
 
 def test_missing_port_is_named() -> None:
     with pytest.raises(PortMissingError, match="/dev/ttyNone"):
-        ServoBus(Protocol1Port("/dev/ttyNone"), (PAN, TILT)).connect()
+        ServoBus(DynamixelPort("/dev/ttyNone"), (PAN, TILT)).connect()
 
 
 def test_refused_command_moves_nothing(head: Head) -> None:
@@ -295,7 +295,8 @@ def test_silent_servo_is_lost_and_comes_back() -> None:
         assert eventually(lambda: near(head.measured("head_tilt_joint"), 0.2))
         silent.clear()
         assert eventually(lambda: head.state("head_pan_joint") is not None)
-        assert simulated.use(lambda bus: bus[1].register("Torque Enable")) == 0
+        assert simulated.use(lambda bus: bus[1].register("Torque Enable")) == 1  # it was on
+        assert near(head.true("head_pan_joint"), 0.2)
         head.bus.command({"head_pan_joint": Goal(-0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), -0.2))
         head.thread.stop(PATIENCE)

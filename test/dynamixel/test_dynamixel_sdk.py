@@ -14,9 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from head_tracking.dynamixel import (
+    Adapter,
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
+    DynamixelPort,
     ErrorBits,
     NotConnectedError,
     PortBusyError,
@@ -24,10 +26,10 @@ from head_tracking.dynamixel import (
     PortLostError,
     PortMissingError,
     PortPermissionError,
-    Protocol1Port,
+    ReadGroup,
+    ReadMethod,
     Reply,
     ReplyTimeoutError,
-    sdk,
     serial_ports,
 )
 from head_tracking.dynamixel.port_diagnosis import port_error
@@ -88,24 +90,24 @@ def peer() -> Iterator[Peer]:
 
 
 @pytest.fixture
-def port(peer: Peer) -> Iterator[Protocol1Port]:
+def port(peer: Peer) -> Iterator[DynamixelPort]:
     # Patient, because the other end is a thread on a machine that may be busy.
-    p = Protocol1Port(peer.name, reply_timeout=5.0)
+    p = DynamixelPort(peer.name, reply_timeout=5.0)
     p.open()
     yield p
     p.close()
 
 
 @pytest.fixture
-def hasty(peer: Peer) -> Iterator[Protocol1Port]:
+def hasty(peer: Peer) -> Iterator[DynamixelPort]:
     """For tests in which the answer never comes."""
-    p = Protocol1Port(peer.name, reply_timeout=0.02)
+    p = DynamixelPort(peer.name, reply_timeout=0.02)
     p.open()
     yield p
     p.close()
 
 
-Call = Callable[[Protocol1Port], object]
+Call = Callable[[DynamixelPort], object]
 
 
 @pytest.mark.parametrize(
@@ -184,7 +186,7 @@ Call = Callable[[Protocol1Port], object]
     ],
 )
 def test_golden_packets(
-    peer: Peer, port: Protocol1Port, call: Call, sent: str, reply: str, result: object
+    peer: Peer, port: DynamixelPort, call: Call, sent: str, reply: str, result: object
 ) -> None:
     peer.answer((len(bytes.fromhex(sent)), reply))
     assert call(port) == result
@@ -202,24 +204,24 @@ def test_golden_packets(
         "FF FF 01 02 80 7C",  # bit 7 of the error byte never occurs
     ],
 )
-def test_noise_before_the_answer_is_skipped(peer: Peer, port: Protocol1Port, noise: str) -> None:
+def test_noise_before_the_answer_is_skipped(peer: Peer, port: DynamixelPort, noise: str) -> None:
     peer.answer((8, f"{noise} {POSITION_512}"))
     assert port.read(1, 36, 2).data == b"\x00\x02"
 
 
-def test_answer_in_pieces_is_put_together(peer: Peer, port: Protocol1Port) -> None:
+def test_answer_in_pieces_is_put_together(peer: Peer, port: DynamixelPort) -> None:
     peer.answer((8, "FF FF 01"), (0, "04 00 00"), (0, "02"), (0, "F8"))
     assert port.read(1, 36, 2).data == b"\x00\x02"
 
 
-def test_silence_is_a_timeout(hasty: Protocol1Port) -> None:
+def test_silence_is_a_timeout(hasty: DynamixelPort) -> None:
     with pytest.raises(ReplyTimeoutError, match=r"servo 1 .*read of 2 byte.*20 ms .* 1000000 baud"):
         hasty.read(1, 36, 2)
 
 
 def test_waiting_costs_hardly_any_processor_time(peer: Peer) -> None:
     """The SDK's own waiting spins for as long as the timeout lasts."""
-    port = Protocol1Port(peer.name, reply_timeout=0.5)
+    port = DynamixelPort(peer.name, reply_timeout=0.5)
     port.open()
     before = time.thread_time()
     with pytest.raises(ReplyTimeoutError):
@@ -244,7 +246,7 @@ def test_waiting_costs_hardly_any_processor_time(peer: Peer) -> None:
     ],
 )
 def test_damaged_answer_is_never_a_value_nor_a_crash(
-    peer: Peer, hasty: Protocol1Port, reply: str
+    peer: Peer, hasty: DynamixelPort, reply: str
 ) -> None:
     peer.answer((8, reply))
     with pytest.raises(CommunicationError):
@@ -268,7 +270,7 @@ def test_damaged_answer_is_never_a_value_nor_a_crash(
     ],
 )
 def test_corrupt_answer_is_explained(
-    peer: Peer, port: Protocol1Port, reply: str, message: str
+    peer: Peer, port: DynamixelPort, reply: str, message: str
 ) -> None:
     peer.answer((8, reply), (8, POSITION_512))
     with pytest.raises(CorruptReplyError, match=message):
@@ -276,14 +278,14 @@ def test_corrupt_answer_is_explained(
     assert port.read(1, 36, 2).data == b"\x00\x02"  # and the port works on
 
 
-def test_old_bytes_are_not_taken_for_the_answer(peer: Peer, port: Protocol1Port) -> None:
+def test_old_bytes_are_not_taken_for_the_answer(peer: Peer, port: DynamixelPort) -> None:
     os.write(peer.master, bytes.fromhex("FF FF 01 04 00 FF 03 F8"))  # late: position 1023
     assert _eventually(lambda: _waiting(peer) >= 8)
     peer.answer((8, POSITION_512))
     assert port.read(1, 36, 2).data == b"\x00\x02"
 
 
-def test_endless_babble_ends_with_the_timeout(peer: Peer, hasty: Protocol1Port) -> None:
+def test_endless_babble_ends_with_the_timeout(peer: Peer, hasty: DynamixelPort) -> None:
     stop = threading.Event()
 
     def babble() -> None:
@@ -303,7 +305,7 @@ def test_endless_babble_ends_with_the_timeout(peer: Peer, hasty: Protocol1Port) 
 
 
 def test_port_that_takes_no_data_is_lost(peer: Peer) -> None:
-    port = Protocol1Port(peer.name, write_timeout=0.05)
+    port = DynamixelPort(peer.name, write_timeout=0.05)
     port.open()
     with pytest.raises(PortLostError, match=r"took no data for 0\.05 s"):
         for _ in range(10_000):  # nobody reads the other end
@@ -311,7 +313,7 @@ def test_port_that_takes_no_data_is_lost(peer: Peer) -> None:
     assert not port.is_open
 
 
-def test_vanished_port_is_lost(peer: Peer, port: Protocol1Port) -> None:
+def test_vanished_port_is_lost(peer: Peer, port: DynamixelPort) -> None:
     peer.vanish()
     with pytest.raises(PortLostError, match="cable"):
         port.read(1, 36, 2)
@@ -321,7 +323,7 @@ def test_vanished_port_is_lost(peer: Peer, port: Protocol1Port) -> None:
     port.close()
 
 
-def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: Protocol1Port) -> None:
+def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: DynamixelPort) -> None:
     peer.answer((8, ""))
 
     def unplug() -> None:
@@ -335,69 +337,103 @@ def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: Protocol1Por
     thread.join()
 
 
-def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: Protocol1Port) -> None:
+def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: DynamixelPort) -> None:
     with pytest.raises(CommunicationError, match="same number"):
         port.sync_write(30, {1: b"\x00", 2: b"\x00\x00"})
     port.sync_write(30, {})
 
 
-def test_packet_that_is_too_long_is_refused(port: Protocol1Port) -> None:
+def test_packet_that_is_too_long_is_refused(port: DynamixelPort) -> None:
     with pytest.raises(CommunicationError, match="Incorrect instruction packet"):
         port.sync_write(30, {servo_id: bytes(4) for servo_id in range(60)})
 
 
 class CannedLine:
-    """A line on which the answer is already there."""
+    """A line on which the answer is there at once, whatever the question."""
 
-    answer = b""
-
-    def __init__(self, descriptor: int) -> None:
-        self._rest = self.answer
+    def __init__(self, answer: bytes) -> None:
+        self._answer = answer
+        self._rest = b""
 
     def discard_input(self) -> None:
-        self._rest = self.answer
+        pass
 
     def write(self, data: bytes, timeout: float) -> None:
-        pass
+        self._rest = self._answer
 
     def read(self, limit: int, deadline: float) -> bytes:
         data, self._rest = self._rest[:limit], self._rest[limit:]
         return data
 
 
+class CannedDevice:
+    """Takes the place of an open device.
+
+    Args:
+        answer: What comes back, whatever the question.
+    """
+
+    adapter = Adapter()
+
+    def __init__(self, answer: bytes) -> None:
+        self.line = CannedLine(answer)
+
+    def close(self) -> None:
+        pass
+
+
+def canned_port(answer: bytes) -> DynamixelPort:
+    port = DynamixelPort(
+        "canned", reply_timeout=1e-6, open_device=lambda name, rate: CannedDevice(answer)
+    )
+    port.open()
+    return port
+
+
+POSITION_512_2 = "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"
+READ_2 = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
 pieces = st.one_of(
     st.binary(max_size=12),
-    st.just(b"\xff\xff\x01"),
+    st.sampled_from([b"\xff\xff\x01", b"\xff\xff\xfd\x00\x01", b"\xff\xff\xfd\x00\xfe"]),
     st.sampled_from([bytes.fromhex(READ), bytes.fromhex(POSITION_512), bytes.fromhex(PONG)]),
+    st.sampled_from([bytes.fromhex(READ_2), bytes.fromhex(POSITION_512_2)]),
 )
 
 
-@settings(deadline=None, max_examples=300)
-@given(st.lists(pieces, max_size=6))
-def test_no_bytes_make_a_read_crash_or_return_the_wrong_length(answers: list[bytes]) -> None:
-    class Line(CannedLine):
-        answer = b"".join(answers)
-
-    master, slave = os.openpty()
-    port = Protocol1Port(os.ttyname(slave), reply_timeout=1e-6)
+@settings(max_examples=300)
+@given(st.lists(pieces, max_size=6).map(b"".join), st.sampled_from([1, 2]))
+def test_no_bytes_make_a_read_crash_or_return_the_wrong_length(
+    answer: bytes, protocol: int
+) -> None:
     try:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sdk, "SerialLine", Line)
-            port.open()
-        try:
-            reply = port.read(1, 36, 2)
-        except CommunicationError:
-            return
-        assert len(reply.data) == 2
-        assert reply.data in Line.answer
-    finally:
-        port.close()
-        os.close(master)
-        os.close(slave)
+        reply = canned_port(answer).read(1, 36, 2, protocol)
+    except CommunicationError:
+        return
+    assert len(reply.data) == 2
+    assert reply.data in answer
+
+
+groups = st.builds(
+    ReadGroup,
+    st.sampled_from(ReadMethod),
+    st.sampled_from([1, 2]),
+    st.just(36),
+    st.sampled_from([2, 4]),
+    st.sampled_from([(1,), (1, 2), (3, 1, 2)]),
+)
+
+
+@settings(max_examples=300)
+@given(st.lists(pieces, max_size=6).map(b"".join), groups)
+def test_no_bytes_make_a_group_read_crash(answer: bytes, group: ReadGroup) -> None:
+    replies = list(canned_port(answer).read_group(group))
+    assert len(replies) == len(group.ids)
+    for reply in replies:
+        assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
 
 
 def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:
-    port = Protocol1Port(peer.name)
+    port = DynamixelPort(peer.name)
     port.open()
     port.open()
     assert port.is_open
@@ -408,18 +444,18 @@ def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:
 
 def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(PortMissingError, match=r"cannot open /dev/ttyNone: there is no such"):
-        Protocol1Port("/dev/ttyNone").open()
+        DynamixelPort("/dev/ttyNone").open()
     error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), ["/dev/ttyUSB0", "/dev/ttyACM0"])
     assert "exist: /dev/ttyUSB0, /dev/ttyACM0" in str(error)
     error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), [])
     assert "is the adapter plugged in?" in str(error)
 
 
-def test_second_program_finds_the_port_busy(peer: Peer, port: Protocol1Port) -> None:
+def test_second_program_finds_the_port_busy(peer: Peer, port: DynamixelPort) -> None:
     with pytest.raises(PortBusyError, match=r"another program uses it.*fuser"):
-        Protocol1Port(peer.name).open()
+        DynamixelPort(peer.name).open()
     port.close()
-    again = Protocol1Port(peer.name)
+    again = DynamixelPort(peer.name)
     again.open()
     again.close()
 
@@ -432,7 +468,7 @@ def test_forbidden_port_names_the_group(peer: Peer) -> None:
         os.seteuid(65534)  # root may open anything
     try:
         with pytest.raises(PortPermissionError, match=r"sudo usermod -a -G \w+ \$USER"):
-            Protocol1Port(peer.name).open()
+            DynamixelPort(peer.name).open()
     finally:
         if root:
             os.seteuid(0)
@@ -446,29 +482,29 @@ def test_group_is_dialout_when_the_device_does_not_tell() -> None:
 
 def test_file_is_no_port() -> None:
     with pytest.raises(PortError, match="must be a serial device"):
-        Protocol1Port("/etc/passwd").open()
+        DynamixelPort("/etc/passwd").open()
 
 
 @pytest.mark.parametrize("baud_rate", [0, 250_000, 1_000_001])
 def test_baud_rate_the_sdk_cannot_set_lists_the_others(baud_rate: int) -> None:
     with pytest.raises(ConfigurationError, match=f"{baud_rate} baud; allowed are 9600, .*1000000"):
-        Protocol1Port("/dev/ttyUSB0", baud_rate)
+        DynamixelPort("/dev/ttyUSB0", baud_rate)
 
 
 @pytest.mark.parametrize("option", ["reply_timeout", "write_timeout"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), 100.0])
 def test_senseless_timeout_is_refused(option: str, value: float) -> None:
     with pytest.raises(ConfigurationError, match=option):
-        Protocol1Port("/dev/ttyUSB0", **{option: value})  # type: ignore[arg-type]
+        DynamixelPort("/dev/ttyUSB0", **{option: value})  # type: ignore[arg-type]
 
 
 def test_opening_and_failing_leaves_no_descriptor(peer: Peer) -> None:
     before = len(os.listdir("/proc/self/fd"))
     for _ in range(3):
-        port = Protocol1Port(peer.name, reply_timeout=0.001)
+        port = DynamixelPort(peer.name, reply_timeout=0.001)
         port.open()
         with pytest.raises(PortBusyError):
-            Protocol1Port(peer.name).open()
+            DynamixelPort(peer.name).open()
         with pytest.raises(ReplyTimeoutError):
             port.ping(1)
         port.close()

@@ -205,8 +205,9 @@ def test_even_system_exit_in_the_callback_relaxes_the_servos() -> None:
     assert isinstance(thread.error, SystemExit)
 
 
-def test_lost_port_ends_the_thread_and_is_reported() -> None:
+def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
     port = FakePort()
+    port.comes_back = False
     reported: list[BaseException] = []
     thread = BusThread(connected(port), 100.0, ignore, reported.append)
     thread.start()
@@ -215,6 +216,19 @@ def test_lost_port_ends_the_thread_and_is_reported() -> None:
     assert isinstance(reported[0], PortLostError)
     assert thread.unconfirmed == ("head_pan_joint", "head_tilt_joint")
     thread.stop()
+
+
+def test_port_that_comes_back_is_found_by_the_thread() -> None:
+    port = FakePort()
+    readings: list[BusReading] = []
+    thread = BusThread(connected(port), 100.0, readings.append)
+    thread.start()
+    port.gone = True
+    assert eventually(lambda: bool(readings) and len(readings[-1].lost) == 2)
+    port.gone = False
+    assert eventually(lambda: len(readings[-1].states) == 2)
+    thread.stop()
+    assert thread.unconfirmed == ()
 
 
 def test_stop_from_the_callback_does_not_wait_for_itself() -> None:

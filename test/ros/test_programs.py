@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from robot_under_test import wait_for
 
-from head_tracking.dynamixel import JointConfiguration, Protocol1Port, ServoBus, ServoNotFoundError
+from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus, ServoNotFoundError
 
 PATIENCE = 30
 MODULES = {
@@ -24,6 +24,7 @@ MODULES = {
     "point_head": "head_tracking.nodes.point_head",
     "head_tracker": "head_tracking.nodes.head_tracker",
     "fictitious_target": "head_tracking.nodes.fictitious_target",
+    "transforms": "head_tracking.nodes.transforms",
 }
 
 
@@ -106,7 +107,7 @@ def port(start, tmp_path) -> str:
 
 
 def torque(port: str) -> list[int]:
-    with_servos = Protocol1Port(port, 1_000_000)
+    with_servos = DynamixelPort(port, 1_000_000)
     with_servos.open()
     try:
         return [with_servos.read(servo, 24, 1).data[0] for servo in (1, 2)]
@@ -139,12 +140,27 @@ def test_a_signal_stops_and_relaxes_the_head(start, port, number):
 def test_a_node_that_dies_ends_the_run_with_its_error(start, tmp_path):
     bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
     port = bus.read_until("servos").strip()
-    run = start("head_tracking", "--port", port)
+    run = start("head_tracking", "--port", os.path.realpath(port))  # a name that never comes back
     run.read_until("ready to keep")
     bus.end(signal.SIGINT)
     assert run.end() == 1
     assert "servo_bus died" in run.output.splitlines()[-1]
     assert "Traceback" not in run.output
+
+
+def test_an_adapter_that_is_plugged_in_again_is_found(start, tmp_path):
+    link = str(tmp_path / "servos")
+    bus = start("simulated_bus", "--link", link)
+    bus.read_until("servos")
+    node = start("servo_bus", "--ros-args", "-p", f"port_name:={link}")
+    node.read_until("2 AX-12 servos")
+    bus.end(signal.SIGINT)
+    node.read_until("lost ")
+    again = start("simulated_bus", "--link", link)
+    again.read_until("servos")
+    node.read_until("is there again")
+    node.read_until("(id 2): answers again")
+    assert node.end(signal.SIGINT) == 0
 
 
 def test_a_missing_port_is_an_error(start):
@@ -238,10 +254,10 @@ def test_the_simulated_bus_takes_any_ids(start, tmp_path):
     bus = start("simulated_bus", "--ids", "3", "--link", str(tmp_path / "one"))
     port = bus.read_until("one").strip()
     three = JointConfiguration("joint", "controller", 3)
-    assert ServoBus(Protocol1Port(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
+    assert ServoBus(DynamixelPort(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
     four = JointConfiguration("joint", "controller", 4)
     with pytest.raises(ServoNotFoundError, match="4"):
-        ServoBus(Protocol1Port(port, 57_600), [four]).connect()
+        ServoBus(DynamixelPort(port, 57_600), [four]).connect()
     assert bus.end(signal.SIGINT) == 0
     assert not Path(port).is_symlink()
 
@@ -250,3 +266,57 @@ def test_relax_without_a_servo_bus_says_so(start):
     relax = start("relax")
     assert relax.end() == 1
     assert "no servo_bus answers" in relax.output
+
+
+# transforms
+
+
+@pytest.fixture
+def running(start) -> Program:
+    run = start("head_tracking", "--sim", "--target", "2,0.5,0.6@base_link")
+    run.read_until("| error")
+    return run
+
+
+def test_transforms_echo_prints_where_a_frame_is(start, running):
+    echo = start("transforms", "echo", "base_link", "torso_link", "--rate", "20", "--count", "2")
+    assert echo.end() == 0, echo.output
+    assert echo.output.count("At time ") == 2
+    assert "- Translation: [" in echo.output
+    assert "- Rotation: in RPY (degree) [0.000, 0.000, 0.000]" in echo.output
+
+
+def test_transforms_echo_says_why_there_is_nothing(start, running):
+    echo = start("transforms", "echo", "base_link", "nose", "--rate", "20")
+    assert echo.end() == 1
+    assert "nose" in echo.output.splitlines()[-1]
+    assert "Traceback" not in echo.output
+
+
+def test_transforms_tree_draws_frames_rates_and_ages(start, running):
+    tree = start("transforms", "tree")
+    assert tree.end() == 0, tree.output
+    lines = tree.output.splitlines()
+    assert lines[0] == "world"
+    assert "base_link" in lines[1]
+    moving = next(line for line in lines if "Hz" in line)
+    assert "head_pan_joint" in moving
+
+
+def test_transforms_check_finds_nothing_wrong_with_a_running_head(start, running):
+    check = start("transforms", "check")
+    assert check.end() == 0, check.output
+    assert "all of them can be looked up now" in check.output
+
+
+def test_transforms_without_a_robot_says_so(start):
+    tree = start("transforms", "tree", "--wait", "0.5")
+    assert tree.end() == 1
+    assert "no frame is known" in tree.output
+
+
+@pytest.mark.parametrize("arguments", [[], ["echo", "a"], ["echo", "a", "b", "--rate", "0"]])
+def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
+    program = start("transforms", *arguments)
+    assert program.end() == 2
+    assert "usage: transforms" in program.output

@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from head_tracking.dynamixel import Goal, JointConfiguration, Protocol1Port, ServoBus
+from head_tracking.dynamixel import DynamixelPort, Goal, JointConfiguration, ServoBus
 from head_tracking.simulation import SimulatedJoints
 
 JOINTS = (
@@ -19,7 +19,7 @@ def test_joints_start_at_zero():
 
 def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
     with SimulatedJoints(JOINTS) as joints:
-        bus = ServoBus(Protocol1Port(joints.port_name, reply_timeout=0.2), JOINTS)
+        bus = ServoBus(DynamixelPort(joints.port_name, reply_timeout=0.2), JOINTS)
         assert bus.connect() == "2 AX-12 servos: ids 3, 5"
         bus.command({"tilt": Goal(0.6)})
         deadline = time.monotonic() + 10

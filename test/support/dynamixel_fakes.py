@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 
 from head_tracking.dynamixel import (
-    ErrorBits,
+    Adapter,
+    CommunicationError,
     JointConfiguration,
+    NotConnectedError,
     PortLostError,
+    PortMissingError,
+    ReadGroup,
     Reply,
     ReplyTimeoutError,
+    ServoModel,
     servo_model,
 )
 
-TABLE = servo_model("AX-12").control_table
+AX_12 = servo_model("AX-12")
+TABLE = AX_12.control_table
 GOAL, SPEED, TORQUE, POSITION = 30, 32, 24, 36
 
 PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
@@ -24,37 +31,53 @@ Packet = tuple[object, ...]
 
 
 class FakeServo:
-    """Registers, and whether anybody answers. A goal switches torque on, as on a real AX."""
+    """Registers, and whether anybody answers. A goal switches torque on, as on a real AX.
 
-    def __init__(self, servo_id: int) -> None:
-        self.bytes = bytearray(TABLE.size)
-        for register in TABLE:
+    Args:
+        servo_id: Its id.
+        model: Its model.
+    """
+
+    def __init__(self, servo_id: int, model: ServoModel = AX_12) -> None:
+        self.model = model
+        self.bytes = bytearray(model.control_table.size)
+        for register in model.control_table:
             self[register.name] = register.initial or 0
         self["ID"] = servo_id
         self["Firmware Version"] = 24
-        self["Goal Position"] = 900  # an old goal that nobody wants any more
-        self["Present Position"] = 512
-        self["Present Voltage"] = 120
+        self["Goal Position"] = model.center + 388  # an old goal that nobody wants any more
+        self["Present Position"] = model.center
+        for name in ("Present Voltage", "Present Input Voltage"):
+            if name in model.control_table:
+                self[name] = 120
         self["Present Temperature"] = 30
-        self["Torque Limit"] = 1023
+        if "Torque Limit" in model.control_table:
+            self["Torque Limit"] = 1023
         self.answers = True
-        self.error = ErrorBits(0)
+        self.error = 0
         self.ignored: set[int] = set()  # addresses whose writes have no effect
+        self.reboots = 0
 
     def __getitem__(self, name: str) -> int:
-        register = TABLE[name]
-        return int.from_bytes(self.bytes[register.address : register.end], "little")
+        register = self.model.control_table[name]
+        return register.decode(bytes(self.bytes[register.address : register.end]))
 
     def __setitem__(self, name: str, value: int) -> None:
-        register = TABLE[name]
-        self.bytes[register.address : register.end] = value.to_bytes(register.size, "little")
+        register = self.model.control_table[name]
+        self.bytes[register.address : register.end] = register.bytes_of(value)
 
     def write(self, address: int, data: bytes) -> None:
         if address in self.ignored:
             return
         self.bytes[address : address + len(data)] = data
-        if address in (GOAL, SPEED):
+        if self.model is AX_12 and address in (GOAL, SPEED):
             self["Torque Enable"] = 1
+
+    def reboot(self) -> None:
+        self.reboots += 1
+        self.error = 0
+        self["Torque Enable"] = 0
+        self["Hardware Error Status"] = 0
 
 
 class FakePort:
@@ -62,77 +85,118 @@ class FakePort:
 
     Attributes:
         log: ("ping", id), ("read", id, address, length), ("write", id, address, bytes) and
-            ("sync", address, {id: bytes}), in order.
+            ("sync", address, {id: bytes}), in order; a sync write where it is held.
         failures: Exceptions to raise for the next transactions with an id, None for none.
         gone: Whether the adapter has been unplugged.
+        methods: How groups were read.
     """
 
     name = "/dev/fake"
     baud_rate = 1_000_000
+    adapter = Adapter()
 
-    def __init__(self, *ids: int) -> None:
-        self.servos = {servo_id: FakeServo(servo_id) for servo_id in ids or (1, 2)}
+    def __init__(self, *ids: int, model: ServoModel = AX_12) -> None:
+        self.servos = {servo_id: FakeServo(servo_id, model) for servo_id in ids or (1, 2)}
         self.log: list[Packet] = []
         self.failures: dict[int, deque[Exception | None]] = defaultdict(deque)
         self.gone = False
         self.opened = False
         self.times_closed = 0
+        self.times_tried = 0
+        self.methods: list[tuple[object, ...]] = []
+        self.comes_back = True
+
+    @property
+    def is_open(self) -> bool:
+        return self.opened
 
     def open(self) -> None:
+        self.times_tried += 1
+        if self.gone:
+            raise PortMissingError(self.name, [])
         self.opened = True
 
     def close(self) -> None:
         self.opened = False
         self.times_closed += 1
 
-    def ping(self, servo_id: int) -> ErrorBits:
-        return self._servo(("ping", servo_id), servo_id).error
+    def ping(self, servo_id: int, protocol: int = 1) -> int:
+        return self._servo(("ping", servo_id), servo_id, protocol).error
 
-    def read(self, servo_id: int, address: int, length: int) -> Reply:
-        servo = self._servo(("read", servo_id, address, length), servo_id)
+    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
+        servo = self._servo(("read", servo_id, address, length), servo_id, protocol)
         if servo["Status Return Level"] < 1:
             raise ReplyTimeoutError("silent")
         return Reply(bytes(servo.bytes[address : address + length]), servo.error)
 
+    def read_group(self, group: ReadGroup) -> Iterator[Reply | CommunicationError]:
+        self.methods.append((group.method, group.ids))
+        first, *others = group.ids
+        return chain([self._ask(group, first)], (self._ask(group, each) for each in others))
+
+    def _ask(self, group: ReadGroup, servo_id: int) -> Reply | CommunicationError:
+        try:
+            return self.read(servo_id, group.address, group.length, group.protocol)
+        except CommunicationError as failure:
+            return failure
+
     def write(
-        self, servo_id: int, address: int, data: bytes, *, acknowledged: bool = True
-    ) -> ErrorBits:
+        self,
+        servo_id: int,
+        address: int,
+        data: bytes,
+        *,
+        acknowledged: bool = True,
+        protocol: int = 1,
+    ) -> int:
         packet = ("write", servo_id, address, data)
         if not acknowledged:
             self._note(packet)
-            servo = self.servos.get(servo_id)
-            if servo is not None:
-                servo.write(address, data)
-            return ErrorBits(0)
-        servo = self._servo(packet, servo_id)
+            unheard = self.servos.get(servo_id)
+            if unheard is not None:
+                unheard.write(address, data)
+            return 0
+        servo = self._servo(packet, servo_id, protocol)
         servo.write(address, data)
         if servo["Status Return Level"] < 2:
             raise ReplyTimeoutError("silent")
         return servo.error
 
-    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
+    def sync_write(
+        self, address: int, data: Mapping[int, bytes], protocol: int = 1, *, hold: bool = False
+    ) -> None:
         self._note(("sync", address, dict(data)))
         for servo_id, share in data.items():
-            if servo_id in self.servos:
+            if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:
                 self.servos[servo_id].write(address, share)
+
+    def flush(self) -> None:
+        if not self.opened:
+            raise NotConnectedError(self.name)
+
+    def reboot(self, servo_id: int) -> None:
+        self._servo(("reboot", servo_id), servo_id, 2).reboot()
 
     def take_log(self) -> list[Packet]:
         log, self.log = self.log, []
         return log
 
     def _note(self, packet: Packet) -> None:
-        if self.gone or not self.opened:
+        if not self.opened:
+            raise NotConnectedError(self.name)
+        if self.gone:
+            self.opened = False
             raise PortLostError(self.name, "unplugged")
         self.log.append(packet)
 
-    def _servo(self, packet: Packet, servo_id: int) -> FakeServo:
+    def _servo(self, packet: Packet, servo_id: int, protocol: int) -> FakeServo:
         self._note(packet)
         if self.failures[servo_id]:
             failure = self.failures[servo_id].popleft()
             if failure is not None:
                 raise failure
         servo = self.servos.get(servo_id)
-        if servo is None or not servo.answers:
+        if servo is None or not servo.answers or servo.model.protocol != protocol:
             raise ReplyTimeoutError(f"servo {servo_id} did not answer")
         return servo
 

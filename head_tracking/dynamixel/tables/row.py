@@ -54,6 +54,4 @@ def measured(
     initial: int | None = None,
 ) -> Register:
     """Return something that the servo tells and nobody sets."""
-    return Register(
-        name, address, size, Access.READ, Memory.RAM, initial, None, None, unit, sign
-    )
+    return Register(name, address, size, Access.READ, Memory.RAM, initial, None, None, unit, sign)
