@@ -158,6 +158,11 @@ class Faults:
         return round(self._random.uniform(*bounds) * 1e9)
 
     def _strike(self, servo: SimulatedServo, kind: Fault, now: int) -> None:
+        servo.advance(now)
+        if kind is Fault.OVERLOAD:
+            self._note(kind)
+            servo.overload()
+            return
         if any(sufferer is servo for _, sufferer, _ in self._repairs):
             return
         self._note(kind)
@@ -165,8 +170,6 @@ class Faults:
         if kind is Fault.POWER_LOSS:
             servo.power_off()
             self._repairs.append((end, servo, servo.power_on))
-        elif kind is Fault.OVERLOAD:
-            servo.overload()
         elif kind is Fault.LOW_VOLTAGE:
             usual = servo.supply_voltage
             servo.supply_voltage = servo.register("Min Voltage Limit") / 10.0 - 0.5
@@ -179,5 +182,6 @@ class Faults:
     def _repair(self, now: int) -> None:
         for repair in [repair for repair in self._repairs if repair[0] <= now]:
             self._repairs.remove(repair)
+            repair[1].advance(now)
             repair[2]()
             self.last = max(self.last, now)

@@ -16,7 +16,7 @@ TIME_CONSTANT: Final = 0.04
 
 _STICTION: Final = 0.028  # of the stall torque: a little under the AX punch of 32/1023 (ours)
 _SLIDING: Final = 0.023  # Coulomb friction of the moving gear, of the stall torque (ours)
-_FINE: Final = 0.3  # of that friction have servos whose control law has no punch (ours)
+_FINE: Final = 0.3  # of that stiction have servos whose control law has no punch (ours)
 _VISCOSITY: Final = 0.02  # of the back-EMF: what slows a shaft without power (ours)
 
 
@@ -46,15 +46,15 @@ class Mechanics:
     @classmethod
     def of(cls, model: ServoModel) -> Mechanics:
         """Return the constants that give a model its no-load speed and stall torque."""
-        friction = 1.0 if "CW Compliance Slope" in model.control_table else _FINE
+        stiction = _STICTION if "CW Compliance Slope" in model.control_table else _FINE * _STICTION
         lowest = -model.center * model.radians_per_tick
         highest = (model.ticks - model.center) * model.radians_per_tick
         return cls(
             stall_torque=model.stall_torque,
-            free_speed=model.no_load_speed / (1.0 - friction * _SLIDING),
+            free_speed=model.no_load_speed / (1.0 - _SLIDING),
             inertia=TIME_CONSTANT * model.stall_torque / model.no_load_speed,
-            stiction=friction * _STICTION * model.stall_torque,
-            sliding=friction * _SLIDING * model.stall_torque,
+            stiction=stiction * model.stall_torque,
+            sliding=_SLIDING * model.stall_torque,
             lowest=-math.inf if model.endless else lowest,
             highest=math.inf if model.endless else highest,
         )

@@ -197,7 +197,8 @@ class ServoBody:
             self._controls.written(memory, before, self._drive)
             self._configure()
         slow = sum(register.size for register, _ in changes if register.memory is Memory.EEPROM)
-        self._be_deaf(slow * self._nature.eeprom_time)
+        if slow:
+            self._be_deaf(slow * self._nature.eeprom_time)
         if self.oracle is not None:
             self.oracle.note(self._now, self, before)
         return None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import random
 import select
 import threading
 import time
@@ -10,9 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import serial
 
+from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
     InstructionPacket,
+    InstructionPacket2,
     PortLinkError,
     SimulatedPort,
     SimulatedServo,
@@ -193,3 +198,83 @@ def test_link_never_replaces_a_file(tmp_path: Path) -> None:
 def test_link_in_a_missing_directory_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PortLinkError, match="choose a path"):
         SimulatedPort([SimulatedServo(1)], link=tmp_path / "none" / "ttyHead").open()
+
+
+def test_unplugged_adapter_vanishes_and_comes_back_by_the_same_link(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    with SimulatedPort([SimulatedServo(1)], link=link) as port:
+        for _ in range(5):
+            client = Client(str(link))
+            assert client.ask(PING, 6) == PONG
+            port.unplug()
+            assert not os.path.lexists(link)
+            assert port.port_name == ""
+            with pytest.raises(OSError):
+                os.write(client.descriptor, PING)
+            client.close()
+            port.unplug()
+            port.replug()
+            port.replug()
+        client = Client(str(link))
+        assert client.ask(PING, 6) == PONG
+        client.close()
+
+
+def test_servos_go_on_while_the_adapter_is_unplugged() -> None:
+    with SimulatedPort([SimulatedServo(1)]) as port:
+        client = Client(port.port_name)
+        goal = InstructionPacket.write(1, 30, bytes.fromhex("F4 01 64 00")).encode()
+        assert client.ask(goal, 6) == PONG
+        client.close()
+        port.unplug()
+        assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
+
+
+def test_unplugging_leaves_no_descriptor() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with SimulatedPort([SimulatedServo(1)]) as port:
+        for _ in range(20):
+            port.unplug()
+            port.replug()
+        port.unplug()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+@pytest.mark.parametrize("baud_rate", [9_600, 57_600, 250_000, 1_000_000, 2_250_000, 4_500_000])
+def test_only_servos_set_to_the_programs_baud_rate_hear_it(baud_rate: int) -> None:
+    servo = SimulatedServo(1, servo_model("XM430-W350"))
+    code = {rate: code for code, rate in servo.model.baud_rates.items()}.get(baud_rate)
+    if code is not None:
+        servo.set_register("Baud Rate", code)
+    with SimulatedPort([servo], match_baud_rate=True) as port:
+        device = serial.Serial(port.port_name, baud_rate, timeout=PATIENCE if code else 0.05)
+        device.write(InstructionPacket2.ping(1).encode())
+        assert len(device.read(14)) == (0 if code is None else 14)
+        device.close()
+
+
+def test_paced_answers_do_not_come_too_early() -> None:
+    servo = SimulatedServo(1)
+    servo.set_register("Return Delay Time", 0)
+    with SimulatedPort([servo], paced=True) as port:
+        device = serial.Serial(port.port_name, 9_600, timeout=PATIENCE)
+        for _ in range(3):
+            start = time.monotonic()
+            device.write(InstructionPacket.read(1, 36, 8).encode())
+            assert len(device.read(14)) == 14
+            assert time.monotonic() - start >= 22 * 10 / 9_600
+        device.close()
+
+
+def test_simulated_bus_survives_random_bytes() -> None:
+    servos = [SimulatedServo(1), SimulatedServo(2, servo_model("XL430-W250"))]
+    with SimulatedPort(servos) as port:
+        client = Client(port.port_name)
+        os.write(client.descriptor, random.Random(1).randbytes(2000))
+        time.sleep(0.15)  # a longer gap than a servo bears within a packet
+        os.set_blocking(client.descriptor, False)
+        with contextlib.suppress(BlockingIOError):
+            while os.read(client.descriptor, 4096):
+                pass
+        assert client.ask(PING, 6) == PONG
+        client.close()

@@ -1,9 +1,14 @@
-"""Packets of protocol 1.0 with known bytes (shared fact sheet, section 4, protocol 1.0)."""
+"""Packets of both protocols with known bytes (shared fact sheet, section 4)."""
 
 from __future__ import annotations
 
 from head_tracking.dynamixel import ErrorBits
-from head_tracking.simulation import InstructionPacket, StatusPacket
+from head_tracking.simulation import (
+    InstructionPacket,
+    InstructionPacket2,
+    StatusPacket,
+    StatusPacket2,
+)
 
 Packet = InstructionPacket
 
@@ -66,4 +71,70 @@ STATUSES = {
         "FF FF 01 04 20 00 02 D8",
         StatusPacket(1, ErrorBits.OVERLOAD, b"\x00\x02"),
     ),
+}
+
+Packet2 = InstructionPacket2
+
+INSTRUCTIONS_2 = {
+    "ping 1": ("FF FF FD 00 01 03 00 01 19 4E", Packet2.ping(1)),
+    "ping all": ("FF FF FD 00 FE 03 00 01 31 42", Packet2.ping()),
+    "read position": ("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15", Packet2.read(1, 132, 4)),
+    "goal 512": (
+        "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
+        Packet2.write(1, 116, b"\x00\x02\x00\x00"),
+    ),
+    "torque on": ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", Packet2.write(1, 64, b"\x01")),
+    "stuffed goal": (
+        "FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7",
+        Packet2.write(1, 116, b"\xff\xff\xfd\x00"),
+    ),
+    "action 1": ("FF FF FD 00 01 03 00 05 02 CE", Packet2.action(1)),
+    "factory reset but id": ("FF FF FD 00 01 04 00 06 01 A1 E6", Packet2(1, 0x06, b"\x01")),
+    "reboot 1": ("FF FF FD 00 01 03 00 08 2F 4E", Packet2.reboot(1)),
+    "clear turns": (
+        "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC",
+        Packet2(1, 0x10, b"\x01\x44\x58\x4c\x22"),
+    ),
+    "sync read position": (
+        "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
+        Packet2.sync_read(132, 4, (1, 2)),
+    ),
+    "sync read feedback": (
+        "FF FF FD 00 FE 09 00 82 7E 00 0A 00 01 02 38 92",
+        Packet2.sync_read(126, 10, (1, 2)),
+    ),
+    "sync write goals": (
+        "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
+        Packet2.sync_write(116, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}),
+    ),
+    "bulk read": (
+        "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
+        Packet2.bulk_read({1: (144, 2), 2: (146, 1)}),
+    ),
+    "bulk write": (
+        "FF FF FD 00 FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68",
+        Packet2.bulk_write({1: (32, b"\xa0\x00"), 2: (31, b"\x50")}),
+    ),
+    "fast sync read": (
+        "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2",
+        Packet2.sync_read(132, 4, (3, 7, 4), fast=True),
+    ),
+}
+
+STATUSES_2 = {
+    "ping of an XM430": (
+        "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D",
+        StatusPacket2(1, data=b"\x06\x04\x26"),
+    ),
+    "position 166": (
+        "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
+        StatusPacket2(1, data=b"\xa6\0\0\0"),
+    ),
+    "position -1": (
+        "FF FF FD 00 01 08 00 55 00 FF FF FF FF 96 38",
+        StatusPacket2(1, data=b"\xff\xff\xff\xff"),
+    ),
+    "ok": ("FF FF FD 00 01 04 00 55 00 A1 0C", StatusPacket2(1)),
+    "access error": ("FF FF FD 00 01 04 00 55 07 B0 8C", StatusPacket2(1, 7)),
+    "alert": ("FF FF FD 00 01 04 00 55 80 A2 8F", StatusPacket2(1, 0x80)),
 }

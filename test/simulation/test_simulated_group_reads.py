@@ -1,0 +1,146 @@
+"""Instructions that several servos answer in turn."""
+
+from __future__ import annotations
+
+from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
+
+from head_tracking.dynamixel.models import servo_model
+from head_tracking.dynamixel.protocol2 import ALERT, crc16
+from head_tracking.simulation import (
+    Answer,
+    InstructionPacket,
+    InstructionPacket2,
+    SimulatedBus,
+    SimulatedServo,
+    StatusPacket,
+    StatusPacket2,
+)
+
+Packet = InstructionPacket2
+XM430 = servo_model("XM430-W350")
+
+
+def bus(*ids: int, model: str = "XM430-W350", **options) -> SimulatedBus:
+    made = servo_model(model)
+    return SimulatedBus(
+        [SimulatedServo(i, made, position=1000 + i, **options) for i in ids or (1, 2)]
+    )
+
+
+def statuses(answers: list[Answer]) -> list[StatusPacket2 | None]:
+    return [StatusPacket2.decode(answer.data) for answer in answers]
+
+
+def position(servo_id: int, error: int = 0) -> StatusPacket2:
+    return StatusPacket2(servo_id, error, (1000 + servo_id).to_bytes(4, "little"))
+
+
+def test_sync_read_is_answered_in_the_order_of_the_list() -> None:
+    answers = bus().receive(Packet.sync_read(132, 4, (2, 1)).encode(), 0)
+    assert statuses(answers) == [position(2), position(1)]
+    assert [answer.follows for answer in answers] == [False, True]
+    golden = bytes.fromhex(INSTRUCTIONS_2["sync read position"][0])
+    assert statuses(bus().receive(golden, 0)) == [position(1), position(2)]
+
+
+def test_servos_behind_a_missing_one_are_silent() -> None:
+    answers = bus(1, 3).receive(Packet.sync_read(132, 4, (1, 2, 3)).encode(), 0)
+    assert statuses(answers) == [position(1)]
+
+
+def test_alert_is_part_of_a_sync_read() -> None:
+    b = bus()
+    b[1].supply_voltage = 9.0
+    answers = b.receive(Packet.sync_read(132, 4, (1, 2)).encode(), 0)
+    assert statuses(answers) == [position(1, ALERT), position(2)]
+
+
+def test_bulk_read_reads_what_each_is_asked() -> None:
+    b = bus()
+    answers = b.receive(bytes.fromhex(INSTRUCTIONS_2["bulk read"][0]), 0)
+    assert statuses(answers) == [
+        StatusPacket2(1, 0, (120).to_bytes(2, "little")),
+        StatusPacket2(2, 0, bytes((30,))),
+    ]
+
+
+def test_fast_sync_read_is_one_packet() -> None:
+    b = bus(3, 4, 7)
+    answers = b.receive(bytes.fromhex(INSTRUCTIONS_2["fast sync read"][0]), 0)
+    assert len(answers) == 1
+    data = answers[0].data
+    assert data[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")
+    for number, servo_id in enumerate((3, 7, 4)):
+        start = 8 + 8 * number
+        assert data[start : start + 6] == b"\0" + bytes((servo_id,)) + position(servo_id).data
+        assert crc16(data[: start + 6]) == int.from_bytes(data[start + 6 : start + 8], "little")
+    assert len(data) == 7 + 0x19
+
+
+def test_fast_sync_read_ends_where_a_servo_is_missing() -> None:
+    answers = bus(3).receive(Packet.sync_read(132, 4, (3, 4), fast=True).encode(), 0)
+    assert len(answers[0].data) == 8 + 8
+
+
+def test_old_firmware_knows_no_fast_sync_read() -> None:
+    packet = Packet.sync_read(132, 4, (1, 2), fast=True).encode()
+    assert bus(firmware=44).receive(packet, 0) == []
+    assert len(bus(firmware=45).receive(packet, 0)) == 1
+
+
+def test_fast_bulk_read_is_one_packet() -> None:
+    answers = bus().receive(Packet.bulk_read({1: (132, 4), 2: (146, 1)}, fast=True).encode(), 0)
+    data = answers[0].data
+    assert len(data) == 8 + (2 + 4 + 2) + (2 + 1 + 2)
+    assert data[17:19] == bytes((2, 30))
+    assert int.from_bytes(data[5:7], "little") == len(data) - 7
+
+
+def test_ping_of_all_is_answered_in_the_order_of_ids() -> None:
+    b = bus(7, 3)
+    found = statuses(b.receive(Packet.ping().encode(), 0))
+    assert [(status.id, status.data[:2]) for status in found if status] == [
+        (3, (1020).to_bytes(2, "little")),
+        (7, (1020).to_bytes(2, "little")),
+    ]
+
+
+def test_sync_and_bulk_write_reach_their_servos_and_nobody_answers() -> None:
+    b = bus()
+    assert b.receive(bytes.fromhex(INSTRUCTIONS_2["sync write goals"][0]), 0) == []
+    assert [b[i].register("Goal Position") for i in (1, 2)] == [150, 170]
+    assert b.receive(bytes.fromhex(INSTRUCTIONS_2["bulk write"][0]), 0) == []
+    assert b[1].register("Max Voltage Limit") == 160
+    assert b[2].register("Temperature Limit") == 80
+
+
+def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
+    golden = bytes.fromhex(INSTRUCTIONS["bulk read"][0])
+    b = bus(model="MX-28")
+    assert [StatusPacket.decode(answer.data) for answer in b.receive(golden, 0)] == [
+        StatusPacket(1, data=(1001).to_bytes(2, "little")),
+        StatusPacket(2, data=(1002).to_bytes(2, "little")),
+    ]
+    assert SimulatedBus([SimulatedServo(1), SimulatedServo(2)]).receive(golden, 0) == []
+
+
+def test_status_return_level_0_holds_for_group_reads() -> None:
+    b = bus()
+    b[1].set_register("Status Return Level", 0)
+    assert b.receive(Packet.sync_read(132, 4, (1,)).encode(), 0) == []
+
+
+def test_both_protocols_share_a_bus() -> None:
+    b = SimulatedBus([SimulatedServo(1), SimulatedServo(2, XM430)])
+    assert b.receive(InstructionPacket.ping(1).encode(), 0)[0].data == StatusPacket(1).encode()
+    assert statuses(b.receive(Packet.ping(2).encode(), 0))[0] is not None
+    assert b.receive(InstructionPacket.ping(2).encode(), 0) == []
+    assert b.receive(Packet.ping(1).encode(), 0) == []
+    both = InstructionPacket.ping(1).encode() + Packet.ping(2).encode()
+    assert len(b.receive(both, 0)) == 2
+
+
+def test_damaged_packet_of_protocol_2_is_answered() -> None:
+    data = bytearray(Packet.ping(1).encode())
+    data[-1] ^= 1
+    assert statuses(bus().receive(bytes(data), 0)) == [StatusPacket2(1, 3)]

@@ -1,0 +1,143 @@
+"""Every register of every model, as packets see it."""
+
+from __future__ import annotations
+
+import pytest
+
+from head_tracking.dynamixel.control_table import Register
+from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.protocol1 import REFUSALS
+from head_tracking.dynamixel.protocol2 import StatusCode
+from head_tracking.simulation import (
+    InstructionPacket,
+    InstructionPacket2,
+    SimulatedServo,
+    StatusPacket,
+    StatusPacket2,
+)
+
+MODEL = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+OWN = {
+    "ID",
+    "Lock",
+    "Status Return Level",
+    "Torque Enable",
+    "Secondary ID",
+    "Bus Watchdog",
+    "Current",
+}
+"""Registers that change what the servo does with the packets after them."""
+LIMITED = {"Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current"}
+"""Registers whose range is narrowed by others."""
+
+
+def packets(model: ServoModel) -> type[InstructionPacket] | type[InstructionPacket2]:
+    return InstructionPacket if model.protocol == 1 else InstructionPacket2
+
+
+def read(servo: SimulatedServo, register: Register) -> StatusPacket | StatusPacket2:
+    packet = packets(servo.model).read(servo.id, register.address, register.size)
+    status = servo.execute(packet, 0)
+    assert status is not None
+    return status
+
+
+def write(servo: SimulatedServo, register: Register, value: int) -> int:
+    size = register.size
+    data = value.to_bytes(size, "little", signed=value < 0)
+    status = servo.execute(packets(servo.model).write(servo.id, register.address, data), 0)
+    assert status is not None
+    return int(status.error)
+
+
+@MODEL
+def test_every_register_reads_what_the_vendor_says(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    for register in model.control_table:
+        status = read(servo, register)
+        assert status.error == 0, register
+        assert len(status.data) == register.size
+        if register.initial is not None and register.name not in ("Moving Status",):
+            expected = register.initial
+            if register.name == "Goal Velocity":
+                expected = servo.register("Velocity Limit")
+            assert register.decode(status.data) == expected, register
+
+
+@MODEL
+def test_writable_registers_take_their_range_and_no_more(model: ServoModel) -> None:
+    for register in model.control_table:
+        if not register.writable or register.name in OWN:
+            continue
+        if register.name.startswith("Indirect Data"):
+            continue  # stands for other registers
+        assert register.minimum is not None and register.maximum is not None
+        for value in (register.minimum, register.maximum):
+            servo = SimulatedServo(1, model)
+            error = write(servo, register, value)
+            refused = error & (REFUSALS if model.protocol == 1 else 0x7F)
+            assert (servo.register(register.name) == value) == (not refused), (register, value)
+            if refused:
+                assert register.name in LIMITED | {"Operating Mode"}, (register, value)
+        for value in (register.minimum - 1, register.maximum + 1):
+            limit = 256**register.size
+            signed = register.minimum < 0
+            if not (-limit // 2 <= value < limit // 2 if signed else 0 <= value < limit):
+                continue
+            servo = SimulatedServo(1, model)
+            before = servo.register(register.name)
+            assert write(servo, register, value) != 0, (register, value)
+            assert servo.register(register.name) == before
+
+
+@MODEL
+def test_read_only_registers_are_refused(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    for register in model.control_table:
+        if not register.writable:
+            refusal = 8 if model.protocol == 1 else StatusCode.ACCESS
+            assert write(servo, register, 0) == refusal, register
+
+
+@MODEL
+def test_the_cycle_of_the_driver_is_answered(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    block = model.feedback
+    status = servo.execute(packets(model).read(1, block.address, block.length), 0)
+    assert status is not None and status.error == 0
+    values = dict(zip((r.name for r in block.registers), block.decode(status.data), strict=True))
+    assert values["Present Position"] == model.center
+    data = model.encode_goal(model.center + 50, 30)
+    status = servo.execute(packets(model).write(1, model.goal.address, data), 0)
+    assert status is not None and status.error == 0
+
+
+@MODEL
+def test_every_model_goes_to_its_goal(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    servo.advance(0)
+    goal = model.center + model.ticks // 10
+    data = model.encode_goal(goal, 0)
+    servo.execute(packets(model).write(1, model.control_table["Torque Enable"].address, b"\1"), 0)
+    servo.execute(packets(model).write(1, model.goal.address, data), 0)
+    path = []
+    for now in range(0, 3_000_000_000, 5_000_000):
+        servo.advance(now)
+        path.append(servo.true_ticks)
+    assert path[-1] == pytest.approx(goal, abs=model.ticks * 0.004)
+    assert max(path) < goal + model.ticks * 0.03  # no ringing worth the name
+    assert servo.register("Present Position") == round(servo.true_ticks)
+
+
+@MODEL
+def test_a_goal_speed_is_kept(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    servo.advance(0)
+    speed = round(0.3 * model.no_load_speed / model.speed_unit)
+    goal = model.center + round(model.ticks * 0.4)
+    servo.execute(packets(model).write(1, model.control_table["Torque Enable"].address, b"\1"), 0)
+    data = model.encode_goal(goal, speed)
+    servo.execute(packets(model).write(1, model.goal.address, data), 0)
+    way = model.ticks * 0.4 * model.radians_per_tick
+    servo.advance(round(0.5 * way / (speed * model.speed_unit) * 1e9))
+    assert servo.true_velocity == pytest.approx(speed * model.speed_unit, rel=0.06)
