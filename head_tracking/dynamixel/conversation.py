@@ -165,7 +165,7 @@ class Conversation:
                 yield answer
         finally:
             if asked and heard < last:
-                self._debts.add(protocol, ids[heard + 1], length)
+                self._debts.add(protocol, ids[heard + 1], length, self._clock())
 
     def read_together(
         self, method: ReadMethod, ids: tuple[int, ...], address: int, length: int
@@ -199,7 +199,7 @@ class Conversation:
                     break
         finally:
             for servo_id in ids[answered:]:
-                self._debts.add(protocol, servo_id, length + extra)
+                self._debts.add(protocol, servo_id, length + extra, self._clock())
         for servo_id in ids[answered:]:
             yield self.read(protocol, servo_id, address, length)
 
@@ -235,10 +235,24 @@ class Conversation:
     def _begin(self, packet: bytes) -> None:
         """Send the first question after a pause."""
         if not self._quiet:
+            if self._debts:
+                self._take_late_answers()
             self._line.discard_input()
             self._buffer.clear()
         self._quiet = False
         self._tell(packet)
+
+    def _take_late_answers(self) -> None:
+        """Learn from answers that came while nobody waited for them."""
+        now = self._clock()
+        received = bytes(self._buffer) + self._line.read(_CHUNK, now)
+        for protocol in self._debts.protocols:
+            self._buffer[:] = received
+            while (status := self._next(protocol)[0]) is not None:
+                late = self._debts.pay(protocol, status.id, len(status.data))
+                if late is not None:
+                    self._patience.learn(late)
+        self._debts.forget()
 
     def _tell(self, packet: bytes) -> None:
         """Send a question, behind what is held."""
@@ -308,7 +322,7 @@ class Conversation:
             if not data:
                 break
             self._buffer += data
-        self._debts.add(protocol, servo_id, length)
+        self._debts.add(protocol, servo_id, length, due)
         return Failure.DAMAGED if self._buffer else Failure.SILENT
 
     def _next(self, protocol: int) -> tuple[Status | None, bool]:

@@ -19,8 +19,8 @@ from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
 from head_tracking.dynamixel.settings import BusSettings
 
-_SHARE: Final = 20
-"""Silence may take a twentieth of the bus's time: a servo that cost 2 ms rests for 38 ms."""
+_SHARE: Final = 10
+"""Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 
 _CONVINCED: Final = 3  # times that a servo must seem unusable
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
