@@ -27,6 +27,7 @@ ALLOWED = {
     "nodes": CORE | {"tf", "share"},
     "check_model": {"transforms", "share"},
     "simulated_bus": {"simulation", "dynamixel"},
+    "servo_tool": {"dynamixel"},
     "node_sets": {"nodes"},
     "__main__": {"nodes", "runner"},
     "runner": CORE | {"tf", "nodes", "share", "node_sets"},
@@ -37,6 +38,12 @@ ONLY_IN = {
     "yourdfpy": {"transforms/urdf.py"},
     "xacro": {"transforms/urdf.py"},
     "dynamixel_sdk": {"dynamixel/sdk.py"},
+    "rich": {
+        "servo_tool/info.py",
+        "servo_tool/monitor.py",
+        "servo_tool/scan.py",
+        "servo_tool/terminal.py",
+    },
 }
 
 TABLES = (
