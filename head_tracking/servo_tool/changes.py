@@ -35,30 +35,49 @@ def set_register(
 def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) -> None:
     terminal = workshop.terminal
     told = f"{value} {in_words(link.model, register, value)}".strip()
-    if not link.acknowledges_writes and register.name == "Status Return Level":
-        before = "unknown"  # it may answer no reads
-    else:
-        before = str(link.get(register.name))
-    if register.memory is Memory.EEPROM:
+    if register.name == "Status Return Level":
+        _set_return_level(workshop, link, value)
+    elif register.memory is Memory.EEPROM or register.name == "Lock":
+        before = link.get(register.name)
         _check_torque(link)
-        terminal.confirm(
-            f"Write {register.name} = {told} (now {before}) into the memory of servo {link.id}?"
-        )
-    if before == "unknown":
-        link.write(link.model.control_table.block(register.name), value)
-        workshop.pause(PAUSE)
-        link.acknowledges_writes = value >= 2
-        after = link.get(register.name)
-        if after != value:
-            raise ToolError(f"servo {link.id} keeps {after} in {register.name}")
-    elif register.memory is Memory.EEPROM:
-        write_eeprom(link, {register.name: value}, workshop.pause)
+        _ask(workshop, link, f"{register.name} = {told} (now {before})")
+        if register.memory is Memory.EEPROM:
+            write_eeprom(link, {register.name: value}, workshop.pause)
+        else:
+            link.set(register.name, value)
     elif register.name == "Torque Enable" and value:
         _hold(link)
+        speed = link.model.goal.registers[1 if link.model.position_first else 0].name
+        terminal.say(f"it stands still; its {speed} is {link.get(speed)} now, its lowest")
     else:
         _check_goal(link, register, value)
         link.set(register.name, value)
-    terminal.show(f"servo {link.id}: {register.name} = {told} (was {before})")
+    terminal.show(f"servo {link.id}: {register.name} = {told}")
+
+
+def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
+    """Set what a servo answers; it may be one that answers nothing but pings."""
+    register = link.model.control_table["Status Return Level"]
+    kept = register.memory is Memory.EEPROM
+    _ask(workshop, link, f"{register.name} = {value}" + (", and relax it" if kept else ""))
+    if kept:
+        link.release()
+    link.acknowledges_writes = False  # the answer, if any, is by the new level
+    link.write(link.model.control_table.block(register.name), value)
+    workshop.pause(PAUSE)
+    if value == 0:
+        workshop.terminal.say(
+            f"servo {link.id} answers nothing but pings from now on; this tool needs --model "
+            f"{link.model.name} then"
+        )
+        return
+    after = link.get(register.name)
+    if after != value:
+        raise ToolError(f"servo {link.id} keeps {after} in {register.name}")
+
+
+def _ask(workshop: Workshop, link: ServoLink, what: str) -> None:
+    workshop.terminal.confirm(f"Set {what} in servo {link.id} ({link.model.name})?")
 
 
 def set_id(workshop: Workshop, servo_id: int, new_id: int, model: ServoModel | None) -> int:

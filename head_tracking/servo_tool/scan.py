@@ -61,6 +61,7 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
             "name other baud rates with --bauds"
         )
         return 1
+    found.sort(key=lambda servo: (baud_rates.index(servo.baud_rate), servo.id))
     terminal.show(_table(found))
     _warn_of_twins(workshop, found)
     return 0

@@ -20,7 +20,13 @@ from head_tracking.servo_tool.exceptions import ToolError
 from head_tracking.servo_tool.terminal import Terminal
 
 _ATTEMPTS = 3
+_TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
 _MODEL_NUMBER = (0, 2)  # address and bytes, the same for all models
+
+
+def patient_port(port_name: str, baud_rate: int) -> DynamixelPort:
+    """Return a closed port that rather waits than misses an answer."""
+    return DynamixelPort(port_name, baud_rate, reply_timeout=_TIMEOUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,7 @@ class Workshop:
     terminal: Terminal
     port_name: str
     baud_rate: int
-    make_port: Callable[[str, int], DynamixelPort] = DynamixelPort
+    make_port: Callable[[str, int], DynamixelPort] = patient_port
     pause: Callable[[float], object] = time.sleep
     clock: Callable[[], float] = time.monotonic
 
