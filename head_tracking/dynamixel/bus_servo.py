@@ -52,12 +52,18 @@ class BusServo:
         self.feedback: Feedback | None = None
         self.stamp = 0
         self.range = mount.tick_range
+        self._returned = False  # and has not been read since
         self._watchdog = watchdog if "Bus Watchdog" in mount.model.control_table else 0.0
 
     @property
     def doubtful(self) -> bool:
         """Whether it may have been without power since its torque was last seen."""
         return self.failed_cycles > 0 or self.interrupted or self.lost
+
+    @property
+    def unseen(self) -> bool:
+        """Whether it takes part in the cycle, but the last one has not read it."""
+        return not self.lost and (self.failed_cycles > 0 or self._returned)
 
     @property
     def watched(self) -> bool:
@@ -99,6 +105,7 @@ class BusServo:
         """Take note of an answer."""
         self.feedback = feedback
         self.stamp = stamp
+        self._returned = False
         if self.failed_cycles:
             self.failed_cycles = self.ask_at = 0
             self.interrupted = True
@@ -110,7 +117,7 @@ class BusServo:
 
     def lose(self, ask_at: int) -> None:
         """Leave it out of the cycle and ask it again at a time, ns."""
-        self.lost = True
+        self.lost = self._returned = True
         self.ask_at = ask_at
         self.feedback = None
 

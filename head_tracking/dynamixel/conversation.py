@@ -9,15 +9,18 @@ from enum import Enum
 from typing import Final, Protocol
 
 from head_tracking.dynamixel.debts import Debts
+from head_tracking.dynamixel.packets import group_packet, read_packet
 from head_tracking.dynamixel.patience import Patience
+from head_tracking.dynamixel.port import ReadMethod
 from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
 from head_tracking.dynamixel.sdk import instruction_packet
 from head_tracking.dynamixel.status_packets import DIALECTS, Status, split_fast_status
 
 _CHUNK: Final = 4096
 _REMAINDER: Final = 0.0005  # s that are listened on after a damaged answer
-_PING_LENGTHS: Final = {1: 0, 2: 3}
-_PROBE_LENGTHS: Final = range(1, 9)
+_FAST_TRIES: Final = 25
+PING_LENGTHS: Final = {1: 0, 2: 3}
+"""Bytes of data in the answer to a ping, by protocol."""
 
 
 class Line(Protocol):
@@ -47,8 +50,8 @@ class Conversation:
     """Asks servos and makes sure that an answer answers the question.
 
     An answer that comes too late may look just like the answer to the next question. So a servo
-    that owes one is first asked something whose answer has another length: answers come in the
-    order of their questions, and when that one is there, nothing older can follow.
+    that owes one is asked for some bytes more than needed, and answers of the old length are known
+    for what they are.
 
     What is received and equals what was sent is the echo of an adapter that joins both directions,
     and no answer. The one honest answer that can look so, a ping's of a servo with a voltage error,
@@ -106,15 +109,13 @@ class Conversation:
             packet: The instruction.
             length: Bytes of data that its answer should have.
         """
-        if self._debts and not self._settle(protocol, servo_id, length):
-            return Failure.SILENT
         self._begin(packet)
         return self._listen(protocol, servo_id, length)
 
     def ping(self, protocol: int, servo_id: int) -> Answer:
         """Ask a servo whether it is there."""
         packet = instruction_packet(protocol, servo_id, Instruction.PING)
-        answer = self.ask(protocol, servo_id, packet, _PING_LENGTHS[protocol])
+        answer = self.ask(protocol, servo_id, packet, PING_LENGTHS[protocol])
         if answer is Failure.SILENT and self._mirrored and protocol == 1:
             if self._echoes is None:
                 self._echoes = self._line_echoes()
@@ -122,106 +123,102 @@ class Conversation:
                 return Status(servo_id, packet[4], b"")
         return answer
 
-    def ask_each(
-        self, protocol: int, ids: Sequence[int], packets: Sequence[bytes], length: int
+    def read(self, protocol: int, servo_id: int, address: int, length: int) -> Answer:
+        """Ask a servo for `length` bytes from `address` on."""
+        extra = self._debts.extra(protocol, (servo_id,), length)
+        if extra is None:
+            return Failure.SILENT
+        start = _start(address, extra)
+        packet = read_packet(protocol, servo_id, start, length + extra)
+        answer = self.ask(protocol, servo_id, packet, length + extra)
+        return _part(answer, address - start, length, extra)
+
+    def read_each(
+        self, protocol: int, ids: Sequence[int], address: int, length: int
     ) -> Iterator[Answer]:
-        """Ask several servos in turn; the next question goes out before an answer is handed out.
+        """Ask servos in turn; the next question goes out before an answer is handed out.
 
         The first one has gone out when this returns. After a failure none is under way, so that
         the same servo may be asked again before the next.
-
-        Args:
-            protocol: 1 or 2.
-            ids: The servos.
-            packets: The question for each.
-            length: Bytes of data that each answer should have.
         """
-        asked = not self._debts.owes(protocol, ids[0])
+        asked = not self._debts
         if asked:
-            self._begin(packets[0])
-        return self._each(protocol, ids, packets, length, asked)
+            self._begin(read_packet(protocol, ids[0], address, length))
+        return self._each(protocol, ids, address, length, asked)
 
     def _each(
-        self,
-        protocol: int,
-        ids: Sequence[int],
-        packets: Sequence[bytes],
-        length: int,
-        asked: bool,
+        self, protocol: int, ids: Sequence[int], address: int, length: int, asked: bool
     ) -> Iterator[Answer]:
-        index, count = 0, len(ids)
+        last = len(ids) - 1
+        heard = -1
         try:
-            while index < count:
-                servo_id = ids[index]
+            for index, servo_id in enumerate(ids):
                 if not asked:
-                    answer = self.ask(protocol, servo_id, packets[index], length)
-                    index += 1
-                else:
-                    index += 1
-                    asked = index < count and not self._debts.owes(protocol, ids[index])
-                    following = packets[index] if asked else b""
-                    answer = self._listen(protocol, servo_id, length, following)
-                    asked = asked and type(answer) is Status
+                    yield self.read(protocol, servo_id, address, length)
+                    continue
+                following = b""
+                if index < last:
+                    following = read_packet(protocol, ids[index + 1], address, length)
+                answer = self._listen(protocol, servo_id, length, following)
+                heard = index
+                asked = type(answer) is Status
                 yield answer
         finally:
-            if asked and index < count:
-                self._debts.add(protocol, ids[index], length)
+            if asked and heard < last:
+                self._debts.add(protocol, ids[heard + 1], length, self._clock())
 
-    def ask_together(
-        self,
-        protocol: int,
-        ids: Sequence[int],
-        packet: bytes,
-        packets: Sequence[bytes],
-        length: int,
+    def read_together(
+        self, method: ReadMethod, ids: tuple[int, ...], address: int, length: int
     ) -> Iterator[Answer]:
-        """Ask several servos with one packet, which they answer one after the other.
+        """Ask several servos with one packet, which they answer one after the other, or in one.
 
         Behind a silent one the others may wait for ever, so they are asked one by one. The packet
         has gone out when this returns.
-
-        Args:
-            protocol: 1 or 2.
-            ids: The servos.
-            packet: The question for all.
-            packets: The question for each.
-            length: Bytes of data that each answer should have.
         """
-        self._begin(packet)
-        return self._together(protocol, ids, packets, length)
+        protocol = 1 if method is ReadMethod.BULK else 2
+        if method is ReadMethod.FAST_SYNC:
+            shares = self._read_fast(ids, address, length)
+            return iter(shares) if shares else self.read_each(protocol, ids, address, length)
+        extra = self._debts.extra(protocol, ids, length)
+        if extra is None:
+            return self.read_each(protocol, ids, address, length)
+        self._begin(group_packet(method, ids, _start(address, extra), length + extra))
+        return self._together(protocol, ids, address, length, extra)
 
     def _together(
-        self, protocol: int, ids: Sequence[int], packets: Sequence[bytes], length: int
+        self, protocol: int, ids: Sequence[int], address: int, length: int, extra: int
     ) -> Iterator[Answer]:
         answered = 0
+        offset = address - _start(address, extra)
         try:
             for servo_id in ids:
-                answer = self._listen(protocol, servo_id, length)
+                answer = self._listen(protocol, servo_id, length + extra)
                 answered += 1
-                yield answer
+                yield _part(answer, offset, length, extra)
                 if answer is Failure.SILENT:
                     break
         finally:
             for servo_id in ids[answered:]:
-                self._debts.add(protocol, servo_id, length)
-        for servo_id, packet in zip(ids[answered:], packets[answered:], strict=True):
-            yield self.ask(protocol, servo_id, packet, length)
+                self._debts.add(protocol, servo_id, length + extra, self._clock())
+        for servo_id in ids[answered:]:
+            yield self.read(protocol, servo_id, address, length)
 
-    def ask_fast(self, ids: Sequence[int], packet: bytes, length: int) -> list[Status]:
-        """Ask several protocol 2.0 servos with one packet, which they answer in one.
-
-        Returns:
-            What they answered, in order; nothing if the joint packet is not whole.
-        """
-        size = (length + 4) * len(ids) - 3
-        if size in self._debts.lengths(2, BROADCAST_ID):
+    def _read_fast(self, ids: tuple[int, ...], address: int, length: int) -> list[Answer]:
+        """Return what protocol 2.0 servos answer in one packet; nothing if it is not whole."""
+        count = len(ids)
+        for extra in range(_FAST_TRIES):
+            size = (length + extra + 4) * count - 3
+            if self._debts.extra(2, (BROADCAST_ID,), size) == 0:
+                break
+        else:
             return []
-        self._begin(packet)
+        start = _start(address, extra)
+        self._begin(group_packet(ReadMethod.FAST_SYNC, ids, start, length + extra))
         answer = self._listen(2, BROADCAST_ID, size)
         if isinstance(answer, Status):
-            shares = split_fast_status(answer, length, len(ids))
+            shares = split_fast_status(answer, length + extra, count)
             if [share.id for share in shares] == list(ids):
-                return shares
+                return [_part(share, address - start, length, extra) for share in shares]
         return []
 
     def collect(self, protocol: int, packet: bytes, seconds: float) -> list[Status]:
@@ -238,10 +235,24 @@ class Conversation:
     def _begin(self, packet: bytes) -> None:
         """Send the first question after a pause."""
         if not self._quiet:
+            if self._debts:
+                self._take_late_answers()
             self._line.discard_input()
             self._buffer.clear()
         self._quiet = False
         self._tell(packet)
+
+    def _take_late_answers(self) -> None:
+        """Learn from answers that came while nobody waited for them."""
+        now = self._clock()
+        received = bytes(self._buffer) + self._line.read(_CHUNK, now)
+        for protocol in self._debts.protocols:
+            self._buffer[:] = received
+            while (status := self._next(protocol)[0]) is not None:
+                late = self._debts.pay(protocol, status.id, len(status.data))
+                if late is not None:
+                    self._patience.learn(late)
+        self._debts.forget()
 
     def _tell(self, packet: bytes) -> None:
         """Send a question, behind what is held."""
@@ -294,7 +305,7 @@ class Conversation:
             if status is not None:
                 if status.id != servo_id:
                     continue
-                if len(status.data) != length and self._debts:
+                if self._debts and len(status.data) != length:
                     late = self._debts.pay(protocol, servo_id, len(status.data))
                     if late is not None:
                         self._patience.learn(late)
@@ -303,7 +314,6 @@ class Conversation:
                 self._patience.learn(now - due)
                 self._wire_free = now
                 self._echoes = self._mirrored
-                self._debts.forgive(protocol, servo_id)
                 return status
             if damaged and not spoilt:
                 spoilt = True
@@ -312,8 +322,7 @@ class Conversation:
             if not data:
                 break
             self._buffer += data
-        if not spoilt:
-            self._debts.add(protocol, servo_id, length)
+        self._debts.add(protocol, servo_id, length, due)
         return Failure.DAMAGED if self._buffer else Failure.SILENT
 
     def _next(self, protocol: int) -> tuple[Status | None, bool]:
@@ -332,24 +341,20 @@ class Conversation:
                 return found.status, found.damaged
             self._mirrored = True
 
-    def _settle(self, protocol: int, servo_id: int, length: int) -> bool:
-        """Make sure that no late answer of a servo can be taken for one of this length."""
-        owed = self._debts.lengths(protocol, servo_id)
-        if length not in owed:
-            return True
-        probe = _PING_LENGTHS[protocol]
-        packet = instruction_packet(protocol, servo_id, Instruction.PING)
-        if probe in owed:
-            probe = next((n for n in _PROBE_LENGTHS if n not in owed), 0)
-            if not probe:
-                return False  # it has not answered eight questions of the last second
-            where = bytes((0, probe)) if protocol == 1 else bytes((0, 0, probe, 0))
-            packet = instruction_packet(protocol, servo_id, Instruction.READ, where)
-        self._begin(packet)
-        return isinstance(self._listen(protocol, servo_id, probe), Status)
-
     def _line_echoes(self) -> bool:
         """Find out whether the line echoes, with a byte that means nothing to any servo."""
         self._begin(b"\x00")
         deadline = self._wire_free + self._patience.allowance
         return self._line.read(_CHUNK, deadline).startswith(b"\x00")
+
+
+def _start(address: int, extra: int) -> int:
+    """Return where to read from, so that `extra` bytes more are read and none behind the table."""
+    return address - extra if address >= extra else address
+
+
+def _part(answer: Answer, offset: int, length: int, extra: int) -> Answer:
+    """Return the answer without the bytes that nobody needs."""
+    if not extra or not isinstance(answer, Status) or len(answer.data) != length + extra:
+        return answer
+    return answer._replace(data=answer.data[offset : offset + length])

@@ -5,10 +5,9 @@ from __future__ import annotations
 import termios
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
 
 from head_tracking.dynamixel.adapter import Adapter
-from head_tracking.dynamixel.conversation import Answer, Conversation, Failure
+from head_tracking.dynamixel.conversation import PING_LENGTHS, Answer, Conversation, Failure
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -17,6 +16,7 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
     ReplyTimeoutError,
 )
+from head_tracking.dynamixel.packets import sync_write_packet
 from head_tracking.dynamixel.patience import Patience
 from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.protocol1 import (
@@ -30,8 +30,6 @@ from head_tracking.dynamixel.sdk import SerialDevice, check_baud_rate, instructi
 from head_tracking.dynamixel.status_packets import Status
 
 _LOST = (OSError, termios.error)
-_SYNC_WRITE = int(Instruction.SYNC_WRITE)
-_LONGEST_SYNC_WRITE = 240  # bytes of shares that the SDK sends
 
 
 class DynamixelPort:
@@ -74,8 +72,6 @@ class DynamixelPort:
         self._conversation: Conversation | None = None
         self._patience = Patience(reply_timeout)
         self._adapter = Adapter()
-        self._group: ReadGroup | None = None
-        self._questions: tuple[bytes, ...] = ()
 
     @property
     def name(self) -> str:
@@ -144,8 +140,7 @@ class DynamixelPort:
             answer = conversation.ping(protocol, servo_id)
         except _LOST as cause:
             raise self._lost(cause) from cause
-        length = 0 if protocol == 1 else 3
-        return self._reply(protocol, servo_id, answer, length, "ping").error
+        return self._reply(protocol, servo_id, answer, PING_LENGTHS[protocol], "ping").error
 
     def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
         """Read `length` bytes from `address` on.
@@ -154,8 +149,11 @@ class DynamixelPort:
             CommunicationError: No usable answer.
             PortLostError: The device has gone.
         """
-        packet = _read_packet(protocol, servo_id, address, length)
-        answer = self._ask(protocol, servo_id, packet, length)
+        conversation = self._open_conversation()
+        try:
+            answer = conversation.read(protocol, servo_id, address, length)
+        except _LOST as cause:
+            raise self._lost(cause) from cause
         if isinstance(answer, Status) and len(answer.data) == length and not answer.error:
             return Reply(answer.data, 0)
         what = f"read of {length} byte(s) at {address}"
@@ -172,14 +170,8 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         conversation = self._open_conversation()
-        if group is not self._group:
-            self._group = group
-            self._questions = tuple(
-                _read_packet(group.protocol, servo_id, group.address, group.length)
-                for servo_id in group.ids
-            )
         try:
-            return self._replies(group, self._answers(conversation, group, self._questions))
+            return self._replies(group, _answers(conversation, group))
         except _LOST as cause:
             raise self._lost(cause) from cause
 
@@ -297,17 +289,6 @@ class DynamixelPort:
             if len(status.data) == 3
         }
 
-    def _answers(
-        self, conversation: Conversation, group: ReadGroup, each: tuple[bytes, ...]
-    ) -> Iterator[Answer]:
-        protocol, ids, length = group.protocol, group.ids, group.length
-        if group.method is ReadMethod.EACH or len(ids) == 1:
-            return conversation.ask_each(protocol, ids, each, length)
-        if group.method is ReadMethod.FAST_SYNC:
-            answers = conversation.ask_fast(ids, _group_packet(group), length)
-            return iter(answers) if answers else conversation.ask_each(protocol, ids, each, length)
-        return conversation.ask_together(protocol, ids, _group_packet(group), each, length)
-
     def _ask(self, protocol: int, servo_id: int, packet: bytes, length: int) -> Answer:
         conversation = self._open_conversation()
         try:
@@ -356,39 +337,8 @@ class DynamixelPort:
         return PortLostError(self._name, cause)
 
 
-def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:
-    """Return a sync write. It is made anew each cycle, and dynamixel_sdk takes thrice as long.
-
-    Raises:
-        CommunicationError: The shares differ in length, or there are too many.
-    """
-    lengths = set(map(len, data.values()))
-    if len(lengths) != 1:
-        raise CommunicationError("a sync write needs the same number of bytes for every servo")
-    size = lengths.pop()
-    shares = b"".join([bytes((servo_id,)) + share for servo_id, share in data.items()])
-    if protocol == 2 or len(shares) > _LONGEST_SYNC_WRITE:
-        head = address.to_bytes(2 if protocol == 2 else 1, "little")
-        head += size.to_bytes(2 if protocol == 2 else 1, "little")
-        return instruction_packet(protocol, BROADCAST_ID, Instruction.SYNC_WRITE, head + shares)
-    body = bytes((BROADCAST_ID, len(shares) + 4, _SYNC_WRITE, address, size)) + shares
-    return b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
-
-
-@lru_cache(maxsize=256)
-def _read_packet(protocol: int, servo_id: int, address: int, length: int) -> bytes:
-    size = 1 if protocol == 1 else 2
-    where = address.to_bytes(size, "little") + length.to_bytes(size, "little")
-    return instruction_packet(protocol, servo_id, Instruction.READ, where)
-
-
-@lru_cache(maxsize=64)
-def _group_packet(group: ReadGroup) -> bytes:
-    if group.method is ReadMethod.BULK:
-        shares = (bytes((group.length, servo_id, group.address)) for servo_id in group.ids)
-        parameters = b"\x00" + b"".join(shares)
-        return instruction_packet(1, BROADCAST_ID, Instruction.BULK_READ, parameters)
-    fast = group.method is ReadMethod.FAST_SYNC
-    instruction = Instruction2.FAST_SYNC_READ if fast else Instruction2.SYNC_READ
-    where = group.address.to_bytes(2, "little") + group.length.to_bytes(2, "little")
-    return instruction_packet(2, BROADCAST_ID, instruction, where + bytes(group.ids))
+def _answers(conversation: Conversation, group: ReadGroup) -> Iterator[Answer]:
+    """Ask what the group wants to know; the first question has gone out when this returns."""
+    if group.method is ReadMethod.EACH or len(group.ids) == 1:
+        return conversation.read_each(group.protocol, group.ids, group.address, group.length)
+    return conversation.read_together(group.method, group.ids, group.address, group.length)

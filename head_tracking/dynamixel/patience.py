@@ -34,12 +34,12 @@ class Patience:
         self.allowance = fixed if fixed is not None else _first_allowance(adapter)
 
     def learn(self, latency: float) -> None:
-        """Take account of an answer.
+        """Take account of an answer, unless it took too long to ever wait for.
 
         Args:
             latency: How long it took besides the time on the wire, s.
         """
-        if self._fixed is not None:
+        if self._fixed is not None or latency > _LONGEST:
             return
         if not self._known:
             self._known = True

@@ -237,8 +237,8 @@ class ServoBus(BusJoints):
             if joint.lost or joint.torque.waits:
                 continue  # since the command was accepted
             if joint.torque is not Torque.ON:
-                if any(servo.failed_cycles for servo in joint.servos):
-                    self._inbox.put_back(name, goal)
+                if any(servo.unseen for servo in joint.servos):
+                    self._inbox.put_back(name, goal)  # its torque needs to know where it stands
                     continue
                 problem = joint.switch_on()
                 if problem:

@@ -19,9 +19,10 @@ from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
 from head_tracking.dynamixel.settings import BusSettings
 
-_SHARE: Final = 20
-"""Silence may take a twentieth of the bus's time: a servo that cost 2 ms rests for 38 ms."""
+_SHARE: Final = 10
+"""Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 
+_CONVINCED: Final = 3  # times that a servo must seem unusable
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 
 
@@ -55,7 +56,7 @@ class Supervision:
         self._lost_after = settings.lost_after
         self._poll_interval = round(settings.poll_interval * 1e9)
         self._plan = ReadingPlan()
-        self._problems: dict[int, str] = {}
+        self._problems: dict[int, tuple[str, int]] = {}
 
     def read(self, meanwhile: Callable[[], None]) -> tuple[dict[str, ServoState], tuple[str, ...]]:
         """Read the servos of all joints.
@@ -128,7 +129,6 @@ class Supervision:
     def _take(self, servo: BusServo, reply: Reply | CommunicationError, before: int) -> None:
         """Take note of an answer; ask again if it is none."""
         link = servo.link
-        start = before
         retries = 0 if servo.failed_cycles else self._retries
         while True:
             try:
@@ -149,8 +149,11 @@ class Supervision:
             link.counters.retries += 1
             before = self._clock()
             reply = self._again(servo)
-        cost = min(max(0, self._clock() - start), _LONGEST_WAIT)
-        servo.failed(self._monotonic() + cost * (_SHARE - 1))
+        if servo.failed_cycles:
+            cost = min(max(0, self._clock() - before), _LONGEST_WAIT)
+            servo.failed(self._monotonic() + cost * (_SHARE - 1))
+        else:
+            servo.failed(0)
 
     def _again(self, servo: BusServo) -> Reply | CommunicationError:
         model = servo.mount.model
@@ -178,8 +181,10 @@ class Supervision:
         except CommunicationError:
             return
         except (ServoError, ConfigurationError) as cause:
-            if self._problems.get(servo.id) != str(cause):
-                self._problems[servo.id] = str(cause)
+            text, times = self._problems.get(servo.id, ("", 0))
+            times = times + 1 if text == str(cause) else 1
+            self._problems[servo.id] = (str(cause), times)
+            if times == _CONVINCED:
                 self._journal.note(EventKind.UNUSABLE, joint.name, servo.id, str(cause))
             return
         self._problems.pop(servo.id, None)

@@ -35,7 +35,8 @@ JOINTS = (PAN, TILT)
 
 def make(port: FakePort, *joints: JointConfiguration) -> tuple[ServoBus, FakeClock]:
     clock = FakeClock()
-    return ServoBus(port, joints or JOINTS, clock, monotonic=clock), clock
+    settings = BusSettings(poll_interval=0.5)
+    return ServoBus(port, joints or JOINTS, clock, monotonic=clock, settings=settings), clock
 
 
 def connected(port: FakePort) -> tuple[ServoBus, FakeClock]:
@@ -418,6 +419,8 @@ def test_returned_servo_takes_commands_again() -> None:
     clock.pass_time(0.6)
     bus.step()
     bus.command({"head_pan_joint": Goal(0.1)})
+    bus.step()  # is read first
+    assert port.servos[1]["Torque Enable"] == 0
     bus.step()
     assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
 

@@ -1,0 +1,474 @@
+"""The servo bus: how near it comes to the wire, and what it survives.
+
+Ours, dynamixel_sdk's own way and rustypot take turns, round after round, on one simulated bus in
+a process of its own, so that all of them see the machine in all its moods.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from random import Random
+from typing import Any, NamedTuple
+
+from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
+
+from head_tracking.dynamixel import (
+    Adapter,
+    BusReading,
+    BusThread,
+    DynamixelError,
+    DynamixelPort,
+    Goal,
+    GoalError,
+    JointConfiguration,
+    ReadGroup,
+    ReadMethod,
+    ServoBus,
+    Torque,
+    servo_model,
+)
+from head_tracking.simulation import (
+    Fault,
+    Faults,
+    SimulatedBus,
+    SimulatedClock,
+    SimulatedLine,
+    SimulatedPort,
+    SimulatedServo,
+)
+
+SERVER = Path(__file__).parent / "paced_bus.py"
+WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
+ROUNDS, CYCLES, WARM_UP = 21, 150, 20
+FAULTY_CYCLES, BURST, FAULT_RATE = 5_000, 1000, 0.05
+PERIOD = 20_000_000  # ns
+REPLUGS = 100
+
+
+class Cost(NamedTuple):
+    """What a cycle costs, us: from begin to end, and processor."""
+
+    wall: float
+    processor: float
+
+
+Contender = Callable[[str], Iterator[Callable[[int], object]]]
+"""Opens a port and gives what runs a cycle; closes it afterwards."""
+
+
+@contextmanager
+def ours(port_name: str) -> Iterator[Callable[[int], object]]:
+    """`DynamixelPort`: the reads and the sync write, as `ServoBus` uses it."""
+    port = DynamixelPort(port_name)
+    port.open()
+    group = ReadGroup(ReadMethod.EACH, 1, 36, 8, (1, 2))
+
+    def cycle(k: int) -> None:
+        replies = port.read_group(group)
+        port.sync_write(30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))}, hold=True)
+        for reply in replies:
+            if isinstance(reply, Exception):
+                raise reply
+
+    yield cycle
+    port.close()
+
+
+@contextmanager
+def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
+    """`ServoBus.step` with a new command each cycle: units, limits, protection and all."""
+    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    bus = ServoBus(DynamixelPort(port_name), joints)
+    bus.connect()
+
+    def cycle(k: int) -> None:
+        position = 0.001 * (k & 255)
+        bus.command({"joint_1": Goal(position, 1.0), "joint_2": Goal(-position, 1.0)})
+        reading = bus.step()
+        if len(reading.states) != 2:
+            raise RuntimeError("a servo did not answer")
+
+    yield cycle
+    bus.close()
+
+
+@contextmanager
+def sdk(port_name: str) -> Iterator[Callable[[int], object]]:
+    """dynamixel_sdk as its examples use it."""
+    port, packets = PortHandler(port_name), PacketHandler(1.0)
+    port.openPort()
+    port.setBaudRate(1_000_000)
+    writer = GroupSyncWrite(port, packets, 30, 4)
+
+    def cycle(k: int) -> None:
+        writer.clearParam()
+        writer.addParam(1, [k & 255, 2, 100, 0])
+        writer.addParam(2, [k & 255, 1, 100, 0])
+        writer.txPacket()
+        for servo_id in (1, 2):
+            _, result, _ = packets.readTxRx(port, servo_id, 36, 8)
+            if result:
+                raise RuntimeError("a servo did not answer")
+
+    yield cycle
+    port.closePort()
+
+
+@contextmanager
+def rustypot(port_name: str) -> Iterator[Callable[[int], object]]:
+    """rustypot from PyPI; it writes goals without speeds, 4 bytes less."""
+    import rustypot as library
+
+    controller = library.AxPyController(port_name, 1_000_000, 0.1)
+
+    def cycle(k: int) -> None:
+        controller.sync_write_raw_goal_position([1, 2], [512 + (k & 255), 256 + (k & 255)])
+        for servo_id in (1, 2):
+            controller.read_raw_data(servo_id, 36, 8)
+
+    yield cycle
+    with suppress(Exception):
+        controller.close()
+
+
+def contenders() -> dict[str, Any]:
+    """By name, ours first; without what is not installed."""
+    found: dict[str, Any] = {"port": ours, "whole bus": whole_bus, "dynamixel_sdk": sdk}
+    with suppress(ImportError):
+        import rustypot as _  # noqa: F401
+
+        found["rustypot"] = rustypot
+    return found
+
+
+@contextmanager
+def served(return_delay: int, *silent: int) -> Iterator[str]:
+    """The port of a paced bus in a process of its own."""
+    command = [sys.executable, str(SERVER), str(return_delay), *map(str, silent)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.terminate()
+
+
+@contextmanager
+def busy_cores() -> Iterator[None]:
+    """Other processes that keep every core busy."""
+    spin = [sys.executable, "-c", "while True: pass"]
+    others = [subprocess.Popen(spin) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.terminate()
+            other.wait()
+
+
+def median_cycle(contender: Any, port_name: str) -> Cost:
+    """Medians over the cycles of one round."""
+    walls: list[float] = []
+    with contender(port_name) as cycle:
+        for k in range(WARM_UP):
+            cycle(k)
+        gc.collect()
+        before = time.process_time()
+        for k in range(CYCLES):
+            start = time.perf_counter()
+            cycle(k)
+            walls.append(time.perf_counter() - start)
+        used = time.process_time() - before
+    return Cost(statistics.median(walls) * 1e6, used / CYCLES * 1e6)
+
+
+def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
+    """Median of the rounds, by contender."""
+    costs: dict[str, list[Cost]] = {}
+    with served(return_delay) as port_name:
+        for _ in range(ROUNDS):
+            for name, contender in contenders().items():
+                for _ in range(3):  # a contender may give up on a machine that is busy
+                    with suppress(RuntimeError, DynamixelError):
+                        costs.setdefault(name, []).append(_cost(contender, port_name, loaded))
+                        break
+    return {
+        name: Cost(
+            statistics.median(cost.wall for cost in each),
+            statistics.median(cost.processor for cost in each),
+        )
+        for name, each in costs.items()
+    }
+
+
+def _cost(contender: Any, port_name: str, loaded: bool) -> Cost:
+    if not loaded:
+        return median_cycle(contender, port_name)
+    with busy_cores():
+        return median_cycle(contender, port_name)
+
+
+def bus() -> str:
+    """The table."""
+    rows = ["| work | ours | others | asked for |", "|---|---|---|---|"]
+    quiet: dict[int, dict[str, Cost]] = {}
+    for return_delay, wanted in ((0, "1.15x, and rustypot's"), (500, "1.07x")):
+        quiet[return_delay] = rounds(return_delay, loaded=False)
+        rows.append(_wall_row(return_delay, quiet[return_delay], wanted))
+    rows.append(
+        _row(
+            "processor time of a cycle, return delay 0",
+            {name: f"{cost.processor:.0f} us" for name, cost in quiet[0].items()},
+            "60 us",
+        )
+    )
+    loaded = rounds(0, loaded=True)
+    rows.append(
+        _row(
+            "median cycle, return delay 0, every core busy with other processes",
+            {
+                name: f"{cost.wall:.0f} us ({cost.wall / quiet[0][name].wall:.2f}x unloaded)"
+                for name, cost in loaded.items()
+            },
+            "1.1x unloaded",
+        )
+    )
+    rows.append(silent_servo())
+    rows.append(faulty_cycles())
+    rows.append(replugging())
+    return "\n".join(rows)
+
+
+def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
+    wire = WIRE[return_delay]
+    return _row(
+        f"median cycle of two AX-12, return delay {return_delay} us; the wire takes {wire:.0f} us",
+        {name: f"{cost.wall:.0f} us ({cost.wall / wire:.2f}x)" for name, cost in costs.items()},
+        wanted,
+    )
+
+
+def _row(work: str, figures: dict[str, str], wanted: str) -> str:
+    mine = [f"{name} **{figures[name]}**" for name in ("port", "whole bus") if name in figures]
+    others = [f"{name} {text}" for name, text in figures.items() if name not in ("port", "whole bus")]
+    return f"| {work} | {'; '.join(mine)} | {'; '.join(others)} | {wanted} |"
+
+
+def silent_servo() -> str:
+    """One of two servos falls silent: what that costs the other."""
+    firsts, others, rates = [], [], []
+    for _ in range(9):
+        with served(0, 2) as port_name:
+            joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+            driver = ServoBus(DynamixelPort(port_name), joints)
+            driver.connect(allow_missing=True)
+            for servo in driver._servos():  # it has answered until now
+                servo.lost = False
+            usual = []
+            for _ in range(100):
+                driver._joints["joint_2"].torque = Torque.OFF_STOPPED
+                start = time.perf_counter()
+                driver.step()
+                usual.append(time.perf_counter() - start)
+            driver._joints["joint_2"].torque = Torque.OFF_UNTIL_COMMANDED
+            normal = statistics.median(usual)
+            cycles, good, longest = 100, 0, 0.0
+            due = time.perf_counter()
+            for k in range(cycles):
+                start = time.perf_counter()
+                good += "joint_1" in driver.step().states
+                taken = time.perf_counter() - start - normal
+                if k == 0:
+                    firsts.append(taken)
+                else:
+                    longest = max(longest, taken)
+                due += 0.01
+                time.sleep(max(0.0, due - time.perf_counter()))
+            others.append(longest)
+            rates.append(good / cycles)
+            driver.close()
+    return (
+        "| one of two servos falls silent, at 100 cycles a second | first cycle "
+        f"**{statistics.median(firsts) * 1e3:.1f} ms longer**, later ones at most "
+        f"{statistics.median(others) * 1e3:.1f} ms; the other answers in "
+        f"{100 * min(rates):.0f} % of the cycles | dynamixel_sdk waits 34 ms in every cycle | "
+        "5 ms once, full rate |"
+    )
+
+
+class SimulatedDevice:
+    """An open device in simulated time."""
+
+    adapter = Adapter()
+
+    def __init__(self, line: SimulatedLine) -> None:
+        self.line = line
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+def faulty_cycles() -> str:
+    """Everything that can go wrong, in simulated time, with mixed models and protocols."""
+    random = Random(4)
+    faults = Faults(random, 0.0, tuple(Fault))
+    # boot_time 0: what counts is the time from when a servo listens again
+    servos = [
+        SimulatedServo(1, boot_time=0.0),
+        SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
+    ]
+    simulated = SimulatedBus(servos, faults.line, misfortune=faults)
+    clock = SimulatedClock(PERIOD)
+    line = SimulatedLine(simulated, clock)
+    joints = [
+        JointConfiguration("ax", "ax_controller", 1, 512, 300, 800),
+        JointConfiguration("xm", "xm_controller", 2, 2048, 1024, 3072, model=servos[1].model),
+    ]
+    port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
+    driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
+    driver.connect()
+    run = FaultyRun(driver, simulated, clock, joints)
+    back: list[float] = []
+    for _ in range(FAULTY_CYCLES // BURST):
+        faults.rate = FAULT_RATE
+        for k in range(BURST):
+            run.cycle(recover=k % 50 == 0)
+        faults.rate = 0.0
+        full, since = 0, None
+        while faults.trouble or full < 5:
+            run.cycle(recover=False)
+            complete = len(run.reading.states) == len(joints)
+            full = full + 1 if complete else 0
+            since = since if full > 1 else clock.now
+        back.append(max(0.0, (since - max(faults.last, run.recovered)) * 1e-6))
+    outside = 0
+    for joint in joints:
+        lowest, highest = joint.tick_range
+        outside += sum(
+            not lowest <= taken.goal <= highest
+            for taken in simulated.oracle.taken
+            if taken.id == joint.id and "Goal Position" in taken.names
+        )
+    struck = sum(faults.counts.values())
+    return (
+        f"| {run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
+        f"and of the packets struck by one of {len(Fault)} faults: {struck} | "
+        f"**{run.exceptions} exceptions, {outside} goals outside the limits, {run.stale} stale "
+        f"values**; full rate again after at most **{max(back):.0f} ms** | | none; 100 ms |"
+    )
+
+
+class FaultyRun:
+    """Runs cycles and judges them by the true angles.
+
+    Attributes:
+        cycles: so many.
+        exceptions: cycles that raised.
+        stale: positions that were true at another time only.
+        recovered: when a fault was last cleared [ns].
+    """
+
+    def __init__(
+        self,
+        driver: ServoBus,
+        simulated: SimulatedBus,
+        clock: SimulatedClock,
+        joints: list[JointConfiguration],
+    ) -> None:
+        self._driver, self._simulated, self._clock, self._joints = driver, simulated, clock, joints
+        self._due = clock.now
+        self.cycles = self.exceptions = self.stale = self.recovered = 0
+        self.reading: BusReading = driver.step()
+
+    def cycle(self, recover: bool) -> None:
+        """One cycle at 50 Hz with a new command."""
+        driver, clock = self._driver, self._clock
+        self._due = max(self._due + PERIOD, clock.now)
+        clock.now = self._due
+        self.cycles += 1
+        goals = {
+            joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
+            for joint in self._joints
+            if not driver.torque(joint.joint_name).waits
+        }
+        with suppress(GoalError):
+            driver.command(goals)
+        try:
+            self.reading = driver.step()
+            if recover and any(driver.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self._joints):
+                self.recovered = clock.now
+                with suppress(DynamixelError):
+                    driver.recover()
+        except Exception:
+            self.exceptions += 1
+        for joint in self._joints:
+            state = self.reading.states.get(joint.joint_name)
+            if state is not None:
+                age = (clock.now - state.stamp) * 1e-9 + 0.001
+                true = joint.position(self._simulated[joint.id].true_ticks)
+                self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
+
+
+def replugging() -> str:
+    """The adapter unplugged and plugged in again, many times."""
+    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    times: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder) / "servos"
+        with SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link) as simulated:
+            driver = ServoBus(DynamixelPort(str(link)), joints)
+            driver.connect()
+            newest: list[BusReading] = []
+            thread = BusThread(driver, 50.0, lambda reading: newest.append(reading))
+            thread.start()
+            _wait(lambda: newest and len(newest[-1].states) == 2)
+            before = _resources()
+            for _ in range(REPLUGS):
+                simulated.unplug()
+                _wait(lambda: len(newest[-1].lost) == 2)
+                simulated.replug()
+                start = time.perf_counter()
+                _wait(lambda: len(newest[-1].states) == 2)
+                times.append(time.perf_counter() - start)
+            after = _resources()
+            thread.stop()
+    return (
+        f"| unplugged and plugged in again {REPLUGS} times | **{len(times)} reconnections, the "
+        f"slowest in {max(times):.2f} s**, median {statistics.median(times):.2f} s; threads "
+        f"{after[0] - before[0]:+d}, file descriptors {after[1] - before[1]:+d} | | "
+        f"{REPLUGS}, each within 1 s, nothing left behind |"
+    )
+
+
+def _resources() -> tuple[int, int]:
+    return threading.active_count(), len(os.listdir("/proc/self/fd"))
+
+
+def _wait(condition: Callable[[], object]) -> None:
+    deadline = time.perf_counter() + 30.0
+    while not condition():
+        if time.perf_counter() > deadline:
+            raise TimeoutError("waited 30 s in vain")
+        time.sleep(0.002)
+
+
+PARTS: dict[str, Callable[[], str]] = {
+    "silent": silent_servo,
+    "faulty": faulty_cycles,
+    "replug": replugging,
+}
+
+if __name__ == "__main__":
+    print(Counter(sys.argv[1:]) and [PARTS[name]() for name in sys.argv[1:]] or bus())
