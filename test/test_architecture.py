@@ -119,6 +119,7 @@ def test_the_core_runs_where_no_ros_is():
         f"for name in {ROS!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
         + "import head_tracking.check_model, head_tracking.simulated_bus\n"
+        + "import head_tracking.servo_tool.main\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
 
