@@ -15,7 +15,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -77,7 +76,9 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 
     def cycle(k: int) -> None:
         replies = port.read_group(group)
-        port.sync_write(30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))}, hold=True)
+        port.sync_write(
+            30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))}, hold=True
+        )
         for reply in replies:
             if isinstance(reply, Exception):
                 raise reply
@@ -128,7 +129,7 @@ def sdk(port_name: str) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def rustypot(port_name: str) -> Iterator[Callable[[int], object]]:
-    """rustypot from PyPI; it writes goals without speeds, 4 bytes less."""
+    """The one from PyPI; it writes goals without speeds, 4 bytes less."""
     import rustypot as library
 
     controller = library.AxPyController(port_name, 1_000_000, 0.1)
@@ -262,7 +263,9 @@ def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
 
 def _row(work: str, figures: dict[str, str], wanted: str) -> str:
     mine = [f"{name} **{figures[name]}**" for name in ("port", "whole bus") if name in figures]
-    others = [f"{name} {text}" for name, text in figures.items() if name not in ("port", "whole bus")]
+    others = [
+        f"{name} {text}" for name, text in figures.items() if name not in ("port", "whole bus")
+    ]
     return f"| {work} | {'; '.join(mine)} | {'; '.join(others)} | {wanted} |"
 
 
@@ -407,7 +410,9 @@ class FaultyRun:
             driver.command(goals)
         try:
             self.reading = driver.step()
-            if recover and any(driver.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self._joints):
+            if recover and any(
+                driver.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self._joints
+            ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
                     driver.recover()
@@ -431,7 +436,7 @@ def replugging() -> str:
             driver = ServoBus(DynamixelPort(str(link)), joints)
             driver.connect()
             newest: list[BusReading] = []
-            thread = BusThread(driver, 50.0, lambda reading: newest.append(reading))
+            thread = BusThread(driver, 50.0, newest.append)
             thread.start()
             _wait(lambda: newest and len(newest[-1].states) == 2)
             before = _resources()
@@ -471,4 +476,4 @@ PARTS: dict[str, Callable[[], str]] = {
 }
 
 if __name__ == "__main__":
-    print(Counter(sys.argv[1:]) and [PARTS[name]() for name in sys.argv[1:]] or bus())
+    print("\n".join(PARTS[name]() for name in sys.argv[1:]))

@@ -104,10 +104,7 @@ def test_a_library_is_known_to_one_file_only(library):
 
 def test_the_simulator_does_not_know_the_driver():
     """It shares the tables with the driver, not the code that talks to servos."""
-    tables = {
-        f"head_tracking.dynamixel.{name}"
-        for name in TABLES
-    }
+    tables = {f"head_tracking.dynamixel.{name}" for name in TABLES}
     for path in (PACKAGE / "simulation").glob("*.py"):
         used = {name for name in imported(path) if name.startswith("head_tracking.dynamixel")}
         assert used <= tables, path

@@ -61,7 +61,7 @@ class BusJoint:
     @property
     def lost(self) -> bool:
         """Whether no servo of it answers."""
-        return all(servo.lost for servo in self.servos)
+        return self.servos[0].lost and all(servo.lost for servo in self.servos)
 
     @property
     def watched(self) -> bool:
@@ -71,7 +71,9 @@ class BusJoint:
     @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest position, rad, allowed by configuration and servos."""
-        ends = [sorted(servo.mount.position(tick) for tick in servo.range) for servo in self.servos]
+        if len(self.servos) == 1:
+            return self.servos[0].limits
+        ends = [servo.limits for servo in self.servos]
         return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
 
     @property

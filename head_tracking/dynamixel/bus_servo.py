@@ -36,6 +36,7 @@ class BusServo:
         feedback: What it last said; None before it said anything.
         stamp: When that was, ns.
         range: Lowest and highest tick that configuration and servo allow.
+        limits: The same as positions of the joint, rad.
     """
 
     def __init__(self, mount: ServoMount, port: ServoPort, watchdog: float = 0.0) -> None:
@@ -51,7 +52,7 @@ class BusServo:
         self.errors: IntFlag = NO_ERROR
         self.feedback: Feedback | None = None
         self.stamp = 0
-        self.range = mount.tick_range
+        self._admit(mount.tick_range, mount)
         self._returned = False  # and has not been read since
         self._watchdog = watchdog if "Bus Watchdog" in mount.model.control_table else 0.0
 
@@ -90,7 +91,7 @@ class BusServo:
             ConfigurationError: Its own angle limits leave the joint no range.
         """
         identity = identify(self.link, self.mount, keep_torque)
-        self.range = narrowed(self.mount, identity)
+        self._admit(narrowed(self.mount, identity), self.mount)
         self.identity = identity
         self.lost = self.interrupted = False
         self.failed_cycles = self.ask_at = 0
@@ -98,8 +99,15 @@ class BusServo:
 
     def remount(self, mount: ServoMount) -> None:
         """Take over other limits; raises ConfigurationError if the servo's own leave nothing."""
-        self.range = mount.tick_range if self.identity is None else narrowed(mount, self.identity)
+        self._admit(
+            mount.tick_range if self.identity is None else narrowed(mount, self.identity), mount
+        )
         self.mount = mount
+
+    def _admit(self, ticks: tuple[int, int], mount: ServoMount) -> None:
+        lower, upper = sorted(mount.position(tick) for tick in ticks)
+        self.range = ticks
+        self.limits = (lower, upper)
 
     def answered(self, feedback: Feedback, stamp: int) -> None:
         """Take note of an answer."""

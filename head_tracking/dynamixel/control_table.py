@@ -96,9 +96,8 @@ class Register:
 
     def admits(self, value: int) -> bool:
         """Return whether a write may carry this value."""
-        if not self.writable or self.minimum is None or self.maximum is None:
-            return False
-        return self.minimum <= value <= self.maximum
+        lowest, highest = self.minimum, self.maximum  # None for read-only registers
+        return lowest is not None and highest is not None and lowest <= value <= highest
 
     def encode(self, value: int) -> bytes:
         """Return the bytes that write `value`.
@@ -159,6 +158,7 @@ class Block:
 
     registers: tuple[Register, ...]
     _struct: struct.Struct = field(init=False, repr=False, compare=False)
+    _gapless: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         form = "<"
@@ -172,6 +172,8 @@ class Block:
             form += f"{register.address - position}x{code}"
             position = register.end
         object.__setattr__(self, "_struct", struct.Struct(form))
+        occupied = sum(register.size for register in self.registers)
+        object.__setattr__(self, "_gapless", occupied == self._struct.size)
 
     @property
     def address(self) -> int:
@@ -201,12 +203,12 @@ class Block:
         """
         if len(values) != len(self.registers):
             raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
-        data = b"".join(
-            register.encode(value) for register, value in zip(self.registers, values, strict=True)
-        )
-        if len(data) != self._struct.size:
+        for register, value in zip(self.registers, values, strict=True):
+            if not register.admits(value):
+                register.encode(value)  # says why
+        if not self._gapless:
             raise RangeError("the block has gaps, so it can be read but not written")
-        return data
+        return self._struct.pack(*values)
 
 
 class ControlTable:

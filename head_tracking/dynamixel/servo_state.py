@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag
+from typing import NamedTuple
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.protocol1 import NO_ERROR
@@ -21,8 +22,7 @@ class Health(Enum):
     STOPPED = "stopped on request"
 
 
-@dataclass(frozen=True, slots=True)
-class ServoState:
+class ServoState(NamedTuple):
     """One joint, as read in one transaction with its servo.
 
     Where two servos drive a joint, position, velocity and stamp are the first one's that answered,
@@ -97,8 +97,7 @@ class BusEvent:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class BusReading:
+class BusReading(NamedTuple):
     """Result of one bus cycle.
 
     Attributes:
