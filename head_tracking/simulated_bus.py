@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             paced=options.paced,
             latency=options.latency * 1e-3,
             match_baud_rate=options.baud is not None,
+            spinning=options.exact,
         ) as port:
             print(port.port_name, flush=True)
             print(_summary(servos, options.baud), file=sys.stderr)
@@ -86,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         help="set the servos to this baud rate; they hear no other (default: they hear any)",
     )  # fmt: skip
     add("--paced", action="store_true", help="bytes take their time at the program's baud rate")
+    add("--exact", action="store_true", help="burn a core to be in time to some microseconds")
     add(
         "--latency", type=_number(float, 0.0, 255.0, "ms"), default=0.0, metavar="MS",
         help="the adapter hands on what it received only so often; FTDI's default is 16",

@@ -27,6 +27,7 @@ ALLOWED = {
     "nodes": CORE | {"tf", "share"},
     "check_model": {"transforms", "share"},
     "simulated_bus": {"simulation", "dynamixel"},
+    "servo_tool": {"dynamixel"},
     "node_sets": {"nodes"},
     "__main__": {"nodes", "runner"},
     "runner": CORE | {"tf", "nodes", "share", "node_sets"},
@@ -37,6 +38,12 @@ ONLY_IN = {
     "yourdfpy": {"transforms/urdf.py"},
     "xacro": {"transforms/urdf.py"},
     "dynamixel_sdk": {"dynamixel/sdk.py"},
+    "rich": {
+        "servo_tool/info.py",
+        "servo_tool/monitor.py",
+        "servo_tool/scan.py",
+        "servo_tool/terminal.py",
+    },
 }
 
 TABLES = (
@@ -109,6 +116,7 @@ def test_the_core_runs_where_no_ros_is():
         f"for name in {ROS!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
         + "import head_tracking.check_model, head_tracking.simulated_bus\n"
+        + "import head_tracking.servo_tool.main\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
 

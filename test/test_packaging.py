@@ -22,6 +22,7 @@ EXECUTABLES = {
     "point_head",
     "relax",
     "robot_state_publisher",
+    "servo",
     "servo_bus",
     "simulated_bus",
     "transforms",

@@ -1,0 +1,176 @@
+"""servo: looks at Dynamixel servos, sets them up, and calibrates a head."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
+from head_tracking.dynamixel.models import ServoModel, servo_model
+from head_tracking.servo_tool.calibrate import Wanted, calibrate
+from head_tracking.servo_tool.changes import relax, set_baud_rate, set_id, set_register
+from head_tracking.servo_tool.exceptions import RefusedError, ToolError
+from head_tracking.servo_tool.info import info
+from head_tracking.servo_tool.monitor import monitor
+from head_tracking.servo_tool.scan import USUAL_BAUD_RATES, scan
+from head_tracking.servo_tool.terminal import Terminal
+from head_tracking.servo_tool.workshop import Workshop
+
+DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
+"""Exit codes; 2 is argparse's, for a command line that makes no sense."""
+
+_EPILOG = """\
+exit codes: 0 done; 1 failed (no port, no answer, no such register); 2 wrong command line;
+3 refused, because it could do harm or nobody said yes; 130 stopped by Ctrl-C
+"""
+
+
+def main(
+    arguments: Sequence[str] | None = None, workshop: Callable[..., Workshop] = Workshop
+) -> int:
+    """Carries out a command; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    terminal = Terminal(sys.stdout, sys.stderr, sys.stdin, assume_yes=options.yes)
+    try:
+        code: int = options.run(workshop(terminal, options.port, options.baud), options)
+        return code
+    except RefusedError as error:
+        terminal.say(f"servo: refused: {error}")
+        return REFUSED
+    except (ToolError, DynamixelError) as error:
+        terminal.say(f"servo: {error}")
+        return FAILED
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="servo",
+        description="Looks at Dynamixel servos, sets them up, and calibrates a head.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
+    add("--baud", type=int, default=1_000_000, metavar="RATE", help="its baud rate (%(default)s)")
+    add("--model", type=_model, help="model of a servo that answers no reads")
+    add("--yes", action="store_true", help="answer every question with yes")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    command = commands.add_parser("scan", help="look for servos over ids and baud rates")
+    command.add_argument(
+        "--bauds", type=int, nargs="+", default=USUAL_BAUD_RATES, metavar="RATE",
+        help=f"baud rates to try ({' '.join(map(str, USUAL_BAUD_RATES))})",
+    )  # fmt: skip
+    command.add_argument(
+        "--ids", type=_ids, nargs="+", default=[range(254)], metavar="ID",
+        help="ids to try, such as 1 2 10-20 (0-253)",
+    )  # fmt: skip
+    command.set_defaults(
+        run=lambda w, o: scan(w, o.bauds, sorted({i for ids in o.ids for i in ids}))
+    )
+
+    command = commands.add_parser("info", help="show all registers of a servo")
+    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("--all", action="store_true", help="also the indirect registers")
+    command.set_defaults(run=lambda w, o: info(w, o.id, o.model, all_of_them=o.all))
+
+    command = commands.add_parser("set", help="write a register")
+    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("register", metavar="REGISTER", help="its name or its address")
+    command.add_argument(
+        "value", metavar="VALUE", help="counts, or a quantity such as 11.5V, 30deg, 2rad/s"
+    )
+    command.set_defaults(run=lambda w, o: set_register(w, o.id, o.register, o.value, o.model))
+
+    command = commands.add_parser("set-id", help="give a servo another id")
+    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("new_id", type=_id, metavar="NEW")
+    command.set_defaults(run=lambda w, o: set_id(w, o.id, o.new_id, o.model))
+
+    command = commands.add_parser("set-baud", help="give a servo another baud rate")
+    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("rate", type=int, metavar="RATE")
+    command.set_defaults(run=lambda w, o: set_baud_rate(w, o.id, o.rate, o.model))
+
+    command = commands.add_parser("relax", help="switch torque off")
+    command.add_argument("ids", type=_id, nargs="*", metavar="ID", help="none: all servos")
+    command.set_defaults(run=lambda w, o: relax(w, o.ids, o.model))
+
+    command = commands.add_parser("monitor", help="show what servos measure, until Ctrl-C")
+    command.add_argument("ids", type=_id, nargs="*", metavar="ID", help="none: ids 0 to 29")
+    command.add_argument("--rate", type=_rate, default=10.0, metavar="HZ", help="(%(default)s)")
+    command.add_argument("--count", type=int, metavar="N", help="stop after so many looks")
+    command.set_defaults(run=lambda w, o: monitor(w, o.ids, o.model, rate=o.rate, count=o.count))
+
+    command = commands.add_parser(
+        "calibrate", help="find zero, range and sign of joints by moving them by hand"
+    )
+    command.add_argument(
+        "servos", type=_wanted, nargs="+", metavar="NAME:ID",
+        help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
+    )  # fmt: skip
+    command.add_argument("--output", type=Path, metavar="FILE", help="YAML to write (stdout)")
+    command.add_argument(
+        "--margin", type=_margin, default=0.03, metavar="RAD",
+        help="how far to stay away from both ends (%(default)s)",
+    )  # fmt: skip
+    command.set_defaults(
+        run=lambda w, o: calibrate(w, o.servos, o.model, output=o.output, margin=o.margin)
+    )
+    return parser
+
+
+def _id(text: str) -> int:
+    if not text.isdigit() or int(text) > 253:
+        raise argparse.ArgumentTypeError(f"{text!r} is no servo id; ids are 0 to 253")
+    return int(text)
+
+
+def _ids(text: str) -> range:
+    first, dash, last = text.partition("-")
+    ids = range(_id(first), _id(last if dash else first) + 1)
+    if not ids:
+        raise argparse.ArgumentTypeError(f"{text!r} is no range of ids, such as 10-20")
+    return ids
+
+
+def _wanted(text: str) -> Wanted:
+    name, colon, servo_id = text.rpartition(":")
+    if not colon or not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"{text!r} is no NAME:ID, such as head_pan:1")
+    return Wanted(name, _id(servo_id))
+
+
+def _model(text: str) -> ServoModel:
+    try:
+        return servo_model(text)
+    except ConfigurationError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _rate(text: str) -> float:
+    return _number(text, 0.1, 100.0, "Hz")
+
+
+def _margin(text: str) -> float:
+    return _number(text, 0.0, 1.0, "rad")
+
+
+def _number(text: str, lowest: float, highest: float, unit: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not lowest <= value <= highest:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not possible; allowed are {lowest:g} to {highest:g} {unit}"
+        )
+    return value
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,133 @@
+"""The executable simulated_bus, as a shell starts it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from head_tracking import simulated_bus
+from head_tracking.simulation import (
+    InstructionPacket,
+    InstructionPacket2,
+    StatusPacket,
+    StatusPacket2,
+)
+
+PATIENCE = 20.0
+PING = InstructionPacket.ping(1).encode()
+PONG = StatusPacket(1).encode()
+
+
+class Program:
+    def __init__(self, *options: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "head_tracking.simulated_bus", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        self.port = self.process.stdout.readline().strip()
+
+    def stop(self) -> tuple[int, str]:
+        """End it; return its exit code and what it told."""
+        self.process.send_signal(signal.SIGINT)
+        _, messages = self.process.communicate(timeout=PATIENCE)
+        return self.process.returncode, messages
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Program]]:
+    programs: list[Program] = []
+
+    def begin(*options: str) -> Program:
+        programs.append(Program(*options))
+        return programs[-1]
+
+    yield begin
+    for program in programs:
+        program.process.kill()
+        program.process.communicate(timeout=PATIENCE)
+
+
+def ask(port: str, packet: bytes, length: int, baud_rate: int = 1_000_000) -> bytes:
+    with serial.Serial(port, baud_rate, timeout=PATIENCE if length else 0.1) as device:
+        device.write(packet)
+        return device.read(length or 1)
+
+
+def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
+    link = str(tmp_path / "servos")
+    program = start("--ids", "1", "--servo", "XL430-W250:3", "--servo", "mx-28:4", "--link", link)
+    assert program.port == link
+    assert ask(link, PING, 6) == PONG
+    answer = ask(link, InstructionPacket2.ping(3).encode(), 14)
+    assert StatusPacket2.decode(answer) == StatusPacket2(
+        3, 0, (1060).to_bytes(2, "little") + b"\x32"
+    )
+    code, messages = program.stop()
+    assert code == 0
+    assert (
+        "AX-12 servos with ids 1; XL430-W250 servos with ids 3; MX-28 servos with ids 4" in messages
+    )
+
+
+def test_servos_keep_to_their_baud_rate(start) -> None:
+    program = start("--ids", "1", "--baud", "57600", "--return-delay", "0", "--paced")
+    assert ask(program.port, PING, 6, 57_600) == PONG
+    assert ask(program.port, PING, 0, 1_000_000) == b""
+
+
+def test_adapter_may_echo(start) -> None:
+    program = start("--echo")
+    assert ask(program.port, PING, 12) == PING + PONG
+
+
+def test_faults_are_told_at_the_end(start) -> None:
+    program = start("--faults", "100", "--kinds", "drop", "--seed", "5")
+    assert ask(program.port, PING, 0) == b""
+    assert "faults: drop 1" in program.stop()[1]
+
+
+def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:
+    link = str(tmp_path / "servos")
+    program = start("--link", link, "--unplug-every", "0.1")
+    assert program.process.stdout is not None
+    for _ in range(2):
+        assert program.process.stdout.readline().strip() == link
+    assert program.stop()[0] == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--ids", "300"],
+        ["--model", "AX-99"],
+        ["--servo", "AX-12"],
+        ["--faults", "101"],
+        ["--kinds", "rain"],
+        ["--baud", "1"],
+        ["--latency", "soon"],
+    ],
+)
+def test_wrong_options_are_told(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        simulated_bus.main(options)
+    assert end.value.code == 2
+    assert options[0] in capsys.readouterr().err
+
+
+def test_a_baud_rate_that_a_model_lacks_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        assert simulated_bus.main(["--baud", "2000000"]) == 1
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert "AX-12 has no baud rate 2000000" in capsys.readouterr().err
