@@ -23,6 +23,9 @@ _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 
 _CONVINCED: Final = 3  # times that a servo must seem unusable
+_SAMPLING: Final = 500_000
+"""ns after the question; what takes longer happens after the servo has looked at its encoder."""
+
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 
 
@@ -143,7 +146,7 @@ class Supervision:
                 link.counters.replies += 1
                 if servo.mount.model.protocol == 1:
                     servo.errors = ErrorBits(feedback.error & 0x7F) if feedback.error else NO_ERROR
-                servo.answered(feedback, before + (self._clock() - before) // 2)
+                servo.answered(feedback, before + min((self._clock() - before) // 2, _SAMPLING))
                 return
             retries -= 1
             link.counters.retries += 1
