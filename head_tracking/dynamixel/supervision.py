@@ -13,7 +13,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.journal import Journal
-from head_tracking.dynamixel.port import Reply, ServoPort
+from head_tracking.dynamixel.port import ReadMethod, Reply, ServoPort
 from head_tracking.dynamixel.protocol1 import NO_ERROR, ErrorBits
 from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
@@ -81,10 +81,13 @@ class Supervision:
                     asked.append((joint, due))
         for group, servos in self._plan.groups([servo for _, due in asked for servo in due]):
             replies = self._port.read_group(group)
+            each = group.method is ReadMethod.EACH
+            before = 0 if each else self._clock()
             meanwhile()
             meanwhile = _nothing
             for servo in servos:
-                before = self._clock()
+                if each:
+                    before = self._clock()
                 self._take(servo, next(replies), before)
         meanwhile()
         states: dict[str, ServoState] = {}
