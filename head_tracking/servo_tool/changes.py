@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
