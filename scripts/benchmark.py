@@ -15,6 +15,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmark_bus import bus
+from benchmark_soak import soak
 from benchmark_transforms import transforms
 
 from head_tracking.gaze import PanTiltHead
@@ -126,6 +128,7 @@ def _follow(robot: str, name: str, parameters: str) -> str:
 
 
 BENCHMARKS: dict[str, Callable[[], str]] = {
+    "bus": bus,
     "pointing": pointing,
     "tracking": tracking,
     "transforms": transforms,
@@ -143,9 +146,11 @@ def write(name: str, table: str) -> None:
 def main() -> None:
     """Runs one benchmark and writes its table."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark", description=__doc__)
-    parser.add_argument("name", choices=sorted(BENCHMARKS))
-    name = parser.parse_args().name
-    table = BENCHMARKS[name]()
+    parser.add_argument("name", choices=sorted([*BENCHMARKS, "soak"]))
+    parser.add_argument("--minutes", type=float, default=10.0, help="of soak (default: 10)")
+    options = parser.parse_args()
+    name = options.name
+    table = soak(options.minutes) if name == "soak" else BENCHMARKS[name]()
     print(table)
     write(name, table)
 
