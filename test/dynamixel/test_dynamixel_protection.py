@@ -1,0 +1,457 @@
+"""Faults, heat, watchdogs, timeouts; joints stopped, started and changed while running."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, writes
+
+from head_tracking.dynamixel import (
+    BusReading,
+    BusSettings,
+    ConfigurationError,
+    EepromSettings,
+    ErrorBits,
+    EventKind,
+    Goal,
+    GoalError,
+    HardwareErrors,
+    Health,
+    JointConfiguration,
+    ReplyTimeoutError,
+    ServoBus,
+    ServoError,
+    ServoMount,
+    Torque,
+    TorqueError,
+    servo_model,
+)
+
+XM = servo_model("XM430-W350")
+XM_PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 2048, 1024, 3072, model=XM)
+
+
+class Rig:
+    """A connected bus with a fake port and passed-in time."""
+
+    def __init__(
+        self,
+        *joints: JointConfiguration,
+        port: FakePort | None = None,
+        settings: BusSettings | None = None,
+    ) -> None:
+        self.port = port or FakePort()
+        self.clock = FakeClock()
+        self.bus = ServoBus(
+            self.port,
+            joints or (PAN, TILT),
+            self.clock,
+            monotonic=self.clock,
+            settings=settings,
+        )
+        self.bus.connect()
+        self.port.take_log()
+
+    def steps(self, count: int = 1, period: float = 0.02) -> list[BusReading]:
+        readings = []
+        for _ in range(count):
+            self.clock.pass_time(period)
+            readings.append(self.bus.step())
+        return readings
+
+    def events(self, count: int = 1) -> list[EventKind]:
+        return [event.kind for reading in self.steps(count) for event in reading.events]
+
+    def switched_on(self, position: float = 0.2) -> Rig:
+        self.bus.command({"head_pan_joint": Goal(position)})
+        self.steps()
+        self.port.take_log()
+        return self
+
+    @property
+    def pan(self) -> FakeServo:
+        return self.port.servos[1]
+
+    @property
+    def torque(self) -> Torque:
+        return self.bus.torque("head_pan_joint")
+
+
+def xm_rig(**options: BusSettings) -> Rig:
+    return Rig(XM_PAN, port=FakePort(1, model=XM), **options)
+
+
+# Faults
+
+
+@pytest.mark.parametrize("error", [ErrorBits.OVERLOAD, ErrorBits.OVERHEATING])
+def test_servo_that_shuts_down_is_relaxed_and_reported_once(error: ErrorBits) -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = error
+    assert rig.events(3) == [EventKind.FAULTED]
+    assert rig.torque is Torque.OFF_BY_FAULT
+    assert rig.pan["Torque Enable"] == 0
+    assert rig.bus.statistics().servos[0].health is Health.FAULTED
+    with pytest.raises(GoalError, match="call recover"):
+        rig.bus.command({"head_pan_joint": Goal(0.1)})
+    with pytest.raises(TorqueError, match="shut down"):
+        rig.bus.set_torque(["head_pan_joint"], True)
+    rig.bus.command({"head_tilt_joint": Goal(0.1)})  # the other goes on
+
+
+def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.INPUT_VOLTAGE
+    assert rig.events(3) == [EventKind.ALARM]
+    assert rig.torque is Torque.ON
+    rig.pan.error = 0
+    assert rig.events(2) == []
+    rig.pan.error = ErrorBits.INPUT_VOLTAGE
+    assert rig.events(2) == [EventKind.ALARM]
+
+
+def test_error_bits_that_judge_a_packet_are_no_alarm() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE
+    assert rig.events(3) == []
+
+
+def test_recover_gives_an_ax_its_torque_limit_back() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERLOAD
+    rig.pan["Torque Limit"] = 0
+    rig.steps()
+    rig.pan.error = 0
+    assert rig.bus.recover() == ("head_pan_joint",)
+    assert rig.pan["Torque Limit"] == 1023
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.steps(2)
+    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
+
+
+def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERHEATING
+    rig.steps()
+    rig.bus.recover()
+    assert rig.events(2) == [EventKind.RECOVERED, EventKind.FAULTED]
+    assert rig.torque is Torque.OFF_BY_FAULT
+
+
+def test_recover_without_a_fault_does_nothing() -> None:
+    rig = Rig().switched_on()
+    assert rig.bus.recover(["head_pan_joint"]) == ()
+    assert rig.torque is Torque.ON
+    with pytest.raises(GoalError, match="elbow"):
+        rig.bus.recover(["elbow"])
+
+
+def test_recover_that_fails_says_so() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERLOAD
+    rig.steps()
+    rig.pan.ignored.add(34)
+    with pytest.raises(ServoError, match="Torque Limit"):
+        rig.bus.recover()
+    assert rig.torque is Torque.OFF_BY_FAULT
+
+
+def test_x_servo_tells_its_fault_in_a_register_and_recovers_by_a_reboot() -> None:
+    rig = xm_rig().switched_on()
+    rig.pan.error = 0x80
+    rig.pan["Hardware Error Status"] = int(HardwareErrors.OVERLOAD)
+    rig.pan["Torque Enable"] = 0
+    readings = rig.steps(2)
+    assert [event.kind for reading in readings for event in reading.events] == [EventKind.FAULTED]
+    assert "overload" in readings[0].events[0].text
+    assert readings[1].states["head_pan_joint"].error == HardwareErrors.OVERLOAD
+    rig.bus.recover()
+    assert rig.torque is Torque.OFF_BY_FAULT  # until it is there again
+    rig.steps(2)
+    assert rig.pan.reboots == 1
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    assert rig.steps()[0].states["head_pan_joint"].error == 0
+
+
+def test_error_register_is_read_once_a_second_only() -> None:
+    rig = xm_rig().switched_on()
+    rig.pan.error = 0x80
+    rig.pan["Hardware Error Status"] = int(HardwareErrors.INPUT_VOLTAGE)
+    rig.steps(100)
+    looks = [packet for packet in rig.port.log if packet[:3] == ("read", 1, 70)]
+    assert 2 <= len(looks) <= 3
+
+
+# Heat
+
+
+def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
+    rig = Rig().switched_on()
+    rig.pan["Present Temperature"] = 67
+    assert rig.events() == []
+    rig.pan["Present Temperature"] = 68
+    assert rig.events(3) == [EventKind.RESTING]
+    assert rig.pan["Torque Enable"] == 0
+    with pytest.raises(GoalError, match="too hot"):
+        rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.pan["Present Temperature"] = 60
+    assert rig.events() == []
+    rig.pan["Present Temperature"] = 59
+    assert rig.events(3) == [EventKind.COOLED]
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+
+
+# Power lost for a moment
+
+
+def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off() -> None:
+    rig = Rig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.steps(2)
+    rig.port.servos[1] = FakeServo(1)
+    rig.port.take_log()
+    assert rig.events(3) == [EventKind.TORQUE_LOST]
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    assert {packet[2] for packet in writes(rig.port.log)} == {TORQUE}
+    assert rig.pan["Torque Enable"] == 0
+
+
+def test_motion_goes_on_after_a_short_silence() -> None:
+    rig = Rig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.steps(2)
+    rig.pan.answers = True
+    assert rig.events(3) == []
+    assert rig.torque is Torque.ON
+    assert writes(rig.port.log)[-1][0] == "sync"
+
+
+def test_silent_servo_gets_no_goals() -> None:
+    rig = Rig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.steps()
+    rig.port.take_log()
+    rig.steps(2)
+    assert writes(rig.port.log) == []
+
+
+# Watchdog
+
+
+def test_watchdog_is_set_with_the_torque() -> None:
+    rig = xm_rig(settings=BusSettings(watchdog=0.5)).switched_on()
+    assert rig.pan["Bus Watchdog"] == 25
+    without = xm_rig(settings=BusSettings(watchdog=0.0)).switched_on()
+    assert without.pan["Bus Watchdog"] == 0
+
+
+def test_servos_that_may_have_stopped_by_themselves_are_held_where_they_are() -> None:
+    rig = xm_rig(settings=BusSettings(watchdog=0.5)).switched_on(0.5)
+    rig.pan["Present Position"] = 2100
+    (reading,) = rig.steps(period=0.6)
+    assert [event.kind for event in reading.events] == [EventKind.HELD]
+    assert rig.pan["Goal Position"] == 2100
+    assert rig.events(3) == []
+
+
+# Commands that stop coming
+
+
+def test_joint_holds_when_its_commands_stop() -> None:
+    rig = Rig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
+    rig.pan["Present Position"] = 540
+    assert rig.events(3) == []
+    assert rig.events(4) == [EventKind.HELD]
+    assert rig.pan["Goal Position"] == 540
+    rig.bus.command({"head_pan_joint": Goal(0.5)})
+    rig.steps()
+    assert rig.pan["Goal Position"] == PAN.ticks(0.5)
+
+
+def test_joint_that_has_arrived_just_stays() -> None:
+    rig = Rig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
+    rig.pan["Present Position"] = PAN.ticks(0.5) - 2
+    assert rig.events(20) == []
+    assert rig.pan["Goal Position"] == PAN.ticks(0.5)
+
+
+# Joints stopped, started, changed
+
+
+def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> None:
+    rig = Rig().switched_on()
+    rig.bus.stop(["head_pan_joint"])
+    rig.port.take_log()
+    (reading,) = rig.steps()
+    assert set(reading.states) == {"head_tilt_joint"} and not reading.lost
+    assert rig.port.log == [("read", 2, 36, 8)]
+    assert rig.pan["Torque Enable"] == 0
+    assert rig.bus.statistics().servos[0].health is Health.STOPPED
+    with pytest.raises(GoalError, match="head_pan_controller/start"):
+        rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.bus.stop(None)  # twice is harmless
+    rig.bus.set_torque(None, False)
+    assert rig.torque is Torque.OFF_STOPPED
+
+
+def test_started_joint_takes_commands_again() -> None:
+    rig = Rig().switched_on()
+    rig.bus.stop(["head_pan_joint"])
+    rig.bus.start(["head_pan_joint"])
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.steps(2)
+    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
+
+
+def test_start_of_a_running_joint_changes_nothing() -> None:
+    rig = Rig().switched_on()
+    rig.bus.start(None)
+    assert rig.torque is Torque.ON
+
+
+def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
+    rig = Rig()
+    rig.bus.stop(["head_pan_joint"])
+    rig.pan.answers = False
+    with pytest.raises(ServoError, match="did not answer"):
+        rig.bus.start(["head_pan_joint"])
+    rig.pan.answers = True
+    rig.steps(5)
+    assert "head_pan_joint" in rig.steps()[0].states
+
+
+def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
+    rig = Rig().switched_on(0.9)
+    rig.bus.set_limits("head_pan_joint", lowest=450, highest=600, max_speed=0.5)
+    assert rig.bus.limits("head_pan_joint") == (PAN.position(450), PAN.position(600))
+    rig.steps()
+    assert rig.pan["Goal Position"] == 600
+    assert rig.bus.speed("head_pan_joint") == 0.5
+    assert rig.pan["Moving Speed"] == PAN.speed_ticks(0.5) - 0
+    with pytest.raises(GoalError):
+        rig.bus.command({"head_pan_joint": Goal(0.9)})
+    rig.bus.set_limits("head_pan_joint", max_speed=0.0)
+    rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
+    rig.steps()
+    assert rig.pan["Moving Speed"] == PAN.speed_ticks(3.0)
+
+
+def test_impossible_limits_change_nothing() -> None:
+    rig = Rig().switched_on()
+    before = rig.bus.limits("head_pan_joint")
+    with pytest.raises(ConfigurationError):
+        rig.bus.set_limits("head_pan_joint", lowest=2000)
+    assert rig.bus.limits("head_pan_joint") == before
+
+
+# Two servos on a joint
+
+
+def test_two_servos_of_a_joint_move_together_and_hold_together() -> None:
+    second = ServoMount("head_pan_joint", 2, 512, 1023, 0)
+    rig = Rig(replace(PAN, second=second))
+    rig.port.servos[2]["Present Load"] = 1024 + 200
+    rig.pan["Present Load"] = 100
+    rig.port.servos[2]["Present Temperature"] = 50
+    rig.bus.command({"head_pan_joint": Goal(0.3)})
+    (reading,) = rig.steps()
+    state = reading.states["head_pan_joint"]
+    assert state.load == pytest.approx(150 / 1023)  # turned with the position
+    assert state.temperature == 50.0
+    rig.steps()
+    goals = (rig.pan["Goal Position"], rig.port.servos[2]["Goal Position"])
+    assert goals == (PAN.ticks(0.3), second.ticks(0.3)) and sum(goals) == 1024
+    rig.port.servos[2].error = ErrorBits.OVERLOAD
+    assert rig.events() == [EventKind.TORQUE_ON] or rig.torque is Torque.OFF_BY_FAULT
+    assert [servo["Torque Enable"] for servo in rig.port.servos.values()] == [0, 0]
+
+
+# Memory
+
+
+def pauses() -> list[float]:
+    return []
+
+
+def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
+    rig = Rig()
+    waited = pauses()
+    changed = rig.bus.write_eeprom(
+        "head_tilt_joint",
+        EepromSettings(return_delay=0.0, shutdown=("overload", "overheating")),
+        waited.append,
+    )
+    assert changed == {
+        2: {
+            "Return Delay Time": (250, 0),
+            "CW Angle Limit": (0, 300),
+            "CCW Angle Limit": (1023, 800),
+        }
+    }
+    servo = rig.port.servos[2]
+    assert (servo["Return Delay Time"], servo["CW Angle Limit"]) == (0, 300)
+    assert len(waited) == 3 and min(waited) >= 0.01
+    assert rig.bus.write_eeprom("head_tilt_joint", EepromSettings(), waited.append) == {2: {}}
+
+
+def test_eeprom_is_not_written_while_torque_is_on_or_the_memory_is_locked() -> None:
+    rig = Rig().switched_on()
+    with pytest.raises(ServoError, match="torque on; relax"):
+        rig.bus.write_eeprom("head_pan_joint", EepromSettings(), pauses().append)
+    rig.port.servos[2]["Lock"] = 1
+    with pytest.raises(ServoError, match="locked"):
+        rig.bus.write_eeprom("head_tilt_joint", EepromSettings(), pauses().append)
+    assert all(servo["Return Delay Time"] == 250 for servo in rig.port.servos.values())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (EepromSettings(shutdown=("encoder",)), "has no error 'encoder'; it has input voltage"),
+        (EepromSettings(return_delay=600.0), "Return Delay Time .* cannot be 300"),
+        (EepromSettings(status_return_level=3), "Status Return Level"),
+    ],
+)
+def test_impossible_settings_are_refused_before_anything_is_written(
+    settings: EepromSettings, message: str
+) -> None:
+    rig = Rig()
+    with pytest.raises(ConfigurationError, match=message):
+        rig.bus.write_eeprom("head_pan_joint", settings, pauses().append)
+    assert writes(rig.port.log) == []
+
+
+def test_servo_that_does_not_keep_a_setting_is_named() -> None:
+    rig = Rig()
+    rig.pan.ignored.add(5)
+    with pytest.raises(ServoError, match="servo 1 keeps 250 in Return Delay Time instead of 0"):
+        rig.bus.write_eeprom("head_pan_joint", EepromSettings(), pauses().append)
+
+
+def test_eeprom_of_an_x_servo() -> None:
+    rig = xm_rig()
+    changed = rig.bus.write_eeprom(
+        "head_pan_joint", EepromSettings(shutdown=("overload",)), pauses().append
+    )
+    assert set(changed[1]) == {
+        "Return Delay Time",
+        "Min Position Limit",
+        "Max Position Limit",
+        "Shutdown",
+    }
+    assert rig.pan["Shutdown"] == 32
+
+
+def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
+    rig = Rig()
+    rig.port.failures[1].extend([ReplyTimeoutError("late")] * 2)
+    rig.steps()
+    rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.port.failures[1].append(ReplyTimeoutError("late"))
+    rig.steps()
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    rig.steps(2)
+    assert rig.pan["Goal Position"] == PAN.ticks(0.1)

@@ -1,0 +1,47 @@
+"""A driver's port on a simulated bus in simulated time: no pty, no thread, no waiting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from head_tracking.dynamixel import Adapter, DynamixelPort
+from head_tracking.simulation import (
+    SimulatedBus,
+    SimulatedClock,
+    SimulatedLine,
+    SimulatedServo,
+)
+
+
+class SimulatedDevice:
+    """Takes the place of an open serial device."""
+
+    adapter = Adapter()
+
+    def __init__(self, line: SimulatedLine) -> None:
+        self.line = line
+
+    def close(self) -> None:
+        pass
+
+
+class Bench:
+    """Servos and the port that they are on.
+
+    Args:
+        servos: the servos, or a bus.
+    """
+
+    def __init__(self, servos: SimulatedBus | Iterable[SimulatedServo]) -> None:
+        self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
+        self.clock = SimulatedClock(1_000_000_000)
+        self.line = SimulatedLine(self.bus, self.clock)
+        self.port = DynamixelPort(
+            "simulated", open_device=lambda *_: SimulatedDevice(self.line), clock=self.clock
+        )
+
+    def now(self) -> int:
+        return self.clock.now
+
+    def pass_time(self, seconds: float) -> None:
+        self.clock.now += round(seconds * 1e9)
