@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
@@ -14,6 +15,9 @@ from head_tracking.dynamixel.servo_link import ServoLink
 from head_tracking.servo_tool.exceptions import RefusedError, ToolError
 from head_tracking.servo_tool.registers import find_register, in_words, parse_value
 from head_tracking.servo_tool.workshop import Workshop, find_servo, protocol_of
+
+_STIFFENING: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
+_TORQUE_BY_GOAL: Final = 8  # bit of Drive Mode
 
 
 def set_register(
@@ -174,7 +178,12 @@ def _check_memory(link: ServoLink) -> None:
 
 
 def _check_goal(link: ServoLink, register: Register, value: int) -> None:
-    """Refuse goals beyond the servo's own limits."""
+    """Refuse goals beyond the servo's own limits, and those that switch torque on."""
+    if register.name in _STIFFENING and _stiffens(link) and not link.get("Torque Enable"):
+        raise RefusedError(
+            f"servo {link.id} is relaxed, and this would switch its torque on while it is on the "
+            f"way to a goal; switch it on first: servo set {link.id} 'Torque Enable' 1"
+        )
     if register.name != "Goal Position" or not _goes_to_positions(link):
         return
     low, high = (link.get(name) for name in link.model.position_limits)
@@ -183,6 +192,13 @@ def _check_goal(link: ServoLink, register: Register, value: int) -> None:
             f"goal {value} is outside the limits of servo {link.id}, {low} to {high} "
             f"({' and '.join(link.model.position_limits)})"
         )
+
+
+def _stiffens(link: ServoLink) -> bool:
+    """Return whether goals switch torque on: AX servos do so, others if they are told to."""
+    if "Drive Mode" in link.model.control_table and link.model.protocol == 2:
+        return bool(link.get("Drive Mode") & _TORQUE_BY_GOAL)
+    return link.model.sign_magnitude
 
 
 def _goes_to_positions(link: ServoLink) -> bool:

@@ -12,7 +12,10 @@ from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
+    PortBusyError,
+    PortError,
     PortMissingError,
+    PortPermissionError,
 )
 from head_tracking.dynamixel.identification import model_name
 from head_tracking.servo_tool.workshop import Workshop, read_model_number
@@ -49,9 +52,9 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
             try:
                 with workshop.port(rate) as port:
                     found += _scan_port(port, ids, advance)
-            except PortMissingError:
+            except (PortMissingError, PortBusyError, PortPermissionError):
                 raise
-            except ConfigurationError as error:
+            except (ConfigurationError, PortError) as error:
                 terminal.say(f"{rate} baud left out: {error}")
                 advance("", len(ids))
     if not found:

@@ -57,8 +57,12 @@ class Workshop:
             PortError: It cannot be opened.
             ConfigurationError: The adapter cannot do the baud rate.
         """
-        port = self.make_port(self.port_name, baud_rate or self.baud_rate)
-        port.open()
+        rate = baud_rate or self.baud_rate
+        port = self.make_port(self.port_name, rate)
+        try:
+            port.open()
+        except ValueError as error:  # pyserial's, of adapters that do not know the baud rate
+            raise ConfigurationError(f"{self.port_name} cannot do {rate} baud: {error}") from error
         try:
             if port.adapter.advice:
                 self.terminal.say(f"note: {port.adapter.advice}")

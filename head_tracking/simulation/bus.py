@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from head_tracking.simulation.answer import Answer, Line, faultless
 from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
-from head_tracking.simulation.group_reads import Reading, group_read
+from head_tracking.simulation.group_reads import Reading, at_once, group_read
 from head_tracking.simulation.oracle import Oracle
 from head_tracking.simulation.protocol1 import DamagedPacket, InstructionParser
 from head_tracking.simulation.protocol2 import DamagedPacket2, InstructionParser2
@@ -27,8 +27,8 @@ class SimulatedBus:
     """Servos on one wire. Not thread-safe; time is passed in, as integer ns that never fall.
 
     Args:
-        servos: The servos, of any models and both protocols. Two with the same id both answer, as
-            real ones do.
+        servos: The servos, of any models and both protocols. Two with the same id answer at the
+            same time, as real ones do.
         line: Every answer passes here on its way out.
         misfortune: What happens besides.
         echo: Whether the adapter sends back whatever it is sent.
@@ -110,10 +110,11 @@ class SimulatedBus:
         self, packet: Packet | Damaged, servos: list[SimulatedServo], now: int
     ) -> Iterator[Answer]:
         if not isinstance(packet, (DamagedPacket, DamagedPacket2)):
-            readings = group_read(packet, servos, now)
-            if readings is not None:
-                yield from _in_turn(readings)
+            in_turn = group_read(packet, servos, now)
+            if in_turn is not None:
+                yield from _one_after_the_other(in_turn)
                 return
+        readings = []
         for servo in servos:
             delay = servo.return_delay  # a new one holds from the next packet on
             if isinstance(packet, (DamagedPacket, DamagedPacket2)):
@@ -121,10 +122,12 @@ class SimulatedBus:
             else:
                 status = servo.execute(packet, now)
             if status is not None:
-                yield Answer(status.encode(), delay)
+                readings.append(Reading(status.encode(), delay))
+        if readings:
+            yield Answer(*at_once(readings))
 
 
-def _in_turn(readings: Iterable[Reading]) -> Iterator[Answer]:
+def _one_after_the_other(readings: Iterable[Reading]) -> Iterator[Answer]:
     for number, (data, delay) in enumerate(readings):
         yield Answer(data, delay, follows=number > 0)
 

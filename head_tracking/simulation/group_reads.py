@@ -7,6 +7,7 @@ behind it say nothing (as users of real servos report, DynamixelSDK issue 331).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import NamedTuple
 
 from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
@@ -51,13 +52,25 @@ def group_read(packet: Packet, servos: Sequence[SimulatedServo], now: int) -> li
     return None
 
 
+def at_once(readings: Sequence[Reading]) -> Reading:
+    """Return what the wire carries when servos with the same id talk at the same time.
+
+    It is low as long as one of them pulls it low, so only equal answers stay whole.
+    """
+    data = readings[0].data
+    for other in readings[1:]:
+        data = bytes(a & b for a, b in zip_longest(data, other.data, fillvalue=0xFF))
+    return Reading(data, min(reading.delay for reading in readings))
+
+
 def _ping(servos: Sequence[SimulatedServo], now: int) -> list[Reading]:
-    readings = []
+    readings: dict[int, list[Reading]] = {}
     for servo in sorted(servos, key=lambda servo: servo.id):
         status = servo.answer_ping(now)
         if status is not None:
-            readings.append(Reading(status.encode(), servo.return_delay + _SLOT))
-    return readings
+            reading = Reading(status.encode(), servo.return_delay + _SLOT)
+            readings.setdefault(servo.id, []).append(reading)
+    return [at_once(twins) for twins in readings.values()]
 
 
 def _read_in_turn(
@@ -68,7 +81,7 @@ def _read_in_turn(
         answers = _answers(servos, servo_id, address, length, now)
         if not answers:
             break
-        readings += [Reading(status.encode(), delay) for status, delay in answers]
+        readings.append(at_once([Reading(status.encode(), delay) for status, delay in answers]))
     return readings
 
 

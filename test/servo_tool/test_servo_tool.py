@@ -66,6 +66,7 @@ class Bench:
             code = {rate: code for code, rate in servo.model.baud_rates.items()}[1_000_000]
             servo.set_register("Baud Rate", code)
         self.answers = ""
+        self.impossible = 0
         self.on_enter: list[Callable[[], None]] = []
         self._capsys, self._monkeypatch = capsys, monkeypatch
         self.output = self.messages = ""
@@ -80,6 +81,8 @@ class Bench:
         def open_device(name: str, baud_rate: int) -> Device:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
+            if baud_rate == self.impossible:
+                raise ValueError("Failed to set custom baud rate")  # as pyserial does
             line = SimulatedLine(self.bus, self.clock, baud_rate, match_baud_rate=True)
             return Device(line)
 
@@ -137,6 +140,12 @@ def test_scan_leaves_out_what_the_adapter_cannot_do(bench: Bench) -> None:
     assert bench.run("scan", "--bauds", "250000", "1000000", "--ids", "1") == DONE
     assert "250000 baud left out" in bench.messages
     assert "AX-12" in bench.output
+
+
+def test_scan_goes_on_when_a_port_cannot_be_opened_at_a_rate(bench: Bench) -> None:
+    bench.impossible = 57_600
+    assert bench.run("scan", "--bauds", "57600", "1000000", "--ids", "1") == DONE
+    assert "57600 baud left out: /dev/sim cannot do 57600 baud" in bench.messages
 
 
 def test_scan_finds_a_servo_that_answers_no_reads(bench: Bench) -> None:
@@ -250,6 +259,21 @@ def test_set_refuses_goals_beyond_the_servos_limits(bench: Bench) -> None:
     bench[7].set_register("Max Position Limit", 2000)
     assert bench.run("set", "7", "Goal Position", "2001") == REFUSED
     assert bench.bus.oracle.goals(7) == []
+
+
+@pytest.mark.parametrize("register", ["Goal Position", "Moving Speed"])
+def test_goal_that_would_switch_torque_on_is_refused(bench: Bench, register: str) -> None:
+    assert bench.run("set", "1", register, "300") == REFUSED
+    assert bench[1].register("Torque Enable") == 0
+    assert bench.run("set", "1", "Torque Enable", "1") == DONE
+    assert bench.run("set", "1", register, "300") == DONE
+    assert bench[1].register(register) == 300
+
+
+def test_goal_for_a_relaxed_x_servo_moves_nothing_and_is_taken(bench: Bench) -> None:
+    assert bench.run("set", "7", "Goal Position", "300") == DONE
+    bench[7].set_register("Drive Mode", 8)
+    assert bench.run("set", "7", "Goal Position", "400") == REFUSED
 
 
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
