@@ -1,0 +1,94 @@
+"""The adapter's latency timer: set where there is one, reported, tolerated where there is none."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
+
+
+class Kernel:
+    """A sysfs with one adapter.
+
+    Args:
+        root: a directory.
+        latency: what its latency timer says; None: it has none.
+    """
+
+    def __init__(self, root: Path, latency: str | None) -> None:
+        self.root = root
+        self.device = root / "class" / "tty" / "ttyUSB0" / "device"
+        self.device.mkdir(parents=True)
+        (root / "ftdi_sio").mkdir()
+        os.symlink(root / "ftdi_sio", self.device / "driver")
+        self.timer = self.device / "latency_timer"
+        if latency is not None:
+            self.timer.write_text(latency)
+        self.asked = 0
+
+    def low_latency(self, descriptor: int) -> None:
+        self.asked += 1
+        self.timer.write_text("1\n")
+
+    def refuse(self, descriptor: int) -> None:
+        self.asked += 1
+        raise OSError(errno.ENOTTY, "no such knob")
+
+
+def test_timer_of_an_ftdi_adapter_is_set_by_the_driver(tmp_path: Path) -> None:
+    kernel = Kernel(tmp_path, "16\n")
+    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.low_latency, sysfs=kernel.root)
+    assert adapter == Adapter("ftdi_sio", 0.001)
+    assert str(adapter) == "ftdi_sio, latency timer 1 ms"
+
+
+def test_timer_is_set_by_sysfs_where_the_driver_does_not(tmp_path: Path) -> None:
+    kernel = Kernel(tmp_path, "16\n")
+    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    assert (adapter.latency, adapter.advice) == (0.001, "")
+    assert kernel.timer.read_text() == "1\n"
+
+
+def test_timer_that_is_right_is_left_alone(tmp_path: Path) -> None:
+    kernel = Kernel(tmp_path, "1\n")
+    prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    assert kernel.asked == 0
+
+
+def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = Kernel(tmp_path, "16\n")
+
+    def refused(path: Path, text: str) -> int:
+        raise PermissionError(errno.EACCES, "not yours")
+
+    monkeypatch.setattr(Path, "write_text", refused)
+    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    assert adapter.latency == 0.016
+    for word in ("16 ms", "sudo tee", "/etc/udev/rules.d/99-dynamixel.rules", "ftdi_sio"):
+        assert word in adapter.advice
+
+
+@pytest.mark.parametrize("content", [None, "", "soon\n"])
+def test_adapter_without_a_timer_is_fine(tmp_path: Path, content: str | None) -> None:
+    kernel = Kernel(tmp_path, content)
+    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    assert adapter == Adapter("ftdi_sio")
+    assert "no latency timer" in str(adapter)
+
+
+def test_device_that_nobody_knows_is_fine(tmp_path: Path) -> None:
+    adapter = prepare_adapter("/dev/pts/7", 3, sysfs=tmp_path)
+    assert str(adapter) == "serial adapter, no latency timer"
+
+
+def test_link_leads_to_the_device(tmp_path: Path) -> None:
+    kernel = Kernel(tmp_path / "sys", "1\n")
+    link = tmp_path / "by-id"
+    os.symlink("/dev/ttyUSB0", link)
+    assert prepare_adapter(str(link), 3, sysfs=kernel.root).driver == "ftdi_sio"

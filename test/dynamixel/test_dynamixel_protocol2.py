@@ -1,0 +1,219 @@
+"""Protocol 2.0 on the wire: the fact sheet's golden vectors through the real port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    Adapter,
+    CommunicationError,
+    CorruptReplyError,
+    DynamixelPort,
+    ReadGroup,
+    ReadMethod,
+    Reply,
+    servo_model,
+)
+from head_tracking.dynamixel.protocol2 import crc16, stuff, unstuff
+from head_tracking.dynamixel.sdk import instruction_packet
+from head_tracking.dynamixel.status_packets import DIALECTS, split_fast_status
+from head_tracking.simulation import SimulatedServo, StatusPacket2
+
+ACK = "FF FF FD 00 01 04 00 55 00 A1 0C"
+
+
+class ScriptedDevice:
+    """Says one thing whatever is asked, and keeps what was.
+
+    Args:
+        answer: what it says.
+    """
+
+    adapter = Adapter()
+
+    def __init__(self, answer: str) -> None:
+        self.line = self
+        self.sent = ""
+        self._answer = bytes.fromhex(answer)
+        self._rest = b""
+
+    def discard_input(self) -> None:
+        pass
+
+    def write(self, data: bytes, timeout: float) -> None:
+        self.sent += data.hex(" ").upper()
+        self._rest = self._answer
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        data, self._rest = self._rest, b""
+        return data
+
+    def close(self) -> None:
+        pass
+
+
+def scripted(answer: str) -> tuple[DynamixelPort, ScriptedDevice]:
+    device = ScriptedDevice(answer)
+    port = DynamixelPort("scripted", reply_timeout=1e-6, open_device=lambda *_: device)  # type: ignore[arg-type,return-value]
+    port.open()
+    return port, device
+
+
+def group(method: ReadMethod, address: int, length: int, *ids: int) -> ReadGroup:
+    return ReadGroup(method, 1 if method is ReadMethod.BULK else 2, address, length, ids)
+
+
+Call = Callable[[DynamixelPort], object]
+
+
+@pytest.mark.parametrize(
+    ("call", "sent", "reply", "result"),
+    [
+        (
+            lambda p: p.ping(1, 2),
+            "FF FF FD 00 01 03 00 01 19 4E",
+            "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D",
+            0,
+        ),
+        (
+            lambda p: p.read(1, 132, 4, 2),
+            "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",
+            "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
+            Reply(b"\xa6\0\0\0", 0),
+        ),
+        (
+            lambda p: p.read(1, 132, 4, 2),
+            "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",
+            "FF FF FD 00 01 08 00 55 00 FF FF FF FF 96 38",
+            Reply(b"\xff\xff\xff\xff", 0),
+        ),
+        (
+            lambda p: p.write(1, 116, b"\x00\x02\x00\x00", protocol=2),
+            "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
+            ACK,
+            0,
+        ),
+        (
+            lambda p: p.write(1, 64, b"\x01", protocol=2),
+            "FF FF FD 00 01 06 00 03 40 00 01 DB 66",
+            "FF FF FD 00 01 04 00 55 80 A2 8F",
+            0x80,
+        ),
+        (
+            lambda p: p.write(1, 116, b"\xff\xff\xfd\x00", protocol=2),
+            "FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7",
+            "FF FF FD 00 01 04 00 55 07 B0 8C",
+            7,
+        ),
+        (lambda p: p.reboot(1), "FF FF FD 00 01 03 00 08 2F 4E", ACK, None),
+        (
+            lambda p: p.sync_write(116, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}, 2),
+            "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
+            "",
+            None,
+        ),
+    ],
+)
+def test_golden_packets(call: Call, sent: str, reply: str, result: object) -> None:
+    port, device = scripted(reply)
+    assert call(port) == result
+    assert device.sent == sent
+
+
+@pytest.mark.parametrize(
+    ("wanted", "sent"),
+    [
+        (
+            group(ReadMethod.SYNC, 132, 4, 1, 2),
+            "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
+        ),
+        (
+            group(ReadMethod.SYNC, 126, 10, 1, 2),
+            "FF FF FD 00 FE 09 00 82 7E 00 0A 00 01 02 38 92",
+        ),
+        (
+            group(ReadMethod.FAST_SYNC, 132, 4, 3, 7, 4),
+            "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2",
+        ),
+        (group(ReadMethod.BULK, 36, 2, 1, 2), "FF FF FE 09 92 00 02 01 24 02 02 24 17"),
+    ],
+)
+def test_golden_group_questions(wanted: ReadGroup, sent: str) -> None:
+    port, device = scripted("")
+    replies = list(port.read_group(wanted))
+    assert device.sent == sent
+    assert len(replies) == len(wanted.ids)
+    assert all(isinstance(reply, CommunicationError) for reply in replies)
+
+
+def test_golden_crc_and_instructions() -> None:
+    assert crc16(b"123456789") == 0xFEE8
+    assert instruction_packet(2, 1, 5).hex(" ").upper() == "FF FF FD 00 01 03 00 05 02 CE"
+    clear = instruction_packet(2, 1, 0x10, b"\x01\x44\x58\x4c\x22")
+    assert clear.hex(" ").upper() == "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC"
+
+
+@given(st.binary(max_size=40))
+def test_unstuffing_undoes_stuffing_and_leaves_no_header(content: bytes) -> None:
+    assert unstuff(stuff(content)) == content
+    assert b"\xff\xff\xfd\x00" not in stuff(content)
+
+
+awkward = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x55"]), max_size=24).map(b"".join)
+
+
+@given(awkward)
+def test_answers_that_need_stuffing_are_read_as_they_were_sent(data: bytes) -> None:
+    packet = StatusPacket2(1, 0, data).encode()
+    found = DIALECTS[2].find(b"\xff\xff\xfd" + packet + b"\xff")
+    assert found.status is not None
+    assert (found.status.id, found.status.error, found.status.data) == (1, 0, data)
+
+
+@given(st.binary(max_size=60), st.sampled_from([1, 2]))
+def test_finding_packets_in_any_bytes_raises_nothing(noise: bytes, protocol: int) -> None:
+    dialect = DIALECTS[protocol]
+    found = dialect.find(noise)
+    assert 0 <= found.end <= len(noise)
+    if len(noise) >= dialect.overhead:
+        dialect.whole(noise, 1)
+
+
+@given(st.binary(max_size=40), st.integers(1, 12), st.integers(1, 4))
+def test_splitting_any_joint_answer_raises_nothing(data: bytes, length: int, count: int) -> None:
+    from head_tracking.dynamixel.status_packets import Status
+
+    shares = split_fast_status(Status(254, 0, data), length, count)
+    assert len(shares) in (0, count)
+    assert all(len(share.data) == length for share in shares)
+
+
+@pytest.mark.parametrize("method", [ReadMethod.SYNC, ReadMethod.FAST_SYNC])
+def test_servos_are_read_together_and_a_missing_one_does_not_crash(method: ReadMethod) -> None:
+    model = servo_model("XM430-W350")
+    bench = Bench([SimulatedServo(i, model) for i in (1, 3)])
+    bench.port.open()
+    whole = list(bench.port.read_group(group(method, 132, 4, 1, 3)))
+    assert [reply.data for reply in whole if isinstance(reply, Reply)] == [b"\0\x08\0\0"] * 2
+    broken = list(bench.port.read_group(group(method, 132, 4, 1, 2, 3)))
+    assert len(broken) == 3
+    assert isinstance(broken[1], CommunicationError)
+    again = list(bench.port.read_group(group(method, 132, 4, 1, 3)))
+    assert [reply.data for reply in again if isinstance(reply, Reply)] == [b"\0\x08\0\0"] * 2
+
+
+def test_all_servos_answer_a_broadcast_ping() -> None:
+    bench = Bench([SimulatedServo(1, servo_model("XM430-W350")), SimulatedServo(7)])
+    bench.port.open()
+    assert {key: value[0] for key, value in bench.port.find_all().items()} == {1: 1020}
+
+
+def test_crc_error_told_by_a_servo_is_a_damaged_question() -> None:
+    port, _ = scripted(StatusPacket2(1, 3, b"").encode().hex())
+    with pytest.raises(CorruptReplyError, match="servo 1 received a damaged read"):
+        port.read(1, 132, 4, 2)
