@@ -63,10 +63,6 @@ class Cost(NamedTuple):
     processor: float
 
 
-Contender = Callable[[str], Iterator[Callable[[int], object]]]
-"""Opens a port and gives what runs a cycle; closes it afterwards."""
-
-
 @contextmanager
 def ours(port_name: str) -> Iterator[Callable[[int], object]]:
     """`DynamixelPort`: the reads and the sync write, as `ServoBus` uses it."""
@@ -83,8 +79,10 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
             if isinstance(reply, Exception):
                 raise reply
 
-    yield cycle
-    port.close()
+    try:
+        yield cycle
+    finally:
+        port.close()
 
 
 @contextmanager
@@ -101,8 +99,10 @@ def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
         if len(reading.states) != 2:
             raise RuntimeError("a servo did not answer")
 
-    yield cycle
-    bus.close()
+    try:
+        yield cycle
+    finally:
+        bus.close()
 
 
 @contextmanager
@@ -123,8 +123,10 @@ def sdk(port_name: str) -> Iterator[Callable[[int], object]]:
             if result:
                 raise RuntimeError("a servo did not answer")
 
-    yield cycle
-    port.closePort()
+    try:
+        yield cycle
+    finally:
+        port.closePort()
 
 
 @contextmanager
@@ -139,8 +141,9 @@ def rustypot(port_name: str) -> Iterator[Callable[[int], object]]:
         for servo_id in (1, 2):
             controller.read_raw_data(servo_id, 36, 8)
 
-    yield cycle
-    with suppress(Exception):
+    try:
+        yield cycle
+    finally:
         controller.close()
 
 
@@ -202,7 +205,7 @@ def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
         for _ in range(ROUNDS):
             for name, contender in contenders().items():
                 for _ in range(3):  # a contender may give up on a machine that is busy
-                    with suppress(RuntimeError, DynamixelError):
+                    with suppress(OSError, RuntimeError, DynamixelError):
                         costs.setdefault(name, []).append(_cost(contender, port_name, loaded))
                         break
     return {

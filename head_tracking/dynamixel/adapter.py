@@ -45,6 +45,21 @@ class Adapter:
         return f"{name}, latency timer {self.latency * 1e3:.0f} ms"
 
 
+def stable_name(port_name: str, folder: Path = Path("/dev/serial/by-id")) -> str:
+    """Return the name by which a device is found again wherever it is plugged in; "" if none.
+
+    Args:
+        port_name: The device, such as /dev/ttyUSB0.
+        folder: Where udev keeps links by serial number.
+    """
+    device = os.path.realpath(port_name)
+    with suppress(OSError):
+        for link in sorted(folder.iterdir()):
+            if os.path.realpath(link) == device:
+                return str(link)
+    return ""
+
+
 def set_low_latency(descriptor: int) -> None:
     """Ask the driver to hand on received bytes at once.
 

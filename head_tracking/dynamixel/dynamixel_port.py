@@ -6,7 +6,7 @@ import termios
 import time
 from collections.abc import Callable, Iterator, Mapping
 
-from head_tracking.dynamixel.adapter import Adapter
+from head_tracking.dynamixel.adapter import Adapter, stable_name
 from head_tracking.dynamixel.answer import Answer, Failure
 from head_tracking.dynamixel.conversation import PING_LENGTHS, Conversation
 from head_tracking.dynamixel.exceptions import (
@@ -14,6 +14,7 @@ from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     NotConnectedError,
     PortLostError,
+    PortMissingError,
     ReplyTimeoutError,
 )
 from head_tracking.dynamixel.packets import sync_write_packet
@@ -67,6 +68,7 @@ class DynamixelPort:
         self._write_timeout = write_timeout
         self._open_device = open_device
         self._clock = clock
+        self._other_name = ""  # by its serial number, once it has been there
         self._device: SerialDevice | None = None
         self._conversation: Conversation | None = None
         self._patience = Patience(reply_timeout)
@@ -104,6 +106,8 @@ class DynamixelPort:
     def open(self) -> None:
         """Open the device and lock it, so that no second program disturbs the bus.
 
+        One that was there before is also looked for by its serial number (/dev/serial/by-id).
+
         Raises:
             PortMissingError: There is no such device.
             PortBusyError: Another program holds it.
@@ -112,7 +116,13 @@ class DynamixelPort:
         """
         if self._device is not None:
             return
-        device = self._open_device(self._name, self._baud_rate)
+        try:
+            device = self._open_device(self._name, self._baud_rate)
+        except PortMissingError:
+            if not self._other_name:
+                raise
+            device = self._open_device(self._other_name, self._baud_rate)
+        self._other_name = self._other_name or stable_name(self._name)
         self._adapter = device.adapter
         self._patience = Patience(self._reply_timeout, device.adapter.latency)
         self._conversation = Conversation(
@@ -204,13 +214,8 @@ class DynamixelPort:
     ) -> int:
         """Write bytes from `address` on; return the servo's error byte.
 
-        Args:
-            servo_id: The servo.
-            address: First register byte.
-            data: What to write.
-            acknowledged: Wait for the servo's status. Servos with a Status Return Level below 2
-                send none.
-            protocol: 1 or 2.
+        With `acknowledged` its status is waited for; servos with a Status Return Level below 2
+        send none.
 
         Raises:
             CommunicationError: No usable answer.
@@ -230,11 +235,7 @@ class DynamixelPort:
     ) -> None:
         """Write the same registers of several servos in one packet, by id; nobody answers.
 
-        Args:
-            address: First register byte.
-            data: What to write, by servo id.
-            protocol: 1 or 2.
-            hold: Send it together with the next question, or by `flush`.
+        With `hold` it is sent together with the next question, or by `flush`.
 
         Raises:
             CommunicationError: The packet cannot be sent.

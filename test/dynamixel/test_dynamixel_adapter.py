@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
+from head_tracking.dynamixel import DynamixelPort, PortMissingError, dynamixel_port
+from head_tracking.dynamixel.adapter import Adapter, prepare_adapter, stable_name
 
 
 class Kernel:
@@ -92,3 +93,46 @@ def test_link_leads_to_the_device(tmp_path: Path) -> None:
     link = tmp_path / "by-id"
     os.symlink("/dev/ttyUSB0", link)
     assert prepare_adapter(str(link), 3, sysfs=kernel.root).driver == "ftdi_sio"
+
+
+def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
+    folder = tmp_path / "by-id"
+    folder.mkdir()
+    device = tmp_path / "ttyUSB0"
+    device.touch()
+    os.symlink(tmp_path / "ttyUSB9", folder / "another")
+    os.symlink(device, folder / "usb-FTDI_1234")
+    assert stable_name(str(device), folder) == str(folder / "usb-FTDI_1234")
+    assert stable_name(str(tmp_path / "ttyUSB1"), folder) == ""
+    assert stable_name(str(device), tmp_path / "nowhere") == ""
+
+
+def test_adapter_that_got_another_name_is_found_by_its_serial_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Device:
+        line = None
+        adapter = Adapter()
+
+        def close(self) -> None:
+            pass
+
+    opened: list[str] = []
+    there = {"/dev/ttyUSB0"}
+
+    def open_device(name: str, baud_rate: int) -> Device:
+        if name not in there:
+            raise PortMissingError(name, [])
+        opened.append(name)
+        return Device()
+
+    monkeypatch.setattr(dynamixel_port, "stable_name", lambda name: "/dev/serial/by-id/mine")
+    port = DynamixelPort("/dev/ttyUSB0", open_device=open_device)  # type: ignore[arg-type]
+    port.open()
+    port.close()
+    there.clear()
+    with pytest.raises(PortMissingError):
+        port.open()
+    there.add("/dev/serial/by-id/mine")
+    port.open()
+    assert opened == ["/dev/ttyUSB0", "/dev/serial/by-id/mine"]
