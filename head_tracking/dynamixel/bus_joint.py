@@ -105,6 +105,7 @@ class BusJoint:
     def identify(self) -> None:
         """Find its servos and relax them; raises as `BusServo.identify` does."""
         for servo in self.servos:
+            servo.link.ping(retries=2)
             servo.identify()
 
     def lose(self) -> None:
@@ -233,6 +234,7 @@ class BusJoint:
             old,
             min=old.min if lowest is None else lowest,
             max=old.max if highest is None else highest,
+            joint_speed=min(old.joint_speed, max_speed or old.joint_speed),
             max_speed=old.max_speed if max_speed is None else max_speed or None,
         )
         self.servos[0].remount(new.mount)

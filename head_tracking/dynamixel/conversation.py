@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from enum import Enum
-from typing import Final, Protocol
+from typing import Final
 
+from head_tracking.dynamixel.answer import Answer, Failure, Window, joint_size
 from head_tracking.dynamixel.debts import Debts
+from head_tracking.dynamixel.line import Line
 from head_tracking.dynamixel.packets import group_packet, read_packet
 from head_tracking.dynamixel.patience import Patience
 from head_tracking.dynamixel.port import ReadMethod
@@ -21,29 +22,6 @@ _REMAINDER: Final = 0.0005  # s that are listened on after a damaged answer
 _FAST_TRIES: Final = 25
 PING_LENGTHS: Final = {1: 0, 2: 3}
 """Bytes of data in the answer to a ping, by protocol."""
-
-
-class Line(Protocol):
-    """Bytes in and out; `SerialLine` is the real one."""
-
-    def discard_input(self) -> None:
-        """Forget everything received so far."""
-
-    def write(self, data: bytes, timeout: float) -> None:
-        """Write all bytes, within `timeout` s."""
-
-    def read(self, limit: int, deadline: float) -> bytes:
-        """Return some bytes, or none when the deadline, s, has passed."""
-
-
-class Failure(Enum):
-    """Why there is no answer to hand out."""
-
-    SILENT = "no answer in time"
-    DAMAGED = "a damaged answer"
-
-
-Answer = Status | Failure
 
 
 class Conversation:
@@ -128,10 +106,9 @@ class Conversation:
         extra = self._debts.extra(protocol, (servo_id,), length)
         if extra is None:
             return Failure.SILENT
-        start = _start(address, extra)
-        packet = read_packet(protocol, servo_id, start, length + extra)
-        answer = self.ask(protocol, servo_id, packet, length + extra)
-        return _part(answer, address - start, length, extra)
+        window = Window(address, length, extra)
+        packet = read_packet(protocol, servo_id, window.start, window.size)
+        return window.part(self.ask(protocol, servo_id, packet, window.size))
 
     def read_each(
         self, protocol: int, ids: Sequence[int], address: int, length: int
@@ -172,54 +149,55 @@ class Conversation:
     ) -> Iterator[Answer]:
         """Ask several servos with one packet, which they answer one after the other, or in one.
 
-        Behind a silent one the others may wait for ever, so they are asked one by one. The packet
+        Behind a silent one the others may wait for ever, so they count as silent too. The packet
         has gone out when this returns.
         """
         protocol = 1 if method is ReadMethod.BULK else 2
         if method is ReadMethod.FAST_SYNC:
-            shares = self._read_fast(ids, address, length)
-            return iter(shares) if shares else self.read_each(protocol, ids, address, length)
-        extra = self._debts.extra(protocol, ids, length)
+            extra = self._fast_extra(len(ids), length)
+        else:
+            extra = self._debts.extra(protocol, ids, length)
         if extra is None:
-            return self.read_each(protocol, ids, address, length)
-        self._begin(group_packet(method, ids, _start(address, extra), length + extra))
-        return self._together(protocol, ids, address, length, extra)
+            return iter([Failure.SILENT] * len(ids))
+        window = Window(address, length, extra)
+        self._begin(group_packet(method, ids, window.start, window.size))
+        if method is ReadMethod.FAST_SYNC:
+            answers = self._fast(ids, window.size)
+        else:
+            answers = self._together(protocol, ids, window.size)
+        return map(window.part, answers)
 
-    def _together(
-        self, protocol: int, ids: Sequence[int], address: int, length: int, extra: int
-    ) -> Iterator[Answer]:
-        answered = 0
-        offset = address - _start(address, extra)
+    def _together(self, protocol: int, ids: Sequence[int], length: int) -> Iterator[Answer]:
+        heard = 0
         try:
             for servo_id in ids:
-                answer = self._listen(protocol, servo_id, length + extra)
-                answered += 1
-                yield _part(answer, offset, length, extra)
+                answer = self._listen(protocol, servo_id, length)
+                heard += 1
+                yield answer
                 if answer is Failure.SILENT:
                     break
         finally:
-            for servo_id in ids[answered:]:
-                self._debts.add(protocol, servo_id, length + extra, self._clock())
-        for servo_id in ids[answered:]:
-            yield self.read(protocol, servo_id, address, length)
+            for servo_id in ids[heard:]:
+                self._debts.add(protocol, servo_id, length, self._clock())
+        yield from [Failure.SILENT] * (len(ids) - heard)
 
-    def _read_fast(self, ids: tuple[int, ...], address: int, length: int) -> list[Answer]:
-        """Return what protocol 2.0 servos answer in one packet; nothing if it is not whole."""
-        count = len(ids)
-        for extra in range(_FAST_TRIES):
-            size = (length + extra + 4) * count - 3
-            if self._debts.extra(2, (BROADCAST_ID,), size) == 0:
-                break
+    def _fast(self, ids: tuple[int, ...], length: int) -> Iterator[Answer]:
+        answer = self._listen(2, BROADCAST_ID, joint_size(len(ids), length))
+        if not isinstance(answer, Status):
+            yield from [answer] * len(ids)
+            return
+        shares = split_fast_status(answer, length, len(ids))
+        if tuple(share.id for share in shares) == ids:
+            yield from shares
         else:
-            return []
-        start = _start(address, extra)
-        self._begin(group_packet(ReadMethod.FAST_SYNC, ids, start, length + extra))
-        answer = self._listen(2, BROADCAST_ID, size)
-        if isinstance(answer, Status):
-            shares = split_fast_status(answer, length + extra, count)
-            if [share.id for share in shares] == list(ids):
-                return [_part(share, address - start, length, extra) for share in shares]
-        return []
+            yield from [Failure.DAMAGED] * len(ids)
+
+    def _fast_extra(self, count: int, length: int) -> int | None:
+        """Return how many bytes more to ask for, as `Debts.extra` does."""
+        for extra in range(_FAST_TRIES):
+            if self._debts.extra(2, (BROADCAST_ID,), joint_size(count, length + extra)) == 0:
+                return extra
+        return None
 
     def collect(self, protocol: int, packet: bytes, seconds: float) -> list[Status]:
         """Send a packet and return all answers of that time, s."""
@@ -346,15 +324,3 @@ class Conversation:
         self._begin(b"\x00")
         deadline = self._wire_free + self._patience.allowance
         return self._line.read(_CHUNK, deadline).startswith(b"\x00")
-
-
-def _start(address: int, extra: int) -> int:
-    """Return where to read from, so that `extra` bytes more are read and none behind the table."""
-    return address - extra if address >= extra else address
-
-
-def _part(answer: Answer, offset: int, length: int, extra: int) -> Answer:
-    """Return the answer without the bytes that nobody needs."""
-    if not extra or not isinstance(answer, Status) or len(answer.data) != length + extra:
-        return answer
-    return answer._replace(data=answer.data[offset : offset + length])

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 
 from head_tracking.dynamixel.adapter import Adapter
-from head_tracking.dynamixel.conversation import PING_LENGTHS, Answer, Conversation, Failure
+from head_tracking.dynamixel.answer import Answer, Failure
+from head_tracking.dynamixel.conversation import PING_LENGTHS, Conversation
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
-    CorruptReplyError,
     NotConnectedError,
     PortLostError,
     ReplyTimeoutError,
@@ -21,11 +21,10 @@ from head_tracking.dynamixel.patience import Patience
 from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.protocol1 import (
     BROADCAST_ID,
-    ErrorBits,
     Instruction,
-    describe_errors,
 )
-from head_tracking.dynamixel.protocol2 import ALERT, Instruction2, StatusCode, describe_status
+from head_tracking.dynamixel.protocol2 import Instruction2
+from head_tracking.dynamixel.replies import reply_of
 from head_tracking.dynamixel.sdk import SerialDevice, check_baud_rate, instruction_packet
 from head_tracking.dynamixel.status_packets import Status
 
@@ -306,26 +305,12 @@ class DynamixelPort:
 
     def _reply(self, protocol: int, servo_id: int, answer: Answer, length: int, what: str) -> Reply:
         """Return what an answer says, or raise why it says nothing."""
-        if not isinstance(answer, Status):
-            raise self._failure(answer, servo_id, what)
-        error = answer.error
-        if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
-            raise CorruptReplyError(f"servo {servo_id} received a damaged {what}")
-        if len(answer.data) != length:
-            told = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
-            raise CorruptReplyError(
-                f"servo {servo_id} answered a {what} with {len(answer.data)} byte(s) of "
-                f"data; error bits: {told}"
+        if answer is Failure.SILENT:
+            raise ReplyTimeoutError(
+                f"servo {servo_id} did not answer a {what} within "
+                f"{self._patience.allowance * 1e3:.0f} ms on {self._name} at {self._baud_rate} baud"
             )
-        return Reply(answer.data, ErrorBits(error) if protocol == 1 else error)
-
-    def _failure(self, failure: Failure, servo_id: int, what: str) -> CommunicationError:
-        if failure is Failure.DAMAGED:
-            return CorruptReplyError(f"servo {servo_id}: damaged reply to a {what}")
-        return ReplyTimeoutError(
-            f"servo {servo_id} did not answer a {what} within "
-            f"{self._patience.allowance * 1e3:.0f} ms on {self._name} at {self._baud_rate} baud"
-        )
+        return reply_of(protocol, servo_id, answer, length, what)
 
     def _open_conversation(self) -> Conversation:
         if self._conversation is None:

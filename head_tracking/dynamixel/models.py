@@ -153,7 +153,6 @@ AX_12 = ServoModel(
     errors=ErrorBits,
     aliases=("AX-12A", "AX-12+"),
 )
-"""ROBOTIS e-manual page AX-12A. One tick is 300/1024 degrees, as in dynamixel_motor."""
 
 AX_18 = replace(
     AX_12,
@@ -304,7 +303,7 @@ _BY_NUMBER = {model.model_number: model for model in MODELS}
 
 
 def servo_model(name: str) -> ServoModel:
-    """Return the model of that name (or alias), in capitals or not.
+    """Return the model of that name or alias, in capitals or not.
 
     Raises:
         ConfigurationError: No such model is known.

@@ -73,7 +73,7 @@ class SerialDevice:
             self.adapter: Adapter = prepare_adapter(port_name, descriptor)
             self.line = SerialLine(descriptor)
             self.line.discard_input()
-        except (OSError, termios.error) as cause:
+        except (OSError, ValueError, termios.error) as cause:  # ValueError: no such rate
             if self._handler.is_open:
                 self.close()
             raise port_error(port_name, cause, serial_ports()) from cause

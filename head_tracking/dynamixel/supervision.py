@@ -13,7 +13,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.journal import Journal
-from head_tracking.dynamixel.port import Reply, ServoPort
+from head_tracking.dynamixel.port import ReadMethod, Reply, ServoPort
 from head_tracking.dynamixel.protocol1 import NO_ERROR, ErrorBits
 from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
@@ -23,6 +23,9 @@ _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 
 _CONVINCED: Final = 3  # times that a servo must seem unusable
+_SAMPLING: Final = 500_000
+"""ns after the question; what takes longer happens after the servo has looked at its encoder."""
+
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 
 
@@ -78,10 +81,13 @@ class Supervision:
                     asked.append((joint, due))
         for group, servos in self._plan.groups([servo for _, due in asked for servo in due]):
             replies = self._port.read_group(group)
+            each = group.method is ReadMethod.EACH
+            before = 0 if each else self._clock()
             meanwhile()
             meanwhile = _nothing
             for servo in servos:
-                before = self._clock()
+                if each:
+                    before = self._clock()
                 self._take(servo, next(replies), before)
         meanwhile()
         states: dict[str, ServoState] = {}
@@ -143,7 +149,7 @@ class Supervision:
                 link.counters.replies += 1
                 if servo.mount.model.protocol == 1:
                     servo.errors = ErrorBits(feedback.error & 0x7F) if feedback.error else NO_ERROR
-                servo.answered(feedback, before + (self._clock() - before) // 2)
+                servo.answered(feedback, before + min((self._clock() - before) // 2, _SAMPLING))
                 return
             retries -= 1
             link.counters.retries += 1
