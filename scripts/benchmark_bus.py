@@ -51,7 +51,7 @@ from head_tracking.simulation import (
 SERVER = Path(__file__).parent / "paced_bus.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, CYCLES, WARM_UP = 21, 150, 20
-FAULTY_CYCLES, BURST, FAULT_RATE = 5_000, 1000, 0.05
+FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 PERIOD = 20_000_000  # ns
 REPLUGS = 100
 

@@ -16,7 +16,7 @@ PAN, TILT = "head_pan_joint", "head_tilt_joint"
 
 
 def register(robot, servo_id, name):
-    return robot.simulated.use(lambda bus: bus[servo_id].register(name))
+    return robot.simulated.port.use(lambda bus: bus[servo_id].register(name))
 
 
 def set_parameter(robot, name, value):
@@ -47,7 +47,7 @@ def test_an_overloaded_servo_is_reported_and_recovered_by_the_service(robot):
     diagnostics = robot.listen("/diagnostics", DiagnosticArray)
     robot.command("head_pan_controller/command", 0.3)
     wait_for(lambda: robot.pan > 0.28)
-    robot.simulated.use(lambda bus: bus[1].overload())
+    robot.simulated.port.use(lambda bus: bus[1].overload())
     robot.logged("has shut itself down: overload")
     wait_for(lambda: level(diagnostics, PAN) == DiagnosticStatus.ERROR)
     assert register(robot, 1, "Torque Enable") == 0
