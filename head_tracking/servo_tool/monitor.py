@@ -17,8 +17,9 @@ from head_tracking.dynamixel.servo_link import Feedback, ServoLink
 from head_tracking.servo_tool.exceptions import ToolError
 from head_tracking.servo_tool.workshop import Workshop, find_servo, protocol_of
 
-_COLUMNS = ("id", "model", "torque", "ticks", "angle", "speed", "load", "supply", "heat", "errors",
-            "answers", "failures")  # fmt: skip
+_COLUMNS = (
+    "id", "model", "torque", "ticks", "rad", "deg", "rad/s", "load", "V", "°C", "failed", "errors",
+)  # fmt: skip
 _FIRST_IDS = range(0, 30)
 
 
@@ -81,16 +82,19 @@ def _look(servo: Watched) -> None:
 
 def table(servos: Sequence[Watched]) -> Table:
     """Return what is known of the servos; what is old is dim."""
-    shown = Table(*_COLUMNS, box=None)
+    shown = Table(box=None, padding=(0, 1, 0, 0))
+    for name in _COLUMNS:
+        left = name in ("model", "torque", "errors")
+        shown.add_column(name, justify="left" if left else "right", no_wrap=name != "errors")
     for servo in servos:
         counters = servo.link.counters
+        failures = counters.timeouts + counters.corrupt
         cells = [
             str(servo.link.id),
             servo.link.model.name,
             *_measured(servo),
+            f"{failures}/{failures + counters.replies}",
             servo.errors,
-            str(counters.replies),
-            str(counters.timeouts + counters.corrupt),
         ]
         style = "dim" if servo.failed else "red" if servo.errors != "none" else ""
         shown.add_row(*(Text(cell) for cell in cells), style=style)
@@ -100,26 +104,18 @@ def table(servos: Sequence[Watched]) -> Table:
 def _measured(servo: Watched) -> list[str]:
     feedback, model = servo.feedback, servo.link.model
     if feedback is None:
-        return [""] * 7
-    registers = {register.name: register for register in model.feedback.registers}
+        return [""] * 8
+    registers = [model.feedback.registers[place] for place in model.feedback_order]
     position, speed, load, volts, celsius = (
-        register.in_unit(value)
-        for register, value in zip(
-            (registers[name] for name in _names(model)), feedback[:5], strict=True
-        )
+        register.in_unit(value) for register, value in zip(registers, feedback[:5], strict=True)
     )
-    effort = registers[_names(model)[2]].unit.symbol
     return [
         "on" if servo.torque else "off",
         str(feedback.ticks),
-        f"{position:+.3f} rad {math.degrees(position):+.1f}°",
-        f"{speed:+.2f} rad/s",
-        f"{load:+.1f} {effort}",
-        f"{volts:.1f} V",
-        f"{celsius:.0f} °C",
+        f"{position:+.3f}",
+        f"{math.degrees(position):+.1f}",
+        f"{speed:+.2f}",
+        f"{load:+.0f} {registers[2].unit.symbol}",
+        f"{volts:.1f}",
+        f"{celsius:.0f}",
     ]
-
-
-def _names(model: ServoModel) -> list[str]:
-    """Return the names of position, speed, load, voltage and temperature."""
-    return [model.feedback.registers[place].name for place in model.feedback_order]

@@ -11,7 +11,9 @@ from head_tracking.simulation.simulated_port import SimulatedPort
 
 
 class SimulatedJoints:
-    """One simulated servo for each joint, at position 0, behind one port. A context manager.
+    """The servos of each joint, at position 0, behind one port. A context manager.
+
+    Two servos on one joint turn each for itself: no shaft joins them.
 
     Attributes:
         port: the port of the bus that they share.
@@ -20,8 +22,9 @@ class SimulatedJoints:
     def __init__(self, joints: Iterable[JointConfiguration]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
         self.port = SimulatedPort(
-            SimulatedServo(joint.id, joint.model, position=joint.init)
+            SimulatedServo(mount.id, mount.model, position=mount.init)
             for joint in self._joints.values()
+            for mount in joint.mounts
         )
 
     @property
@@ -36,8 +39,8 @@ class SimulatedJoints:
 
     def lead(self, joint_name: str, position: float, duration: float) -> None:
         """Lets a hand lead the joint to a position [rad] within `duration` [s]."""
-        joint = self._joints[joint_name]
-        self.port.lead(joint.id, joint.ticks(position), duration)
+        for mount in self._joints[joint_name].mounts:
+            self.port.lead(mount.id, mount.ticks(position), duration)
 
     def __enter__(self) -> Self:
         self.port.open()

@@ -390,11 +390,12 @@ def test_monitor_shows_what_servos_measure(bench: Bench) -> None:
     assert bench.run("monitor", "--count", "2", "--rate", "5") == DONE
     rows = {line.split()[0]: line for line in bench.output.splitlines()[-4:]}
     assert set(rows) == {"1", "2", "7", "8"}
-    assert "off" in rows["1"] and "512" in rows["1"] and "+0.000 rad" in rows["1"]
-    assert "-1.084 rad" in rows["2"]
-    assert "1000" in rows["7"] and "11.1 V" in rows["7"]
+    assert "off" in rows["1"] and "512" in rows["1"] and "+0.000" in rows["1"]
+    assert "-1.084 -62.1" in rows["2"]
+    assert "1000" in rows["7"] and " 11.1 " in rows["7"]
     assert "input voltage" in rows["8"]
     assert bench.clock() > 0.2
+    assert max(map(len, bench.output.splitlines())) <= 80
 
 
 def test_monitor_shows_who_has_gone_silent(bench: Bench) -> None:

@@ -2,7 +2,13 @@ import time
 
 import pytest
 
-from head_tracking.dynamixel import DynamixelPort, Goal, JointConfiguration, ServoBus
+from head_tracking.dynamixel import (
+    DynamixelPort,
+    Goal,
+    JointConfiguration,
+    ServoBus,
+    ServoMount,
+)
 from head_tracking.simulation import SimulatedJoints
 
 JOINTS = (
@@ -36,5 +42,18 @@ def test_a_hand_leads_a_joint():
         joints.lead("tilt", -0.5, 0.1)
         deadline = time.monotonic() + 10
         while abs(joints.true_position("tilt") + 0.5) > 0.03:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
+def test_two_servos_on_a_joint_are_both_there_and_led_together():
+    second = ServoMount("lift", 8, 500, 900, 100)
+    with SimulatedJoints(
+        [JointConfiguration("lift", "lift_controller", 7, second=second)]
+    ) as joints:
+        assert joints.port.use(lambda bus: [servo.id for servo in bus]) == [7, 8]
+        joints.lead("lift", 0.5, 0.1)
+        deadline = time.monotonic() + 10
+        while abs(second.position(joints.port.true_ticks(8)) - 0.5) > 0.03:
             assert time.monotonic() < deadline
             time.sleep(0.01)
