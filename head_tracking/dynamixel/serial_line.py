@@ -31,8 +31,7 @@ class SerialLine:
         self._overtime = 0
 
     def discard_input(self) -> None:
-        """Forget everything received so far, and give the next reply its full time."""
-        self._overtime = _BABBLE
+        """Forget everything received so far."""
         termios.tcflush(self._descriptor, termios.TCIFLUSH)
 
     def write(self, data: bytes, timeout: float) -> None:
@@ -41,6 +40,7 @@ class SerialLine:
         Raises:
             TimeoutError: The device took no more data for `timeout` seconds.
         """
+        self._overtime = _BABBLE
         try:
             written = os.write(self._descriptor, data)
         except BlockingIOError:
@@ -58,7 +58,7 @@ class SerialLine:
         """Return at most `limit` bytes, waiting for the first one until the deadline.
 
         Bytes that arrived in time count even when this thread runs only after the deadline; but
-        endless babble does not keep it here for ever.
+        endless babble does not keep it here for ever: so many bytes after each write at most.
         """
         patience = deadline - time.monotonic()
         if patience <= 0.0 and self._overtime <= 0:
