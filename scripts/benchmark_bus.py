@@ -214,6 +214,7 @@ def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
             statistics.median(cost.processor for cost in each),
         )
         for name, each in costs.items()
+        if each
     }
 
 
