@@ -115,7 +115,7 @@ def test_an_adapter_that_is_pulled_out_and_put_back_is_found(make_robot, tmp_pat
             wait_for(lambda: len(node.status().states) == 2)
             simulated.unplug()
             wait_for(lambda: not node.status().statistics.connected)
-            assert not node.status().states
+            wait_for(lambda: not node.status().states)
             simulated.replug()
             wait_for(lambda: len(node.status().states) == 2)
             assert node.status().statistics.port_losses == 1
