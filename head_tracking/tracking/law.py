@@ -1,0 +1,53 @@
+"""What a tracking law is: it turns a target into commands for the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from head_tracking.gaze import Gaze, HeadCommand
+from head_tracking.tracking.target_estimate import TargetEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class JointReading:
+    """The joints of the head at one moment.
+
+    Attributes:
+        stamp: when they were measured [s].
+        pan: [rad].
+        tilt: [rad].
+    """
+
+    stamp: float
+    pan: float
+    tilt: float
+
+    @property
+    def positions(self) -> tuple[float, float]:
+        """Pan and tilt [rad]."""
+        return self.pan, self.tilt
+
+
+class TrackingLaw(Protocol):
+    """Steers the head. Times are in seconds, on the clock of the stamps.
+
+    Every method is given the newest reading of the joints and the time.
+    """
+
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """The command that keeps the head on a target, and the gaze it aims at."""
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
+    ) -> HeadCommand:
+        """The command for a way to pan and tilt [rad], not faster than `speed` [rad/s]."""
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """The command that stops the head at once: the goal is the present position."""
+
+    @property
+    def horizon(self) -> float:
+        """How long after a command the head moves as told [s]."""
