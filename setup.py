@@ -17,6 +17,7 @@ NODES = (
     "head_tracker",
     "fictitious_target",
     "relax",
+    "transforms",
 )
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",

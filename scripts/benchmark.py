@@ -15,6 +15,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmark_transforms import transforms
+
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModel, load_robot_model
@@ -123,7 +125,11 @@ def _follow(robot: str, name: str, parameters: str) -> str:
     )
 
 
-BENCHMARKS: dict[str, Callable[[], str]] = {"pointing": pointing, "tracking": tracking}
+BENCHMARKS: dict[str, Callable[[], str]] = {
+    "pointing": pointing,
+    "tracking": tracking,
+    "transforms": transforms,
+}
 
 
 def write(name: str, table: str) -> None:

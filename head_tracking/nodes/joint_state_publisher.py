@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
@@ -13,7 +14,13 @@ from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
-from head_tracking.transforms import JointState, JointStates, RobotModelError, parse_robot_model
+from head_tracking.transforms import (
+    JointState,
+    JointStates,
+    Mimic,
+    RobotModelError,
+    parse_robot_model,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +29,11 @@ class JointStatePublisherParameters:
 
     source_list: tuple[str, ...] = parameter(
         ("servo_states",), "Topics with measured joints.", fixed=True
+    )
+    publish_default_positions: bool = parameter(
+        False,
+        "Send joints that nobody measures at 0, or in the middle of their limits.",
+        fixed=True,
     )
     rate: float = parameter(
         10.0,
@@ -36,13 +48,17 @@ class JointStatePublisherParameters:
 class JointStatePublisherNode(Node):
     """Answers every measurement with a complete `joint_states`, stamped with its time.
 
-    A joint that nobody measured is sent only if a parameter `zeros.<joint>` states its position.
+    A joint that nobody measured is sent only if `zeros.<joint>` states its position, if
+    `dependent_joints.<joint>.parent`, `.factor` and `.offset` tie it to another, or all of them if
+    `publish_default_positions` is set.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("joint_state_publisher", **options)
         p = NodeParameters(self, JointStatePublisherParameters).value
+        self._default_positions = p.publish_default_positions
         self._zeros = self._declare_zeros()
+        self._dependents = self._declare_dependents()
         self._states: JointStates | None = None
         self._measured = False
         self._publisher = self.create_publisher(JointStateMsg, "joint_states", 10)
@@ -54,15 +70,42 @@ class JointStatePublisherNode(Node):
     def _declare_zeros(self) -> dict[str, float]:
         """The defaults that were given; their names are those of the model's joints."""
         prefix = "zeros."
-        return {
-            name.removeprefix(prefix): float(self.declare_parameter(name, value.value).value)
-            for name, value in self._parameter_overrides.items()
-            if name.startswith(prefix)
-        }
+        names = [name.removeprefix(prefix) for name in self._given(prefix)]
+        return {name: self._declare_number(prefix + name, 0.0) for name in names}
+
+    def _declare_dependents(self) -> dict[str, Mimic]:
+        prefix, dependents = "dependent_joints.", {}
+        for name in {given.removeprefix(prefix).rsplit(".", 1)[0] for given in self._given(prefix)}:
+            descriptor = ParameterDescriptor(description=f"The joint that {name} follows.")
+            parent = self.declare_parameter(f"{prefix}{name}.parent", "", descriptor).value
+            factor = self._declare_number(f"{prefix}{name}.factor", 1.0)
+            dependents[name] = Mimic(
+                parent, factor, self._declare_number(f"{prefix}{name}.offset", 0.0)
+            )
+        return dependents
+
+    def _given(self, prefix: str) -> list[str]:
+        """Parameters whose names only the model knows: those that somebody gave."""
+        return [name for name in self._parameter_overrides if name.startswith(prefix)]
+
+    def _declare_number(self, name: str, default: float) -> float:
+        descriptor = ParameterDescriptor(
+            description="Position of a joint that nobody measures, or part of it. [rad or m]",
+            dynamic_typing=True,
+        )
+        value = self.declare_parameter(name, default, descriptor).value
+        if not isinstance(value, int | float):
+            raise ValueError(f"{name} is {value!r}; it must be a number")
+        return float(value)
 
     def _on_description(self, message: String) -> None:
         try:
-            self._states = JointStates(parse_robot_model(message.data), self._zeros)
+            self._states = JointStates(
+                parse_robot_model(message.data),
+                self._zeros,
+                self._dependents,
+                default_positions=self._default_positions,
+            )
         except RobotModelError as error:
             self.get_logger().error(f"robot_description is not used: {error}")
 

@@ -33,6 +33,7 @@ class NodeParameters(Generic[P]):
         kind: a frozen dataclass; :func:`head_tracking.parameters.parameter` makes its fields.
         prefix: put before the fields' names, such as ``head_pan_controller.``.
         defaults: values to use instead of the dataclass's own defaults.
+        check: called with a value that somebody wants to set; raises ValueError to refuse it.
         on_change: called with the new value after somebody set a parameter.
 
     Raises:
@@ -46,10 +47,12 @@ class NodeParameters(Generic[P]):
         prefix: str = "",
         defaults: dict[str, Any] | None = None,
         on_change: Callable[[P], None] | None = None,
+        check: Callable[[P], object] | None = None,
     ) -> None:
         self._prefix = prefix
         self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
         self._on_change = on_change
+        self._is_possible = check
         values = {}
         for name, field in self._fields.items():
             default = (defaults or {}).get(name, field.default)
@@ -87,7 +90,9 @@ class NodeParameters(Generic[P]):
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._changed(parameters)
+            changed = self._changed(parameters)
+            if changed is not None and self._is_possible is not None:
+                self._is_possible(changed)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -21,12 +23,14 @@ from head_tracking.tf import (
     TransformListener,
     broadcasting_possible,
 )
-from head_tracking.tf.conversions import transform_to_message
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tf.messages import transform_stamped
+from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
+    RateLimiter,
     RobotModel,
+    RobotModelError,
     Transform,
-    TransformException,
     load_robot_model,
     parse_robot_model,
     with_fixed_root,
@@ -37,7 +41,9 @@ from head_tracking.transforms import (
 class RobotStatePublisherParameters:
     """Which robot, and where it stands."""
 
-    robot_description: str = parameter("", "The model as URDF text; wins over `robot`.", fixed=True)
+    robot_description: str = parameter(
+        "", "The model as URDF text; wins over `robot`, also while running."
+    )
     robot: str = parameter(
         "kinectbot", "The model: kinectbot, turtlebot, or a URDF or xacro file.", fixed=True
     )
@@ -51,11 +57,15 @@ class RobotStatePublisherParameters:
     )
     publish_frequency: float = parameter(
         20.0,
-        "How often /tf is sent, where tf2_msgs is installed.",
+        "How often /tf is sent at the most, where tf2_msgs is installed.",
         unit="Hz",
         minimum=0.1,
         maximum=1000.0,
         fixed=True,
+    )
+    frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
+    ignore_timestamp: bool = parameter(
+        False, "Send /tf also for joint states whose stamps go back.", fixed=True
     )
 
     def __post_init__(self) -> None:
@@ -98,50 +108,59 @@ class RobotStatePublisherNode(Node):
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("robot_state_publisher", **options)
-        p = NodeParameters(self, RobotStatePublisherParameters).value
-        model = p.model()
-        self._buffer = buffer or Buffer()
-        self._buffer.core.set_model(model)
-        self._listener = TransformListener(self._buffer, self)
+        self._parameters = NodeParameters(
+            self, RobotStatePublisherParameters, on_change=self._on_change, check=_check_model
+        )
+        p = self._parameters.value
+        self._buffer = buffer or Buffer(node=self)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
-        self._description.publish(String(data=model.urdf))
-        self.create_service(Trigger, "~/frames", self._on_frames)
         if broadcasting_possible():
-            self._broadcast(model, p.publish_frequency)
+            self._sender = TransformBroadcaster(self)
+            self._static_sender = StaticTransformBroadcaster(self)
+        self._take(p.model())
+        self._listener = TransformListener(self._buffer, self, frame_prefix=p.frame_prefix)
+        self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
+        if broadcasting_possible():
+            self.create_subscription(JointState, "joint_states", self._on_joints, MEASUREMENT)
+        self.create_service(Trigger, "~/frames", self._on_frames)
+
+    def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
+        self._take(parameters.model())
+
+    def _take(self, model: RobotModel) -> None:
+        """Uses a model from now on, and tells everybody."""
+        self._model = model.prefixed(self._parameters.value.frame_prefix)
+        self._buffer.core.set_model(self._model)
+        self._description.publish(String(data=model.urdf))
+        if broadcasting_possible():
+            self._static_sender.sendTransform(self._edges(moving=False))
         self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
 
-    def _broadcast(self, model: RobotModel, frequency: float) -> None:
-        self._sender = TransformBroadcaster(self)
-        self._static_sender = StaticTransformBroadcaster(self)
-        joints = model.joints.values()
-        self._static_sender.send_transform(
-            [
-                transform_to_message(self._buffer.core.lookup_transform(j.parent, j.child))
-                for j in joints
-                if not j.moves
-            ]
-        )
-        self._moving = [(j.parent, j.child) for j in joints if j.moves]
-        self._sent = dict.fromkeys(self._moving, 0)
-        self.create_timer(1.0 / frequency, self._send_moving)
+    def _on_joints(self, message: JointState) -> None:
+        if self._limiter.accept(stamp_to_ns(message.header.stamp)):
+            moving = self._edges(moving=True)
+            if moving:
+                self._sender.sendTransform(moving)
 
-    def _send_moving(self) -> None:
-        messages = []
-        for frames in self._moving:
-            try:
-                found = self._buffer.core.lookup_transform(*frames)
-            except TransformException:
-                continue  # nothing is known of this joint yet
-            if found.stamp != self._sent[frames]:
-                self._sent[frames] = found.stamp
-                messages.append(transform_to_message(found))
-        if messages:
-            self._sender.send_transform(messages)
+    def _edges(self, *, moving: bool) -> list[TransformStamped]:
+        """The transforms of all joints that move, or of all that do not, as far as known."""
+        core, found = self._buffer.core, []
+        for joint in self._model.joints.values():
+            if joint.moves is moving and core.can_transform(joint.parent, joint.child):
+                found.append(transform_stamped(core.lookup_transform(joint.parent, joint.child)))
+        return found
 
     def _on_frames(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
-        response.message = self._buffer.core.tree_as_string()
+        response.message = self._buffer.core.tree_as_string(self.get_clock().now().nanoseconds)
         return response
+
+
+def _check_model(parameters: RobotStatePublisherParameters) -> None:
+    try:
+        parameters.model()
+    except (RobotModelError, FileNotFoundError) as error:
+        raise ValueError(str(error)) from error
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ from head_tracking.tf.broadcaster import (
 )
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.listener import TransformListener
+from head_tracking.tf.transformable import TypeException
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -27,5 +28,6 @@ __all__ = [
     "TransformBroadcaster",
     "TransformException",
     "TransformListener",
+    "TypeException",
     "broadcasting_possible",
 ]

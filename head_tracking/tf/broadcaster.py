@@ -30,11 +30,9 @@ class TransformBroadcaster:
         _require_tf2_msgs()
         self._publisher = node.create_publisher(TFMessage, "/tf", TF)
 
-    def send_transform(self, transforms: Transforms) -> None:
+    def sendTransform(self, transforms: Transforms) -> None:
         """Sends one transform or several."""
         self._publisher.publish(TFMessage(transforms=_listed(transforms)))
-
-    sendTransform = send_transform
 
 
 class StaticTransformBroadcaster:
@@ -49,12 +47,10 @@ class StaticTransformBroadcaster:
         self._publisher = node.create_publisher(TFMessage, "/tf_static", TF_STATIC)
         self._sent: dict[str, TransformStamped] = {}
 
-    def send_transform(self, transforms: Transforms) -> None:
+    def sendTransform(self, transforms: Transforms) -> None:
         """Sends one transform or several, with all those sent before."""
         self._sent |= {transform.child_frame_id: transform for transform in _listed(transforms)}
         self._publisher.publish(TFMessage(transforms=list(self._sent.values())))
-
-    sendTransform = send_transform
 
 
 def _listed(transforms: Transforms) -> list[TransformStamped]:

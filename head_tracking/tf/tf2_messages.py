@@ -1,8 +1,9 @@
-"""tf2's message, where it is installed: it is not among the ROS wheels."""
+"""tf2's messages, where they are installed: they are not among the ROS wheels."""
 
 try:
     from tf2_msgs.msg import TFMessage
+    from tf2_msgs.srv import FrameGraph
 except ImportError:
-    TFMessage = None
+    TFMessage = FrameGraph = None
 
-__all__ = ["TFMessage"]
+__all__ = ["FrameGraph", "TFMessage"]

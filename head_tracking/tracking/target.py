@@ -102,6 +102,6 @@ class TargetPlacer:
     def _place(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
         given = moving_with_head if target.stamp == LATEST else {}
         placed = self._buffer.lookup_transform(
-            self._base_frame, target.frame_id, target.stamp, given
+            self._base_frame, target.frame_id, target.stamp, joint_positions=given
         )
         return placed.transform @ target.point

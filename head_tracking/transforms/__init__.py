@@ -1,6 +1,6 @@
 """Transforms between frames: a replacement for tf2 that computes the robot's own at lookup."""
 
-from head_tracking.transforms.buffer import LATEST, TransformBuffer
+from head_tracking.transforms.buffer import TransformBuffer
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -13,13 +13,17 @@ from head_tracking.transforms.exceptions import (
 from head_tracking.transforms.history import JointHistory, TransformHistory
 from head_tracking.transforms.joint import Joint, JointLimits, JointType, Mimic
 from head_tracking.transforms.joint_states import JointState, JointStates
-from head_tracking.transforms.robot_model import RobotModel
+from head_tracking.transforms.path import LATEST
+from head_tracking.transforms.rate_limiter import RateLimiter
+from head_tracking.transforms.robot_model import Chain, RobotModel
 from head_tracking.transforms.rotation import Rotation, Vector3
 from head_tracking.transforms.transform import StampedTransform, Transform
 from head_tracking.transforms.urdf import load_robot_model, parse_robot_model, with_fixed_root
+from head_tracking.transforms.velocity import StampedVelocity
 
 __all__ = [
     "LATEST",
+    "Chain",
     "ConnectivityException",
     "ExtrapolationException",
     "InvalidArgumentException",
@@ -31,10 +35,12 @@ __all__ = [
     "JointType",
     "LookupException",
     "Mimic",
+    "RateLimiter",
     "RobotModel",
     "RobotModelError",
     "Rotation",
     "StampedTransform",
+    "StampedVelocity",
     "TimeoutException",
     "Transform",
     "TransformBuffer",

@@ -2,142 +2,42 @@
 
 from __future__ import annotations
 
-import math
-import threading
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Mapping, Sequence
 
-from head_tracking.transforms.edges import Edge, JointEdge, SampledEdge, StaticEdge, product
+import numpy as np
+import numpy.typing as npt
+
 from head_tracking.transforms.exceptions import (
-    ConnectivityException,
-    ExtrapolationException,
     InvalidArgumentException,
-    LookupException,
+    TimeoutException,
     TransformException,
 )
-from head_tracking.transforms.history import DEFAULT_CACHE_TIME, JointHistory, TransformHistory
-from head_tracking.transforms.joint import Joint, JointType
-from head_tracking.transforms.robot_model import RobotModel
+from head_tracking.transforms.frame_store import FrameStore
+from head_tracking.transforms.history import NEVER
+from head_tracking.transforms.path import LATEST, seconds
+from head_tracking.transforms.requests import Request
 from head_tracking.transforms.rotation import Vector3
 from head_tracking.transforms.transform import StampedTransform, Transform
-
-LATEST = 0  # tf2: the time zero asks for the newest common time
-
-_MEASURED: Mapping[str, float] = MappingProxyType({})
+from head_tracking.transforms.velocity import StampedVelocity, moved_to, velocity_between
 
 
-class TransformBuffer:
+class TransformBuffer(FrameStore):
     """A tree of frames over the last `cache_time` [ns]; safe to use from several threads.
 
     Frames come from a robot model and its joint positions, and from transforms set one by one.
     `lookup_transform(target, source)` gives the transform that takes points from source into
-    target. Stamps are nanoseconds; the stamp 0 asks for the latest common time.
+    target. Stamps are nanoseconds; the stamp 0 asks for the latest common time. Nothing is ever
+    extrapolated.
     """
-
-    def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
-        self._cache_time = cache_time
-        self._lock = threading.Lock()
-        self._edges: dict[str, Edge] = {}
-        self._joints: dict[str, JointHistory] = {}
-        self._model: RobotModel | None = None
-        self._model_frames: set[str] = set()
-        self._paths: dict[tuple[str, str], tuple[tuple[Edge, ...], tuple[Edge, ...]]] = {}
-
-    @property
-    def model(self) -> RobotModel | None:
-        """The robot model in use, if one was set."""
-        return self._model
-
-    def set_model(self, model: RobotModel) -> None:
-        """Takes the frames of a robot model; the links of the model before it go.
-
-        Joints that both models have keep their history.
-        """
-        with self._lock:
-            for frame in self._model_frames:
-                del self._edges[frame]
-            self._model = model
-            for joint in model.joints.values():
-                self._edges[joint.child] = (
-                    self._joint_edge(model, joint)
-                    if joint.moves
-                    else StaticEdge(joint.parent, joint.child, joint.origin)
-                )
-            self._model_frames = {joint.child for joint in model.joints.values()}
-            self._paths.clear()
-
-    def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
-        """Takes measured joint positions [rad or m]; joints not in the model wait for one.
-
-        Raises:
-            InvalidArgumentException: a position is not finite; nothing is taken.
-        """
-        for name, position in positions.items():
-            if not math.isfinite(position):
-                raise InvalidArgumentException(
-                    f"the position of joint {name!r} is {position}; it must be finite"
-                )
-        with self._lock:
-            for name, position in positions.items():
-                self._joint_history(name).insert(stamp, position)
-
-    def set_transform(
-        self, stamp: int, parent: str, child: str, transform: Transform, *, static: bool = False
-    ) -> None:
-        """Takes one transform, `T_parent_child`, at `stamp` [ns]; static: at any time.
-
-        Frames of the robot model are left to the model: its joints tell more than samples.
-
-        Raises:
-            InvalidArgumentException: a frame without a name, a frame that is its own parent, or
-                numbers that are not finite; nothing is taken.
-        """
-        parent, child = parent.removeprefix("/"), child.removeprefix("/")
-        if not parent or not child:
-            raise InvalidArgumentException(
-                f"a transform needs two frame names; got {parent!r} and {child!r}"
-            )
-        if parent == child:
-            raise InvalidArgumentException(f"the frame {child!r} cannot be its own parent")
-        if not all(
-            map(math.isfinite, (*transform.translation, *transform.rotation.quaternion_xyzw))
-        ):
-            raise InvalidArgumentException(
-                f"the transform of {child!r} in {parent!r} holds numbers that are not finite"
-            )
-        with self._lock:
-            if child in self._model_frames:
-                return
-            edge = self._edges.get(child)
-            if isinstance(edge, SampledEdge) and edge.parent == parent and not static:
-                edge.history.insert(stamp, transform)
-                return
-            if static:
-                self._edges[child] = StaticEdge(parent, child, transform)
-            else:
-                history = TransformHistory(cache_time=self._cache_time)
-                history.insert(stamp, transform)
-                self._edges[child] = SampledEdge(parent, child, history)
-            self._paths.clear()
-
-    def clear(self) -> None:
-        """Forgets everything recorded; the model and static transforms stay."""
-        with self._lock:
-            for history in self._joints.values():
-                history.clear()
-            self._edges = {
-                child: edge
-                for child, edge in self._edges.items()
-                if not isinstance(edge, SampledEdge)
-            }
-            self._paths.clear()
 
     def lookup_transform(
         self,
         target_frame: str,
         source_frame: str,
         stamp: int = LATEST,
-        joint_positions: Mapping[str, float] = _MEASURED,
+        timeout: float = 0.0,
+        *,
+        joint_positions: Mapping[str, float] | None = None,
     ) -> StampedTransform:
         """`T_target_source` at `stamp` [ns].
 
@@ -145,32 +45,68 @@ class TransformBuffer:
             target_frame: the frame to express points in.
             source_frame: the frame in which points are given.
             stamp: the time [ns]; 0 for the latest common time.
+            timeout: how long to wait for what is not known yet [s]; it has to come from another
+                thread.
             joint_positions: joints taken to stand at these positions [rad or m] instead of at
                 the recorded ones.
 
         Raises:
-            LookupException: an unknown frame, or a joint of which nothing is known yet.
+            LookupException: an unknown frame, a joint of which nothing is known yet, or a loop.
             ConnectivityException: the frames are in different trees.
             ExtrapolationException: the time lies outside the recorded history.
             InvalidArgumentException: an impossible frame name.
         """
+        if timeout > 0.0:
+            self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout)
         with self._lock:
-            down, up = self._path(target_frame, source_frame)
-            stamp = self._resolve_stamp(
-                stamp, down + up, joint_positions, target_frame, source_frame
-            )
-            transform = product(down, stamp, joint_positions).inverse() @ product(
-                up, stamp, joint_positions
-            )
-        return StampedTransform(stamp, target_frame, source_frame, transform)
+            path = self._tree.paths.get((target_frame, source_frame))
+            if path is not None and joint_positions is None:
+                found = path.at(stamp) if stamp else path.latest()
+                if found is not None:
+                    return found
+            return self._lookup(target_frame, source_frame, stamp, joint_positions)
 
-    def can_transform(self, target_frame: str, source_frame: str, stamp: int = LATEST) -> bool:
-        """Whether `lookup_transform` would answer."""
-        try:
-            self.lookup_transform(target_frame, source_frame, stamp)
-        except TransformException:
-            return False
-        return True
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_stamp: int,
+        source_frame: str,
+        source_stamp: int,
+        fixed_frame: str,
+        timeout: float = 0.0,
+    ) -> StampedTransform:
+        """From source at one time to target at another, through a frame that stands still.
+
+        Args:
+            target_frame: the frame to express points in.
+            target_stamp: the time of the target frame [ns]; 0 for the latest common time.
+            source_frame: the frame in which points are given.
+            source_stamp: the time of the source frame [ns]; 0 for the latest common time.
+            fixed_frame: the frame that is taken to stand still between the two times.
+            timeout: how long to wait for what is not known yet [s].
+
+        Raises:
+            TransformException: as for `lookup_transform`.
+        """
+        if timeout > 0.0:
+            self._wait(
+                lambda: (
+                    self._possible(fixed_frame, source_frame, source_stamp)
+                    and self._possible(target_frame, fixed_frame, target_stamp)
+                ),
+                timeout,
+            )
+        with self._lock:
+            for frame in (target_frame, source_frame, fixed_frame):
+                self._tree.check(frame)
+        T_fixed_source = self.lookup_transform(fixed_frame, source_frame, source_stamp)
+        T_target_fixed = self.lookup_transform(target_frame, fixed_frame, target_stamp)
+        return StampedTransform(
+            T_target_fixed.stamp,
+            target_frame,
+            source_frame,
+            T_target_fixed.transform @ T_fixed_source.transform,
+        )
 
     def transform_point(
         self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
@@ -180,108 +116,208 @@ class TransformBuffer:
         Raises:
             TransformException: as for `lookup_transform`.
         """
-        return self.lookup_transform(target_frame, source_frame, stamp).transform @ point
+        return self.locate(point, target_frame, source_frame, stamp)[1:]
 
-    def frames(self) -> tuple[str, ...]:
-        """The names of all frames, sorted."""
+    def locate(
+        self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
+    ) -> tuple[int, float, float, float]:
+        """As `transform_point`, with the time [ns] for which the answer holds before x, y, z.
+
+        Raises:
+            TransformException: as for `lookup_transform`.
+        """
+        x, y, z = point
         with self._lock:
-            return tuple(sorted(self._frames()))
+            path = self._tree.paths.get((target_frame, source_frame))
+            if path is not None:
+                found = path.point_at(stamp, x, y, z) if stamp else path.point_latest(x, y, z)
+                if found is not None:
+                    return found
+            if target_frame == source_frame:
+                return stamp or self._latest_of(source_frame), x, y, z
+            path, stamp = self._tree.find(target_frame, source_frame, stamp)
+            return path.locate(stamp, (x, y, z))
 
-    def tree_as_string(self) -> str:
-        """All frames, each on a line of its own, indented below its parent."""
-        with self._lock:
-            children: dict[str, list[str]] = {frame: [] for frame in sorted(self._frames())}
-            for child, edge in self._edges.items():
-                children[edge.parent].append(child)
-            lines: list[str] = []
-            stack = [(frame, 0) for frame in reversed(children) if frame not in self._edges]
-            while stack:
-                frame, depth = stack.pop()
-                lines.append("  " * depth + frame)
-                stack.extend((child, depth + 1) for child in reversed(children[frame]))
-            return "\n".join(lines)
+    def transform_points(
+        self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST
+    ) -> npt.NDArray[np.float64]:
+        """Many points at once, shape (N, 3) [m], in `target_frame`, shape (N, 3).
 
-    def latest_joint_position(self, name: str) -> tuple[int, float] | None:
-        """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
-        with self._lock:
-            history = self._joints.get(name)
-            return (history.latest, history.newest_value) if history else None
+        Raises:
+            TransformException: as for `lookup_transform`.
+        """
+        found = self.lookup_transform(target_frame, source_frame, stamp)
+        return found.transform.apply_many(points)
 
-    def _joint_history(self, name: str) -> JointHistory:
-        history = self._joints.get(name)
-        if history is None:
-            history = self._joints[name] = JointHistory(cache_time=self._cache_time)
-        return history
-
-    def _joint_edge(self, model: RobotModel, joint: Joint) -> JointEdge:
-        leader = model.leader(joint.name)
-        history = self._joint_history(leader.joint)
-        history.continuous = model.joints[leader.joint].type is JointType.CONTINUOUS
-        return JointEdge(joint, leader, history)
-
-    def _frames(self) -> set[str]:
-        return {frame for edge in self._edges.values() for frame in (edge.parent, edge.child)}
-
-    def _path(
-        self, target_frame: str, source_frame: str
-    ) -> tuple[tuple[Edge, ...], tuple[Edge, ...]]:
-        """Edges from the common ancestor down to the target, and down to the source."""
-        key = (target_frame, source_frame)
-        path = self._paths.get(key)
-        if path is None:
-            target, source = self._edges_above(target_frame), self._edges_above(source_frame)
-            while target and source and target[-1] is source[-1]:
-                target.pop()
-                source.pop()
-            tops = [
-                edges[-1].parent if edges else frame
-                for edges, frame in ((target, target_frame), (source, source_frame))
-            ]
-            if tops[0] != tops[1]:
-                raise ConnectivityException(
-                    f"{target_frame!r} and {source_frame!r} are in two trees that nothing "
-                    f"connects: the one below {tops[0]!r} and the one below {tops[1]!r}"
-                )
-            path = self._paths[key] = tuple(reversed(target)), tuple(reversed(source))
-        return path
-
-    def _edges_above(self, frame: str) -> list[Edge]:
-        if not frame or frame.startswith("/"):
-            raise InvalidArgumentException(
-                f"{frame!r} is no frame name; tf2 names are not empty and start without a slash"
-            )
-        edges: list[Edge] = []
-        edge = self._edges.get(frame)
-        if edge is None and frame not in self._frames():
-            known = ", ".join(sorted(self._frames())) or "none yet"
-            raise LookupException(f"the frame {frame!r} does not exist; known frames: {known}")
-        while edge is not None:
-            edges.append(edge)
-            if len(edges) > len(self._edges):
-                raise LookupException(f"the frames above {frame!r} form a loop")
-            edge = self._edges.get(edge.parent)
-        return edges
-
-    def _resolve_stamp(
+    def lookup_velocity(
         self,
+        tracking_frame: str,
+        observation_frame: str,
         stamp: int,
-        edges: tuple[Edge, ...],
-        joint_positions: Mapping[str, float],
+        averaging_interval: int,
+        reference_frame: str = "",
+        reference_point: Vector3 = (0.0, 0.0, 0.0),
+        reference_point_frame: str = "",
+    ) -> StampedVelocity:
+        """How `tracking_frame` moves as seen from `observation_frame`.
+
+        The mean over an interval around `stamp`, which ends at the latest common time at the
+        latest. tf2 turns and moves the vectors once too often if the frames are turned against
+        each other; here they are what physics says.
+
+        Args:
+            tracking_frame: the frame that moves.
+            observation_frame: the frame that is taken to stand still.
+            stamp: the middle of the interval [ns]; 0: it ends at the latest common time.
+            averaging_interval: its length [ns].
+            reference_frame: the frame of the answer's vectors; default: the observation frame.
+            reference_point: the point of the body whose velocity is asked for [m].
+            reference_point_frame: the frame of that point; default: the tracking frame.
+
+        Raises:
+            InvalidArgumentException: the interval is not above 0.
+            TransformException: as for `lookup_transform`.
+        """
+        if averaging_interval <= 0:
+            raise InvalidArgumentException(
+                f"the averaging interval is {averaging_interval} ns; it must be above 0"
+            )
+        reference_frame = reference_frame or observation_frame
+        latest = self.get_latest_common_time(observation_frame, tracking_frame)
+        end = min(stamp + averaging_interval // 2, latest) if stamp else latest
+        start = end - averaging_interval
+        if latest == LATEST:
+            still = (0.0, 0.0, 0.0)
+            return StampedVelocity(stamp, reference_frame, tracking_frame, still, still)
+        linear, angular = velocity_between(
+            self.lookup_transform(observation_frame, tracking_frame, start).transform,
+            self.lookup_transform(observation_frame, tracking_frame, end).transform,
+            averaging_interval * 1e-9,
+        )
+        middle = start + averaging_interval // 2
+        turned = self.lookup_transform(
+            reference_frame, observation_frame, middle
+        ).transform.rotation
+        linear, angular = turned @ linear, turned @ angular
+        origin = self.transform_point((0.0, 0.0, 0.0), reference_frame, tracking_frame, middle)
+        point = self.transform_point(
+            reference_point, reference_frame, reference_point_frame or tracking_frame, middle
+        )
+        away = (point[0] - origin[0], point[1] - origin[1], point[2] - origin[2])
+        linear = moved_to(away, linear, angular)
+        return StampedVelocity(middle, reference_frame, tracking_frame, linear, angular)
+
+    def can_transform(
+        self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
+    ) -> bool:
+        """Whether `lookup_transform` would answer, at the latest after `timeout` [s]."""
+        return self.why_not(target_frame, source_frame, stamp, timeout) == ""
+
+    def why_not(
+        self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
+    ) -> str:
+        """Why `lookup_transform` would not answer; empty if it would."""
+        try:
+            self.lookup_transform(target_frame, source_frame, stamp, timeout)
+        except TransformException as error:
+            return str(error)
+        return ""
+
+    def get_latest_common_time(self, target_frame: str, source_frame: str) -> int:
+        """The newest time [ns] at which both frames are known; 0 if nothing ever changes.
+
+        Raises:
+            TransformException: there is none.
+        """
+        with self._lock:
+            if target_frame == source_frame:
+                self._tree.check(source_frame)
+                return self._latest_of(source_frame)
+            path, _ = self._tree.find(target_frame, source_frame, LATEST)
+            return path.latest_common_time
+
+    def when_transformable(
+        self,
         target_frame: str,
         source_frame: str,
-    ) -> int:
-        spans = [span for edge in edges if (span := edge.span(joint_positions)) is not None]
-        if not spans:
-            return stamp
-        oldest = max(span[0] for span in spans)
-        latest = min(span[1] for span in spans)
-        if stamp == LATEST:
-            stamp = latest
-        if oldest <= stamp <= latest:
-            return stamp
-        where = "future" if stamp > latest else "past"
-        raise ExtrapolationException(
-            f"Lookup would require extrapolation into the {where}: from {source_frame!r} to "
-            f"{target_frame!r} time {stamp * 1e-9:.6f} s was asked for, "
-            f"{oldest * 1e-9:.6f} to {latest * 1e-9:.6f} s is known"
+        stamp: int,
+        callback: Callable[[], object],
+    ) -> Request:
+        """Calls back once, as soon as `lookup_transform` would answer; maybe at once.
+
+        Args:
+            target_frame: as for `lookup_transform`.
+            source_frame: as for `lookup_transform`.
+            stamp: as for `lookup_transform`.
+            callback: called in the thread that brings what was missing; it may use the buffer.
+
+        Returns:
+            What `withdraw` takes.
+        """
+        return self._ask(lambda: self._possible(target_frame, source_frame, stamp), callback)
+
+    def when_transformable_full(
+        self,
+        target_frame: str,
+        target_stamp: int,
+        source_frame: str,
+        source_stamp: int,
+        fixed_frame: str,
+        callback: Callable[[], object],
+    ) -> Request:
+        """As `when_transformable`, for `lookup_transform_full`."""
+        return self._ask(
+            lambda: (
+                self._possible(fixed_frame, source_frame, source_stamp)
+                and self._possible(target_frame, fixed_frame, target_stamp)
+            ),
+            callback,
         )
+
+    def wait_for_transform(
+        self, target_frame: str, source_frame: str, stamp: int, timeout: float
+    ) -> None:
+        """Waits until `lookup_transform` would answer.
+
+        Raises:
+            TimeoutException: it would not within `timeout` [s]; says why.
+        """
+        if not self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout):
+            raise TimeoutException(
+                f"waited {timeout:.3f} s for the transform from {source_frame!r} to "
+                f"{target_frame!r} at {'the latest time' if not stamp else seconds(stamp)}: "
+                + self.why_not(target_frame, source_frame, stamp)
+            )
+
+    # with the lock held
+
+    def _lookup(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp: int,
+        joint_positions: Mapping[str, float] | None,
+    ) -> StampedTransform:
+        if target_frame == source_frame:
+            stamp = stamp or self._latest_of(source_frame)
+            return StampedTransform(stamp, target_frame, source_frame, Transform.identity())
+        path, stamp = self._tree.find(target_frame, source_frame, stamp)
+        if joint_positions is None:
+            return path.lookup(stamp)
+        return path.lookup_given(stamp, joint_positions)
+
+    def _latest_of(self, frame: str) -> int:
+        edge = self._tree.edges.get(frame)
+        if edge is None or edge.history is None or edge.history.latest == NEVER:
+            return LATEST
+        return edge.history.latest
+
+    def _possible(self, target_frame: str, source_frame: str, stamp: int) -> bool:
+        if target_frame == source_frame:
+            return True
+        try:
+            path, stamp = self._tree.find(target_frame, source_frame, stamp)
+            path.lookup(stamp)
+        except TransformException:
+            return False
+        return True

@@ -2,86 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
-from head_tracking.transforms.exceptions import LookupException
+from head_tracking.transforms.chain import ConstantStep, PoseStep, Step, joint_steps
 from head_tracking.transforms.history import JointHistory, TransformHistory
 from head_tracking.transforms.joint import Joint, Mimic
 from head_tracking.transforms.transform import Transform
 
-Positions = Mapping[str, float]
-
-
-class Edge(Protocol):
-    """A connection of the frame `child` to the frame `parent`.
-
-    `given` holds joints that are taken to stand at a given position [rad or m] at any time,
-    instead of at the recorded one.
-    """
-
-    @property
-    def parent(self) -> str:
-        """The frame that carries the other."""
-
-    @property
-    def child(self) -> str:
-        """The frame that is carried."""
-
-    def span(self, given: Positions) -> tuple[int, int] | None:
-        """The oldest and newest stamp known [ns]; None if the transform holds at any time.
-
-        Raises:
-            LookupException: it changes over time, and nothing is known yet.
-        """
-
-    def at(self, stamp: int, given: Positions) -> Transform:
-        """`T_parent_child` at `stamp` [ns], which must lie within the span."""
+AnyHistory: TypeAlias = JointHistory | TransformHistory
 
 
 @dataclass(frozen=True, slots=True)
 class StaticEdge:
-    """An edge that never changes."""
+    """A frame that never moves in its parent."""
 
     parent: str
     child: str
     transform: Transform
+    history: None = None
 
-    def span(self, given: Positions) -> None:
-        """None: the transform holds at any time."""
-
-    def at(self, stamp: int, given: Positions) -> Transform:
-        """The transform."""
-        return self.transform
+    def steps(self, argument: int) -> tuple[Step, ...]:
+        """From parent to child, as steps of a chain."""
+        return (ConstantStep(self.transform),)
 
 
 @dataclass(frozen=True, slots=True)
 class SampledEdge:
-    """An edge given by stamped transforms that somebody measured."""
+    """A frame given by stamped transforms that somebody measured."""
 
-    parent: str
     child: str
     history: TransformHistory
 
-    def span(self, given: Positions) -> tuple[int, int]:
-        """The recorded time [ns]."""
-        return self.history.oldest, self.history.latest
+    @property
+    def parent(self) -> str:
+        """The parent of the newest sample; earlier it may have been another. Empty: unknown."""
+        return self.history.newest[0] if self.history else ""
 
-    def at(self, stamp: int, given: Positions) -> Transform:
-        """The transform at `stamp` [ns], interpolated."""
-        return self.history.at(stamp)
+    def steps(self, argument: int) -> tuple[Step, ...]:
+        """From parent to child, as steps of a chain."""
+        return (PoseStep(argument),)
 
 
 @dataclass(frozen=True, slots=True)
 class JointEdge:
-    """An edge given by a joint of the model and the history of the joint that decides it.
+    """A link that a joint moves.
 
-    The position is interpolated, not the transform: between two samples the child moves on
-    the arc, as it really did.
+    The position is recorded and interpolated, not the transform: between two samples the link
+    moves on the arc, as it really did.
 
     Attributes:
-        joint: the joint between the two frames.
+        joint: the joint that carries the link.
         leader: the joint that is measured: this one, or the one it mimics.
         history: the measured positions of the leader.
     """
@@ -100,32 +71,9 @@ class JointEdge:
         """The link that the joint moves."""
         return self.joint.child
 
-    def span(self, given: Positions) -> tuple[int, int] | None:
-        """The recorded time [ns]; None for a given position.
-
-        Raises:
-            LookupException: the joint has no position yet.
-        """
-        if self.leader.joint in given:
-            return None
-        if not self.history:
-            raise LookupException(
-                f"the joint {self.leader.joint!r} between {self.parent!r} and {self.child!r} has "
-                "no position yet; is it in joint_states?"
-            )
-        return self.history.oldest, self.history.latest
-
-    def at(self, stamp: int, given: Positions) -> Transform:
-        """The transform at `stamp` [ns], the joint's position interpolated."""
-        position = given.get(self.leader.joint)
-        if position is None:
-            position = self.history.at(stamp)
-        return self.joint.transform(self.leader.multiplier * position + self.leader.offset)
+    def steps(self, argument: int) -> tuple[Step, ...]:
+        """From parent to child, as steps of a chain."""
+        return joint_steps(self.joint, self.leader, argument)
 
 
-def product(edges: Sequence[Edge], stamp: int, given: Positions) -> Transform:
-    """`T_top_bottom` at `stamp` [ns] along a chain of edges, topmost first."""
-    result = Transform.identity()
-    for edge in edges:
-        result = result @ edge.at(stamp, given)
-    return result
+Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge

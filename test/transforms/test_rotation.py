@@ -110,7 +110,7 @@ def test_angle(axis, angle):
 
 def test_a_quaternion_from_outside_is_normalised():
     rotation = Rotation.from_quaternion_xyzw((0.0, 0.0, 1e-7, 1.0))
-    assert math.hypot(*rotation.quaternion_xyzw) == pytest.approx(1.0, abs=1e-15)
+    assert math.hypot(*rotation) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,164 @@
+"""Random buffers against a plain reference, and random operations against a crash."""
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from naive_buffer import NaiveBuffer, Unknown
+from random_trees import random_urdf
+
+from head_tracking.transforms import (
+    RobotModelError,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    parse_robot_model,
+)
+
+SECOND = 1_000_000_000
+FRAMES = ("a", "b", "c", "d", "e", "f")
+
+stamps = st.integers(1, 40).map(lambda tenths: tenths * SECOND // 10)
+numbers = st.floats(-3, 3)
+transforms = st.builds(
+    Transform.from_xyz_rpy,
+    st.tuples(numbers, numbers, numbers),
+    st.tuples(numbers, numbers, numbers),
+)
+samples = st.tuples(
+    stamps, st.sampled_from(FRAMES), st.sampled_from(FRAMES), transforms, st.booleans()
+)
+
+
+def assert_alike(buffer: TransformBuffer, naive: NaiveBuffer, target, source, stamp) -> None:
+    try:
+        expected = naive.matrix(target, source, stamp)
+    except Unknown:
+        expected = None
+    try:
+        found = buffer.lookup_transform(target, source, stamp).transform.as_matrix()
+    except TransformException:
+        found = None
+    if expected is None or found is None:
+        assert expected is found, (target, source, stamp)
+        return
+    assert np.allclose(found, expected, atol=1e-9)
+    point = buffer.transform_point((0.3, -0.2, 0.5), target, source, stamp)
+    assert np.allclose(point, (expected @ (0.3, -0.2, 0.5, 1.0))[:3], atol=1e-9)
+
+
+frames = st.sampled_from(FRAMES)
+questions_asked = st.lists(st.tuples(frames, frames, stamps), min_size=5, max_size=15)
+
+
+@settings(max_examples=300)
+@given(st.lists(samples, max_size=25), questions_asked)
+def test_lookups_among_moving_frames_are_those_of_the_reference(history, questions):
+    buffer, naive = TransformBuffer(), NaiveBuffer()
+    order = {frame: index for index, frame in enumerate(FRAMES)}
+    for stamp, parent, child, transform, static in history:
+        if order[parent] >= order[child]:
+            continue  # no loops: parents come before children
+        buffer.set_transform(stamp, parent, child, transform, static=static)
+        if static:
+            naive.set_static(parent, child, transform)
+        else:
+            naive.set_transform(stamp, parent, child, transform)
+    known = set(buffer.frames())
+    for target, source, stamp in questions:
+        if target in known and source in known:
+            assert_alike(buffer, naive, target, source, stamp)
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_lookups_in_moving_robots_are_those_of_the_reference(seed):
+    rnd = random.Random(seed)
+    model = parse_robot_model(random_urdf(seed))
+    buffer, naive = TransformBuffer(), NaiveBuffer()
+    buffer.set_model(model)
+    naive.model = model
+    joints = list(model.independent_joints)
+    for _ in range(60):
+        stamp = rnd.randrange(1, 15 * SECOND, SECOND // 10)
+        together = joints if rnd.random() < 0.7 else rnd.sample(joints, rnd.randint(1, len(joints)))
+        positions = {name: rnd.uniform(-3, 3) for name in together}
+        buffer.set_joint_positions(stamp, positions)
+        for name, position in positions.items():
+            naive.set_joint(stamp, name, position)
+    hand = rnd.choice(model.links)
+    for index in range(5):
+        tool = Transform.from_xyz_rpy((index, 0, 0), (0, 0, index))
+        buffer.set_transform(5 * SECOND + index * SECOND, hand, "tool", tool)
+        naive.set_transform(5 * SECOND + index * SECOND, hand, "tool", tool)
+    frames = [*model.links, "tool"]
+    for _ in range(200):
+        stamp = rnd.choice(
+            [rnd.randrange(1, 16 * SECOND), rnd.randrange(1, 15 * SECOND, SECOND // 10)]
+        )
+        assert_alike(buffer, naive, rnd.choice(frames), rnd.choice(frames), stamp)
+
+
+MODELS = [parse_robot_model(random_urdf(seed, links=6)) for seed in range(4)]
+NAMES = ("a", "b", "c", "link_0", "link_1", "link_3", "", "/a", "/")
+
+
+def random_stamp(rnd: random.Random) -> int:
+    return rnd.choice((0, 1, 5, 10, 20 * SECOND, rnd.randrange(30 * SECOND)))
+
+
+def random_number(rnd: random.Random) -> float:
+    return rnd.choice((0.0, 1.0, -2.5, 1e300, float("nan"), float("inf"), rnd.random()))
+
+
+def random_operation(rnd: random.Random, buffer: TransformBuffer) -> None:
+    kind = rnd.randrange(12)
+    target, source, fixed = rnd.choice(NAMES), rnd.choice(NAMES), rnd.choice(NAMES)
+    stamp, other = random_stamp(rnd), random_stamp(rnd)
+    if kind < 4:
+        rotation = Rotation(0.0, 0.0, 0.0, 1.0) if rnd.random() < 0.8 else Rotation(
+            *(random_number(rnd) for _ in range(4))
+        )  # fmt: skip
+        transform = Transform([random_number(rnd) for _ in range(3)], rotation)
+        buffer.set_transform(stamp, target, source, transform, static=rnd.random() < 0.3)
+    elif kind < 6:
+        joints = {f"joint_{rnd.randrange(6)}": random_number(rnd) for _ in range(rnd.randrange(3))}
+        buffer.set_joint_positions(stamp, joints)
+    elif kind < 8:
+        buffer.lookup_transform(target, source, stamp)
+    elif kind == 8:
+        buffer.lookup_transform_full(target, stamp, source, other, fixed)
+    elif kind == 9:
+        buffer.transform_point((1.0, 2.0, 3.0), target, source, stamp)
+        buffer.get_latest_common_time(target, source)
+    elif kind == 10:
+        buffer.lookup_velocity(target, source, stamp, SECOND)
+        buffer.lookup_transform(target, source, stamp, joint_positions={"joint_1": 0.5})
+    elif rnd.random() < 0.2:
+        buffer.clear()
+    elif rnd.random() < 0.5:
+        buffer.set_model(rnd.choice(MODELS))
+    else:
+        assert buffer.all_frames_as_string() is not None
+        assert buffer.all_frames_as_yaml(stamp)
+        assert buffer.tree_as_string(stamp) is not None
+        assert buffer.problems(stamp, SECOND) is not None
+
+
+def test_a_hundred_thousand_random_sequences_raise_transform_exceptions_only():
+    rnd = random.Random(2026)
+    refused = 0
+    for _ in range(100_000 // 8):
+        buffer = TransformBuffer()
+        # eight sequences of operations on a buffer that the ones before have left behind
+        for _ in range(8):
+            for _ in range(4):
+                try:
+                    random_operation(rnd, buffer)
+                except TransformException:
+                    refused += 1
+                except RobotModelError:
+                    raise AssertionError("a model of the test itself is bad") from None
+    assert refused > 100_000

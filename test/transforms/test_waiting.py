@@ -1,0 +1,131 @@
+"""Waiting for what is not known yet, from other threads."""
+
+import threading
+
+import pytest
+
+from head_tracking.transforms import (
+    ExtrapolationException,
+    LookupException,
+    TimeoutException,
+    Transform,
+    TransformBuffer,
+)
+
+SECOND = 1_000_000_000
+STILL = Transform.identity()
+
+
+@pytest.fixture
+def buffer():
+    return TransformBuffer()
+
+
+def later(work, *arguments) -> threading.Timer:
+    timer = threading.Timer(0.05, work, arguments)
+    timer.start()
+    return timer
+
+
+def test_a_lookup_waits_for_its_frame(buffer):
+    timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
+    assert buffer.lookup_transform("map", "base", SECOND, timeout=30.0).stamp == SECOND
+    timer.join()
+
+
+def test_a_lookup_waits_for_its_time(buffer):
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    timer = later(buffer.set_transform, 3 * SECOND, "map", "base", STILL)
+    assert buffer.lookup_transform("map", "base", 2 * SECOND, timeout=30.0).stamp == 2 * SECOND
+    timer.join()
+
+
+def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
+    buffer.set_model(kinectbot)
+    timer = later(
+        buffer.set_joint_positions, SECOND, {"head_pan_joint": 0.5, "head_tilt_joint": 0.0}
+    )
+    assert buffer.can_transform("base_link", "camera_link", timeout=30.0)
+    timer.join()
+
+
+def test_a_lookup_waits_for_the_robot(buffer, kinectbot):
+    timer = later(buffer.set_model, kinectbot)
+    assert buffer.can_transform("base_link", "torso_link", timeout=30.0)
+    timer.join()
+
+
+def test_both_halves_of_a_full_lookup_are_waited_for(buffer):
+    buffer.set_transform(SECOND, "odom", "base", STILL)
+    timer = later(buffer.set_transform, 2 * SECOND, "odom", "base", STILL)
+    found = buffer.lookup_transform_full("base", 2 * SECOND, "base", SECOND, "odom", timeout=30.0)
+    assert found.stamp == 2 * SECOND
+    timer.join()
+
+
+def test_a_lookup_in_vain_ends_with_the_error_that_says_why(buffer):
+    with pytest.raises(LookupException, match=r"'(base|map)' does not exist"):
+        buffer.lookup_transform("map", "base", timeout=0.01)
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    with pytest.raises(ExtrapolationException):
+        buffer.lookup_transform("map", "base", 2 * SECOND, timeout=0.01)
+
+
+def test_waiting_in_vain_names_frames_times_and_the_reason(buffer):
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    with pytest.raises(TimeoutException, match=r"'base' to 'map' at 2\.0.*1\.0.* is known"):
+        buffer.wait_for_transform("map", "base", 2 * SECOND, 0.01)
+
+
+def test_a_callback_is_called_once_when_it_can_be_had_and_not_before(buffer):
+    called: list[int] = []
+    buffer.when_transformable("map", "base", 2 * SECOND, lambda: called.append(1))
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    assert called == []
+    buffer.set_transform(3 * SECOND, "map", "base", STILL)
+    buffer.set_transform(4 * SECOND, "map", "base", STILL)
+    assert called == [1]
+
+
+def test_a_callback_may_use_the_buffer(buffer):
+    seen: list[int] = []
+    buffer.when_transformable(
+        "map", "base", 0, lambda: seen.append(buffer.lookup_transform("map", "base").stamp)
+    )
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    assert seen == [SECOND]
+
+
+def test_what_can_be_had_at_once_is_called_at_once(buffer):
+    called: list[int] = []
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    buffer.when_transformable("map", "base", 0, lambda: called.append(1))
+    assert called == [1]
+
+
+def test_a_withdrawn_callback_is_not_called(buffer):
+    called: list[int] = []
+    request = buffer.when_transformable("map", "base", 0, lambda: called.append(1))
+    buffer.withdraw(request)
+    buffer.withdraw(request)
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    assert called == []
+
+
+def test_many_threads_wait_for_different_times(buffer):
+    buffer.set_transform(0, "map", "base", STILL)
+    found: list[int] = []
+
+    def wait(stamp: int) -> None:
+        found.append(buffer.lookup_transform("map", "base", stamp, timeout=30.0).stamp)
+
+    threads = [
+        threading.Thread(target=wait, args=(index * SECOND // 10,)) for index in range(1, 30)
+    ]
+    for thread in threads:
+        thread.start()
+    for index in range(1, 31):
+        buffer.set_transform(index * SECOND // 10, "map", "base", STILL)
+    for thread in threads:
+        thread.join()
+    assert sorted(found) == [index * SECOND // 10 for index in range(1, 30)]
