@@ -9,21 +9,26 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+import numpy as np
+
 from head_tracking.parameters import parameter
-from head_tracking.tracking.motion_filter import Motion, corrected, mixed
-from head_tracking.tracking.target_estimate import TargetEstimate
+from head_tracking.tracking.motion_filter import AGILITIES, STEADY, Array, Bank
+from head_tracking.tracking.swing_rate import SwingRate
+from head_tracking.tracking.target_estimate import Coordinate, TargetEstimate
 from head_tracking.transforms import Vector3
 
-# From a target that hardly changes its velocity to one that turns on the spot [1/s^5].
-_AGILITIES = (2e3, 1e5, 5e6, 2e8)
 # A new target is expected to be calm until it shows that it is not.
-_FIRST_SCORES = (1.0, 1.5, 3.0, 10.0)
+_FIRST_SCORES: Array = np.array((1.0, 3.0, 10.0, 4.0, 10.0))
 
+_SWINGS = len(STEADY)  # the first filter that swings
+_AGILE = _SWINGS - 1
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _MEMORY = 0.5  # s; over which the filters are judged
 _SHARPNESS = 4  # how strongly the better filter wins
 _USUAL_NOISE = 0.003  # rad; until the points have shown their own
 _FINEST = 1e-6  # rad; noise below this is rounding
+_ALARM = 0.15  # s; how long a filter stays doubted
+_OUTLIER = 3.0  # standard deviations
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FASTEST = 3.0  # rad/s; a target that has jumped must hold together like this to be believed
 _DEVIATIONS = 3.0
@@ -76,29 +81,30 @@ class EstimatorParameters:
 
 
 class _Snapshot(NamedTuple):
-    """All filters after a point.
+    """All filters after a point; c coordinates, f filters.
 
     Attributes:
-        stamp: of the point [s].
-        point: as measured [m].
-        motions: one for each agility.
-        scores: mean squared error of each one's predictions [m^2].
-        variance: of the points along any axis [m^2].
-        mixture: of the filters, the better ones counting more.
-        agility: the same mixture of their agilities [1/s^5].
+        bank: the filters.
+        swing: how fast the coordinates swing.
+        scores: mean squared error of each filter's predictions, shape (c, f) [m^2].
+        variance: of the points, as the most agile of the steady filters sees them, shape (c,)
+            [m^2].
+        surprise: of each filter at the point, in standard deviations, shape (c, f).
+        alarm: how strongly each filter is to be doubted, shape (c, f).
+        weights: of the filters, the better ones counting more, shape (c, f).
     """
 
-    stamp: float
-    point: Vector3
-    motions: tuple[Motion, ...]
-    scores: tuple[float, ...]
-    variance: float
-    mixture: Motion
-    agility: float
+    bank: Bank
+    swing: SwingRate
+    scores: Array
+    variance: Array
+    surprise: Array
+    alarm: Array
+    weights: Array
 
 
 class TargetEstimator:
-    """A bank of Kalman filters, from sluggish to agile, mixed by how well each one predicts.
+    """A bank of Kalman filters, mixed by how well each one predicts.
 
     Every filter is judged by its predictions over the time by which predictions are needed, so
     that a calm target gets a calm estimate and a wild one a quick one, whatever the noise. Points
@@ -115,8 +121,10 @@ class TargetEstimator:
     def __init__(self, parameters: EstimatorParameters) -> None:
         self.parameters = parameters
         self.horizon = 0.1
-        self._history: list[_Snapshot] = []
-        self._jumped: list[tuple[float, Vector3]] = []
+        self._stamps: list[float] = []
+        self._points: list[Array] = []
+        self._snapshots: list[_Snapshot] = []
+        self._jumped: list[tuple[float, Array]] = []
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -126,9 +134,8 @@ class TargetEstimator:
 
     def reset(self) -> None:
         """Forgets the target."""
-        self._history.clear()
         self._jumped.clear()
-        self._estimate = None
+        self._restart()
 
     def add(self, stamp: float, point: Vector3, now: float) -> Verdict:
         """Takes a point.
@@ -142,138 +149,130 @@ class TargetEstimator:
             return Verdict.FUTURE
         if now - stamp > self.parameters.target_timeout:
             return Verdict.TOO_OLD
-        history = self._history
-        if not history or stamp - history[-1].stamp > self.parameters.target_timeout:
-            return self._start([(stamp, point)])
-        index = bisect_right(history, stamp, key=_stamp)
+        seen, stamps = np.array(point), self._stamps
+        if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
+            return self._start([(stamp, seen)])
+        index = bisect_right(stamps, stamp)
         if index == 0:
             return Verdict.TOO_OLD
-        if history[index - 1].stamp == stamp:
+        if stamps[index - 1] == stamp:
             return Verdict.DOUBLED
-        if self._is_jump(history[index - 1], stamp, point):
-            return self._consider_jump(stamp, point)
+        if self._is_jump(index - 1, stamp, seen):
+            return self._consider_jump(stamp, seen)
         self._jumped.clear()
-        later = history[index:]
-        del history[index:]
-        self._append(stamp, point)
-        for snapshot in later:
-            self._append(snapshot.stamp, snapshot.point)
-        self._refresh()
+        later = list(zip(stamps[index:], self._points[index:], strict=True))
+        del stamps[index:], self._points[index:], self._snapshots[index:]
+        for each in ((stamp, seen), *later):
+            self._append(*each)
+        self._estimate = self._described(-1)
         return Verdict.TAKEN
 
-    def _start(self, points: Sequence[tuple[float, Vector3]]) -> Verdict:
-        self.reset()
+    def _restart(self) -> None:
+        self._stamps.clear()
+        self._points.clear()
+        self._snapshots.clear()
+        self._estimate = None
+
+    def _start(self, points: Sequence[tuple[float, Array]]) -> Verdict:
+        self._restart()
         for stamp, point in points:
             self._append(stamp, point)
-        self._refresh()
+        self._jumped.clear()
+        self._estimate = self._described(-1)
         return Verdict.NEW_TARGET
 
-    def _append(self, stamp: float, point: Vector3) -> None:
-        history = self._history
-        distance = math.hypot(*point)
-        if not history:
-            variance = (_USUAL_NOISE * distance) ** 2
-            motion = Motion.seen_once(point)
-            scores = tuple(factor * variance for factor in _FIRST_SCORES)
-            motions = (motion,) * len(_AGILITIES)
-            history.append(_Snapshot(stamp, point, motions, scores, variance, motion, 0.0))
+    def _append(self, stamp: float, point: Array) -> None:
+        stamps, snapshots = self._stamps, self._snapshots
+        distance = max(float(np.linalg.norm(point)), 1e-3)
+        stamps.append(stamp)
+        self._points.append(point)
+        if not snapshots:
+            variance = np.full(3, (_USUAL_NOISE * distance) ** 2)
+            scores = variance[:, None] * _FIRST_SCORES
+            bank, swing = Bank.seen_once(point), SwingRate.unknown(3)
+            calm = np.zeros_like(scores)
+            weights = _weights(scores, calm)
+            snapshots.append(_Snapshot(bank, swing, scores, variance, calm, calm, weights))
             return
-        before = history[-1]
-        dt = stamp - before.stamp
-        motions, fits = zip(
-            *(
-                corrected(motion, dt, point, agility)
-                for motion, agility in zip(before.motions, _AGILITIES, strict=True)
-            ),
-            strict=True,
-        )
+        before = snapshots[-1]
+        dt = stamp - stamps[-2]
+        swing = before.swing.learned(stamps, self._points, before.variance)
+        bank, fits = before.bank.corrected(dt, swing.rate, point)
         share = 1.0 - math.exp(-dt / _MEMORY)
         finest = (_FINEST * distance) ** 2
-        scores = self._judged(before.scores, share, stamp, point, finest)
-        weights = _weights(scores)
-        surprise = _mean(weights, fits) / 3.0
-        variance = before.variance + share * (surprise - before.variance) + finest
-        history.append(
-            _Snapshot(
-                stamp,
-                point,
-                motions,
-                scores,
-                variance,
-                mixed(weights, motions),
-                _mean(weights, _AGILITIES),
-            )
-        )
-        if history[0].stamp < stamp - _HISTORY:
-            del history[0]
+        errors = self._prediction_errors(stamp, point, swing.rate)
+        scores = before.scores + share * (errors - before.scores) + finest
+        noise = np.minimum(fits[:, _AGILE] ** 2, _OUTLIER**2 * before.variance)
+        variance = before.variance + share * (noise - before.variance) + finest
+        surprise = fits / np.sqrt(before.variance)[:, None]
+        alarm = _alarmed(before, surprise, dt)
+        weights = _weights(scores, alarm)
+        snapshots.append(_Snapshot(bank, swing, scores, variance, surprise, alarm, weights))
+        if stamps[0] < stamp - _HISTORY:
+            del stamps[0], self._points[0], snapshots[0]
 
-    def _judged(
-        self,
-        scores: Sequence[float],
-        share: float,
-        stamp: float,
-        point: Vector3,
-        finest: float,
-    ) -> tuple[float, ...]:
-        """The scores after a point, which every filter should have predicted `horizon` ago."""
-        history = self._history
-        judged = history[max(0, bisect_right(history, stamp - self.horizon, key=_stamp) - 1)]
-        ahead = stamp - judged.stamp
-        return tuple(
-            score
-            + share * (_squared_distance(motion.position_after(ahead), point) - score)
-            + finest
-            for score, motion in zip(scores, judged.motions, strict=True)
-        )
+    def _prediction_errors(self, stamp: float, point: Array, swing: Array) -> Array:
+        """By how much each filter missed a point `horizon` before it, squared [m^2]."""
+        index = max(0, bisect_right(self._stamps, stamp - self.horizon) - 1)
+        index = min(index, len(self._snapshots) - 1)
+        expected = self._snapshots[index].bank.positions_after(stamp - self._stamps[index], swing)
+        return np.asarray((expected - point[:, None]) ** 2)
 
-    def _is_jump(self, before: _Snapshot, stamp: float, point: Vector3) -> bool:
-        expected = self._described(before)
-        allowed = self.parameters.jump_threshold * math.hypot(*point)
-        allowed += _DEVIATIONS * expected.deviation(stamp)
-        return _squared_distance(expected.position(stamp), point) > allowed * allowed
+    def _is_jump(self, index: int, stamp: float, point: Array) -> bool:
+        known = self._estimate if index == len(self._stamps) - 1 else None
+        before = known or self._described(index)
+        allowed = self.parameters.jump_threshold * float(np.linalg.norm(point))
+        allowed += _DEVIATIONS * before.deviation(stamp)
+        return math.dist(before.position(stamp), point) > allowed
 
-    def _consider_jump(self, stamp: float, point: Vector3) -> Verdict:
+    def _consider_jump(self, stamp: float, point: Array) -> Verdict:
         if self._jumped:
             last_stamp, last = self._jumped[-1]
             moved = self.parameters.jump_threshold + _FASTEST * (stamp - last_stamp)
-            allowed = moved * math.hypot(*point)
-            if stamp <= last_stamp or _squared_distance(last, point) > allowed * allowed:
+            allowed = moved * float(np.linalg.norm(point))
+            if stamp <= last_stamp or math.dist(last, point) > allowed:
                 self._jumped.clear()
         self._jumped.append((stamp, point))
         if stamp - self._jumped[0][0] >= self.parameters.jump_confirmation:
             return self._start(tuple(self._jumped))
         return Verdict.JUMP
 
-    def _refresh(self) -> None:
-        self._estimate = self._described(self._history[-1])
-
-    def _described(self, snapshot: _Snapshot) -> TargetEstimate:
+    def _described(self, index: int) -> TargetEstimate:
+        """The estimate after one of the points."""
+        snapshot, point = self._snapshots[index], self._points[index]
+        weights, states = snapshot.weights[:, None], snapshot.bank.states
+        steady = (weights[:, :, :_SWINGS] @ states[:, :_SWINGS])[:, 0].tolist()
+        swinging = (weights[:, :, _SWINGS:] @ states[:, _SWINGS:])[:, 0].tolist()
+        rates = snapshot.swing.rate.tolist()
+        x, y, z = (
+            Coordinate(p + q, v, a, u, b, w)
+            for (p, v, a), (q, u, b), w in zip(steady, swinging, rates, strict=True)
+        )
+        # along any axis: the mean over the axes, each one with its own noise and its own filters
+        shares = snapshot.weights * snapshot.variance[:, None] / 3.0
+        spread = np.tensordot(shares, snapshot.bank.covariances, 2).tolist()
+        (pp, pv, pa), (_, vv, va), (_, _, aa) = spread
         return TargetEstimate(
-            snapshot.stamp,
-            snapshot.point,
-            snapshot.mixture,
-            snapshot.variance,
-            snapshot.agility,
+            self._stamps[index],
+            (float(point[0]), float(point[1]), float(point[2])),
+            (x, y, z),
+            math.sqrt(float(snapshot.variance.mean())),
+            (pp, pv, pa, vv, va, aa),
+            float((shares * AGILITIES).sum()),
             max(_SHORTEST_TRUST, _TRUST * self.horizon),
             self.parameters.target_timeout,
         )
 
 
-def _stamp(snapshot: _Snapshot) -> float:
-    return snapshot.stamp
+def _alarmed(before: _Snapshot, surprise: Array, dt: float) -> Array:
+    """How strongly each filter is to be doubted now: two surprises in a row to the same side."""
+    both = np.minimum(np.abs(surprise), np.abs(before.surprise))
+    both[surprise * before.surprise < 0.0] = 0.0
+    excess = np.maximum(both - _DEVIATIONS, 0.0) ** 2
+    return np.asarray(np.maximum(excess, before.alarm * math.exp(-dt / _ALARM)))
 
 
-def _squared_distance(one: Vector3, other: Vector3) -> float:
-    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    return x * x + y * y + z * z
-
-
-def _weights(scores: Sequence[float]) -> list[float]:
-    best = min(scores)
-    raw = [(best / score) ** _SHARPNESS for score in scores]
-    total = sum(raw)
-    return [weight / total for weight in raw]
-
-
-def _mean(weights: Sequence[float], values: Sequence[float]) -> float:
-    return sum(map(float.__mul__, weights, values))
+def _weights(scores: Array, alarm: Array) -> Array:
+    raw = (scores.min(axis=1, keepdims=True) / scores) ** _SHARPNESS
+    raw *= np.exp(0.5 * (alarm.min(axis=1, keepdims=True) - alarm))
+    return np.asarray(raw / raw.sum(axis=1, keepdims=True))

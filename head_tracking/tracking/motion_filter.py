@@ -1,109 +1,122 @@
-"""A Kalman filter of a moving point: constant acceleration, disturbed by white jerk.
+"""A bank of Kalman filters of a moving point, from sluggish to agile, straight and swinging.
 
-Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
-section 6.2 (the continuous white noise jerk model). The three axes share one covariance, in units
-of the variance of a measurement, so that one number decides how the filter behaves: `agility`,
-the spectral density of the jerk over that variance.
+Every coordinate has filters of two kinds. One takes the acceleration to be constant but for white
+jerk (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
+section 6.2); the other takes the coordinate to swing about some centre, at a rate that is learned
+from the points. Covariances are in units of the variance of a point, so that one number decides
+how a filter behaves: its agility, the spectral density of the jerk over that variance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
-from head_tracking.transforms import Vector3
+import numpy as np
+import numpy.typing as npt
 
-# What is known of a target seen once, in units of a measurement's standard deviation. Bearings
-# of 2 mrad make this 2 rad/s and 2 rad/s^2: more would let the second point of a new target
-# throw the head.
-_UNKNOWN_SPEED = 1e6  # variance, 1/s^2
-_UNKNOWN_ACCELERATION = 1e6  # variance, 1/s^4
+Array = npt.NDArray[np.float64]
+
+STEADY = (2e4, 5e6, 2e8)
+"""Agilities [1/s^5] of the filters with constant acceleration: calm, lively, turns on the spot."""
+
+SWINGING = (1e3, 5e5)
+"""Agilities [1/s^5] of the filters that swing."""
+
+AGILITIES: Array = np.array(STEADY + SWINGING)
+_AGILITY: Array = AGILITIES[:, None, None]
+
+# What is known of a target seen once, in units of a point's standard deviation. Bearings of
+# 2 mrad make this 2 rad/s and 2 rad/s^2: more would let the second point throw the head.
+_UNKNOWN: Array = np.diag([1.0, 1e6, 1e6])
+_LEAST_SWING = 1e-3  # rad/s; below it a swing is a constant acceleration
 
 
-class Motion(NamedTuple):
-    """What a filter knows after a measurement.
+class Bank(NamedTuple):
+    """What all filters know after a point; c coordinates, f filters.
 
     Attributes:
-        position: [m].
-        velocity: [m/s].
-        acceleration: [m/s^2].
-        covariance: of position, velocity and acceleration along any axis, in units of the
-            variance of a measurement: pp, pv, pa, vv, va, aa.
+        states: position, velocity, acceleration; shape (c, f, 3) [m, m/s, m/s^2].
+        covariances: of the states, in units of the variance of a point; shape (c, f, 3, 3).
     """
 
-    position: Vector3
-    velocity: Vector3
-    acceleration: Vector3
-    covariance: tuple[float, float, float, float, float, float]
+    states: Array
+    covariances: Array
 
     @staticmethod
-    def seen_once(point: Vector3) -> Motion:
-        """A target of which only one point is known."""
-        nothing = (0.0, 0.0, 0.0)
-        unknown = (1.0, 0.0, 0.0, _UNKNOWN_SPEED, 0.0, _UNKNOWN_ACCELERATION)
-        return Motion(point, nothing, nothing, unknown)
+    def seen_once(point: Array) -> Bank:
+        """A target of which only one point is known, shape (c,) [m]."""
+        size = len(point), len(AGILITIES)
+        states = np.zeros((*size, 3))
+        states[:, :, 0] = point[:, None]
+        return Bank(states, np.broadcast_to(_UNKNOWN, (*size, 3, 3)).copy())
 
-    def position_after(self, dt: float) -> Vector3:
-        """The position [m] a time `dt` [s] later, or earlier, at constant acceleration."""
-        (x, y, z), (vx, vy, vz), (ax, ay, az) = self.position, self.velocity, self.acceleration
-        half = 0.5 * dt * dt
-        return x + dt * vx + half * ax, y + dt * vy + half * ay, z + dt * vz + half * az
+    def positions_after(self, dt: float, swing: Array) -> Array:
+        """The position by every filter, shape (c, f) [m], a time `dt` [s] later.
+
+        Args:
+            dt: [s], may be negative.
+            swing: rate of the swing of every coordinate, shape (c,) [rad/s].
+        """
+        w = np.maximum(swing, _LEAST_SWING)
+        steady, swinging = self.states[:, : len(STEADY)], self.states[:, len(STEADY) :]
+        return np.concatenate(
+            (
+                steady @ (1.0, dt, 0.5 * dt * dt),
+                swinging[..., 0]
+                + swinging[..., 1] * (np.sin(w * dt) / w)[:, None]
+                + swinging[..., 2] * ((1.0 - np.cos(w * dt)) / (w * w))[:, None],
+            ),
+            axis=1,
+        )
+
+    def corrected(self, dt: float, swing: Array, point: Array) -> tuple[Bank, Array]:
+        """The bank after a point, and how well the point fitted.
+
+        Args:
+            dt: time since the point before [s], 0 or more.
+            swing: rate of the swing of every coordinate, shape (c,) [rad/s].
+            point: shape (c,) [m].
+
+        Returns:
+            The bank; and how far the point was from the predicted position, over the expected
+            deviation in units of the deviation of a point, shape (c, f) [m].
+        """
+        transition = _transition(dt, swing)
+        covariances = transition @ self.covariances @ transition.swapaxes(2, 3)
+        covariances += _AGILITY * _disturbance(dt)
+        states = np.matmul(transition, self.states[..., None])[..., 0]
+        first = covariances[..., 0]
+        expected = first[..., 0] + 1.0
+        gains = first / expected[..., None]
+        surprise = point[:, None] - states[..., 0]
+        states += gains * surprise[..., None]
+        covariances -= gains[..., None] * first[..., None, :]
+        return Bank(states, covariances), surprise / np.sqrt(expected)
 
 
-def corrected(motion: Motion, dt: float, point: Vector3, agility: float) -> tuple[Motion, float]:
-    """The motion after a measurement, and how well the measurement fitted.
+def _transition(dt: float, swing: Array) -> Array:
+    """The states' transition over `dt`, shape (c, f, 3, 3)."""
+    matrix = np.empty((len(swing), len(AGILITIES), 3, 3))
+    matrix[:] = ((1.0, dt, 0.5 * dt * dt), (0.0, 1.0, dt), (0.0, 0.0, 1.0))
+    for coordinate, rate in enumerate(swing.tolist()):
+        if rate > _LEAST_SWING:
+            sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
+            matrix[coordinate, len(STEADY) :] = (
+                (1.0, sine / rate, (1.0 - cosine) / (rate * rate)),
+                (0.0, cosine, sine / rate),
+                (0.0, -rate * sine, cosine),
+            )
+    return matrix
 
-    Args:
-        motion: at the measurement before.
-        dt: time since then [s], 0 or more.
-        point: measured position [m].
-        agility: how fast the target may change its acceleration [1/s^5].
 
-    Returns:
-        The motion at the measurement; and the squared distance from the predicted point over its
-        expected variance, in units of the variance of a measurement [m^2].
-    """
-    pp, pv, pa, vv, va, aa = motion.covariance
-    half = 0.5 * dt * dt
-    # predicted covariance: F P F' + Q
-    pv_ = pv + dt * vv + half * va
-    pa_ = pa + dt * va + half * aa
-    pp = pp + dt * pv + half * pa + dt * pv_ + half * pa_
-    va_ = va + dt * aa
-    pv = pv_ + dt * pa_
-    vv = vv + dt * va + dt * va_
-    pa, va = pa_, va_
-    q = agility * dt
-    q3, q4, q5 = q * dt * dt, q * dt**3, q * dt**4
-    pp += q5 / 20.0
-    pv += q4 / 8.0
-    pa += q3 / 6.0
-    vv += q3 / 3.0
-    va += 0.5 * q * dt
-    aa += q
-    # correction
-    expected = pp + 1.0
-    kp, kv, ka = pp / expected, pv / expected, pa / expected
-    px, py, pz = motion.position_after(dt)
-    (vx, vy, vz), (ax, ay, az) = motion.velocity, motion.acceleration
-    ix, iy, iz = point[0] - px, point[1] - py, point[2] - pz
-    after = Motion(
-        (px + kp * ix, py + kp * iy, pz + kp * iz),
-        (vx + dt * ax + kv * ix, vy + dt * ay + kv * iy, vz + dt * az + kv * iz),
-        (ax + ka * ix, ay + ka * iy, az + ka * iz),
-        (pp - kp * pp, pv - kp * pv, pa - kp * pa, vv - kv * pv, va - kv * pa, aa - ka * pa),
+def _disturbance(dt: float) -> Array:
+    """The covariance that white jerk of density 1 adds in a time `dt`, shape (3, 3)."""
+    d2, d3 = dt * dt, dt**3
+    return np.array(
+        (
+            (d3 * d2 / 20.0, d2 * d2 / 8.0, d3 / 6.0),
+            (d2 * d2 / 8.0, d3 / 3.0, d2 / 2.0),
+            (d3 / 6.0, d2 / 2.0, dt),
+        )
     )
-    return after, (ix * ix + iy * iy + iz * iz) / expected
-
-
-def mixed(weights: Sequence[float], motions: Sequence[Motion]) -> Motion:
-    """The mean of several motions; the weights sum to 1."""
-    x = y = z = vx = vy = vz = ax = ay = az = 0.0
-    pp = pv = pa = vv = va = aa = 0.0
-    for w, ((px, py, pz), (ux, uy, uz), (bx, by, bz), c) in zip(weights, motions, strict=True):
-        x, y, z = x + w * px, y + w * py, z + w * pz
-        vx, vy, vz = vx + w * ux, vy + w * uy, vz + w * uz
-        ax, ay, az = ax + w * bx, ay + w * by, az + w * bz
-        pp, pv, pa = pp + w * c[0], pv + w * c[1], pa + w * c[2]
-        vv, va, aa = vv + w * c[3], va + w * c[4], aa + w * c[5]
-    return Motion((x, y, z), (vx, vy, vz), (ax, ay, az), (pp, pv, pa, vv, va, aa))
