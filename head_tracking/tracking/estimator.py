@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from head_tracking.parameters import parameter
-from head_tracking.tracking.motion_filter import AGILITIES, STEADY, Array, Bank
+from head_tracking.tracking.motion_filter import AGILITIES, THE_RESTLESS, Array, Bank
 from head_tracking.tracking.swing_rate import SwingRate
 from head_tracking.tracking.target_estimate import Coordinate, TargetEstimate
 from head_tracking.transforms import Vector3
@@ -20,8 +20,7 @@ from head_tracking.transforms import Vector3
 # A new target is expected to be calm until it shows that it is not.
 _FIRST_SCORES: Array = np.array((1.0, 3.0, 10.0, 4.0, 10.0))
 
-_SWINGS = len(STEADY)  # the first filter that swings
-_AGILE = _SWINGS - 1
+_SWINGS = THE_RESTLESS + 1  # the first filter that swings
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _MEMORY = 0.5  # s; over which the filters are judged
 _SHARPNESS = 4  # how strongly the better filter wins
@@ -87,7 +86,7 @@ class _Snapshot(NamedTuple):
         bank: the filters.
         swing: how fast the coordinates swing.
         scores: mean squared error of each filter's predictions, shape (c, f) [m^2].
-        variance: of the points, as the most agile of the steady filters sees them, shape (c,)
+        variance: of the points, as the restless filter sees them, shape (c,)
             [m^2].
         surprise: of each filter at the point, in standard deviations, shape (c, f).
         alarm: how strongly each filter is to be doubted, shape (c, f).
@@ -202,7 +201,7 @@ class TargetEstimator:
         finest = (_FINEST * distance) ** 2
         errors = self._prediction_errors(stamp, point, swing.rate)
         scores = before.scores + share * (errors - before.scores) + finest
-        noise = np.minimum(fits[:, _AGILE] ** 2, _OUTLIER**2 * before.variance)
+        noise = np.minimum(fits[:, THE_RESTLESS] ** 2, _OUTLIER**2 * before.variance)
         variance = before.variance + share * (noise - before.variance) + finest
         surprise = fits / np.sqrt(before.variance)[:, None]
         alarm = _alarmed(before, surprise, dt)

@@ -1,10 +1,11 @@
 """A bank of Kalman filters of a moving point, from sluggish to agile, straight and swinging.
 
-Every coordinate has filters of two kinds. One takes the acceleration to be constant but for white
-jerk (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
-section 6.2); the other takes the coordinate to swing about some centre, at a rate that is learned
-from the points. Covariances are in units of the variance of a point, so that one number decides
-how a filter behaves: its agility, the spectral density of the jerk over that variance.
+Every coordinate has filters of three kinds. Steady ones take the acceleration to be constant but
+for white jerk, the restless one the velocity but for white acceleration (Bar-Shalom, Li and
+Kirubarajan, Estimation with Applications to Tracking and Navigation, sections 6.2.2 and 6.2.3);
+swinging ones take the coordinate to swing about some centre, at a rate that is learned from the
+points. Covariances are in units of the variance of a point, so that one number decides how a
+filter behaves: its agility, the spectral density of the disturbance over that variance.
 """
 
 from __future__ import annotations
@@ -17,17 +18,24 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-STEADY = (2e4, 5e6, 2e8)
-"""Agilities [1/s^5] of the filters with constant acceleration: calm, lively, turns on the spot."""
+STEADY = (2e4, 5e6)
+"""Agilities [1/s^5] of the steady filters: calm and lively."""
+
+RESTLESS = 3e5
+"""Agility [1/s^3] of the filter for targets that turn on the spot."""
 
 SWINGING = (1e3, 5e5)
 """Agilities [1/s^5] of the filters that swing."""
 
-AGILITIES: Array = np.array(STEADY + SWINGING)
-_AGILITY: Array = AGILITIES[:, None, None]
+AGILITIES: Array = np.array((*STEADY, 0.0, *SWINGING))
+"""How much white jerk every filter expects [1/s^5]."""
+
+THE_RESTLESS = len(STEADY)
+"""Its place in the bank; what swings comes after it."""
 
 # What is known of a target seen once, in units of a point's standard deviation. Bearings of
 # 2 mrad make this 2 rad/s and 2 rad/s^2: more would let the second point throw the head.
+_JERK: Array = AGILITIES[:, None, None]
 _UNKNOWN: Array = np.diag([1.0, 1e6, 1e6])
 _LEAST_SWING = 1e-3  # rad/s; below it a swing is a constant acceleration
 
@@ -59,7 +67,7 @@ class Bank(NamedTuple):
             swing: rate of the swing of every coordinate, shape (c,) [rad/s].
         """
         w = np.maximum(swing, _LEAST_SWING)
-        steady, swinging = self.states[:, : len(STEADY)], self.states[:, len(STEADY) :]
+        steady, swinging = np.split(self.states, (THE_RESTLESS + 1,), axis=1)
         return np.concatenate(
             (
                 steady @ (1.0, dt, 0.5 * dt * dt),
@@ -84,7 +92,9 @@ class Bank(NamedTuple):
         """
         transition = _transition(dt, swing)
         covariances = transition @ self.covariances @ transition.swapaxes(2, 3)
-        covariances += _AGILITY * _disturbance(dt)
+        disturbance = _disturbance(dt)
+        covariances += _JERK * disturbance
+        covariances[:, THE_RESTLESS, :2, :2] += RESTLESS * disturbance[1:, 1:]
         states = np.matmul(transition, self.states[..., None])[..., 0]
         first = covariances[..., 0]
         expected = first[..., 0] + 1.0
@@ -99,10 +109,11 @@ def _transition(dt: float, swing: Array) -> Array:
     """The states' transition over `dt`, shape (c, f, 3, 3)."""
     matrix = np.empty((len(swing), len(AGILITIES), 3, 3))
     matrix[:] = ((1.0, dt, 0.5 * dt * dt), (0.0, 1.0, dt), (0.0, 0.0, 1.0))
+    matrix[:, THE_RESTLESS, :, 2] = 0.0
     for coordinate, rate in enumerate(swing.tolist()):
         if rate > _LEAST_SWING:
             sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
-            matrix[coordinate, len(STEADY) :] = (
+            matrix[coordinate, THE_RESTLESS + 1 :] = (
                 (1.0, sine / rate, (1.0 - cosine) / (rate * rate)),
                 (0.0, cosine, sine / rate),
                 (0.0, -rate * sine, cosine),
