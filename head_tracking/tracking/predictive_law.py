@@ -106,9 +106,9 @@ class PredictiveLaw:
             wanted = self._knots.at(acting)
         self._followed = target
         self._knots = _Knots(acting, wanted, acting + dt, goal)
-        distance = max(math.hypot(*target.motion.position), 1e-3)
+        distance = max(math.hypot(*target.point), 1e-3)
         noise = target.deviation(acting) / distance
-        speed_noise = target.speed_deviation() / distance
+        speed_noise = target.speed_deviation / distance
         return self._steer(wanted, goal, self.tutorial.max_joint_speed, now, noise, speed_noise), gaze
 
     def go_to(

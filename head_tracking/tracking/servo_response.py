@@ -14,12 +14,13 @@ from collections import deque
 
 _HISTORY = 1.0  # s of commands
 _FIRST_DELAY = 0.04  # s, until the servo has shown its own
-_LONGEST_DELAY = 0.3  # s
+_LONGEST_DELAY = 0.15  # s
 _UNSURE = 0.02  # s, standard deviation of the first delay
 _DRIFT = 1e-3  # s per square root of a second: what a delay may change
 _WINDOW = 0.1  # s between the two readings that are compared to learn the delay
 _SLOWEST = 0.1  # rad/s; slower motion tells little of the delay
 _MODEL_ERROR = 0.004  # rad in such a window
+_LAG_ERROR = 0.03  # s: what one window can tell of the delay at best
 
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
@@ -146,8 +147,10 @@ class ServoResponse:
         if not 0.5 < moved / expected < 2.0 if expected else True:
             return  # held, pushed, or at its limit
         slope = before - after  # what the expected way loses per second of delay
-        noise = self.resolution**2 / 6.0 + _MODEL_ERROR**2
+        noise = self.resolution**2 / 6.0 + _MODEL_ERROR**2 + (_LAG_ERROR * slope) ** 2
         self._variance += _DRIFT**2 * (end - self._readings[-2][0])
+        if (moved - expected) ** 2 > 9.0 * (slope * slope * self._variance + noise):
+            return
         gain = self._variance * slope / (slope * slope * self._variance + noise)
         self._variance *= 1.0 - gain * slope
         delay = self.delay + gain * (moved - expected)
