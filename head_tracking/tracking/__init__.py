@@ -7,9 +7,7 @@ from head_tracking.tracking.lost_target import (
     LostTargetPolicy,
     TargetState,
 )
-from head_tracking.tracking.speed_law import SpeedLaw, SpeedLawParameters
 from head_tracking.tracking.target import Target, TargetPlacer
-from head_tracking.tracking.tracker import Tracker, TrackingStep
 
 __all__ = [
     "ErrorStatistics",
@@ -17,11 +15,7 @@ __all__ = [
     "FictitiousTargetParameters",
     "LostTargetParameters",
     "LostTargetPolicy",
-    "SpeedLaw",
-    "SpeedLawParameters",
     "Target",
     "TargetPlacer",
     "TargetState",
-    "Tracker",
-    "TrackingStep",
 ]

@@ -51,6 +51,11 @@ class JointMotion:
         """Time passes [s]."""
         self.position += self.velocity * dt
 
+    def rest_at(self, position: float) -> None:
+        """The joint stands still [rad]."""
+        self.position = position
+        self.velocity = self._acceleration = self._wanted_velocity = 0.0
+
     def steer(
         self, wanted: float, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits
     ) -> None:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
+from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.tracking.joint_motion import JointMotion, MotionLimits
-from head_tracking.tracking.law import JointReading
-from head_tracking.tracking.rest import Rest
-from head_tracking.tracking.servo_response import ServoResponse
-from head_tracking.tracking.speed_law import SpeedLawParameters
+from head_tracking.tracking.joint_drive import JointDrive
+from head_tracking.tracking.joint_motion import MotionLimits
+from head_tracking.tracking.law import JointReading, SpeedLimits
+from head_tracking.tracking.rest import Wish
 from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.transforms import JointLimits
 
+USUAL_SPEED = 5.0  # rad/s
+
+_USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
-_RESERVE = 0.15  # s: so long a servo moves on if no other command comes
-_MARGIN = 0.02  # rad
-_SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
+_EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class PredictiveLawParameters:
         "From a command to the motion it causes; 0: measured while the head moves.",
         unit="s",
         minimum=0.0,
-        maximum=0.3,
+        maximum=0.15,
     )
 
 
@@ -57,156 +57,165 @@ class PredictiveLaw:
 
     Args:
         head: the head to steer.
-        tutorial: of these the speed limit and the lead are used.
-        parameters: the law's own.
         period: time between two commands [s].
+        limits: speed and lead.
+        parameters: the law's own.
+
+    Attributes:
+        limits: may change at any time.
+        parameters: may change at any time.
     """
 
     def __init__(
         self,
         head: PanTiltHead,
-        tutorial: SpeedLawParameters,
-        parameters: PredictiveLawParameters,
         period: float,
+        limits: SpeedLimits,
+        parameters: PredictiveLawParameters,
     ) -> None:
-        self._head = head
-        self.tutorial = tutorial
+        self.limits = limits
         self.parameters = parameters
+        self._head = head
         self._period = period
-        self._joints: tuple[_Joint, _Joint] | None = None
+        self._drives: tuple[JointDrive, JointDrive] | None = None
+        self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
         self._stepped = 0.0
-        self._gaze_now: tuple[float, float] | None = None
-        self._followed: TargetEstimate | None = None
-        self._knots: _Knots | None = None
+        self._path: _Path | None = None
 
     @property
     def horizon(self) -> float:
-        """From now to the end of the motion that the next command causes [s]."""
+        """See `TrackingLaw`."""
         return self._delay + self._period
 
     @property
+    def delays(self) -> tuple[float, float]:
+        """See `TrackingLaw`."""
+        if self.parameters.servo_delay > 0.0:
+            return self.parameters.servo_delay, self.parameters.servo_delay
+        if self._drives is not None:
+            pan, tilt = self._drives
+            self._known_delays = pan.servo.delay, tilt.servo.delay
+        return self._known_delays
+
+    @property
     def _delay(self) -> float:
-        if self._joints is None:
-            return 0.04
-        return 0.5 * sum(joint.servo.delay for joint in self._joints)
+        return 0.5 * sum(self.delays)
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
         pan, tilt = self._take(joints, now)
-        acting, dt = now + self._delay, self._period
+        start = now + self._delay
+        end = start + self._period
         near = pan.motion.position, tilt.motion.position
-        gaze = self._head.gaze(target.position(acting + dt), *near)
-        goal = gaze.pan, gaze.tilt
-        if target is not self._followed or self._knots is None:
-            before = self._head.gaze(target.position(acting), *near)
+        gaze = self._gaze(target, end, near)
+        wanted = None if self._path is None else self._path.at(start, target)
+        if wanted is None:
+            before = self._gaze(target, start, near)
             wanted = before.pan, before.tilt
-        else:
-            wanted = self._knots.at(acting)
-        self._followed = target
-        self._knots = _Knots(acting, wanted, acting + dt, goal)
+        self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
         distance = max(math.hypot(*target.point), 1e-3)
-        noise = target.deviation(acting) / distance
+        noise = target.deviation(start) / distance
         speed_noise = target.speed_deviation / distance
-        return self._steer(wanted, goal, self.tutorial.max_joint_speed, now, noise, speed_noise), gaze
+        here, there = self._path.start_positions, self._path.end_positions
+        wishes = [
+            Wish(a, (b - a) / self._period, noise, speed_noise)
+            for a, b in zip(here, there, strict=True)
+        ]
+        return self._steer(wishes, self.limits.speed(USUAL_SPEED), now), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
     ) -> HeadCommand:
         """See `TrackingLaw`."""
         self._take(joints, now)
-        self._followed = self._knots = None
-        return self._steer(goal, goal, speed, now, 0.0, 0.0)
+        self._path = None
+        return self._steer([Wish(position) for position in goal], speed, now)
 
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
-        self._joints = None
-        fast = self.tutorial.max_joint_speed
-        return HeadCommand(*joints.positions, fast, fast)
+        self._drives = self._path = None
+        speed = self.limits.speed(USUAL_SPEED)
+        return HeadCommand(*joints.positions, speed, speed)
 
-    def _take(self, reading: JointReading, now: float) -> tuple[_Joint, _Joint]:
+    def _take(self, joints: JointReading, now: float) -> tuple[JointDrive, JointDrive]:
         """The joints, told of the newest reading; new ones after a pause."""
-        if self._joints is None or not 0.0 <= now - self._stepped <= _LONGEST_PAUSE:
-            self._followed = self._knots = None
-            known = [] if self._joints is None else [joint.servo.delay for joint in self._joints]
-            self._joints = tuple(
-                _Joint(reading.stamp, position, limits)
-                for position, limits in zip(
-                    reading.positions, (self._head.pan_limits, self._head.tilt_limits), strict=True
-                )
+        delays, elapsed = self.delays, now - self._stepped
+        pause = max(_LONGEST_PAUSE, 3.0 * self._period)
+        if self._drives is None or not 0.0 <= elapsed <= pause:
+            self._path, elapsed = None, 0.0
+            head = self._head
+            self._drives = (
+                self._drive(joints, 0, delays[0], head.pan_limits),
+                self._drive(joints, 1, delays[1], head.tilt_limits),
             )
-            for joint, delay in zip(self._joints, known):
-                joint.servo.delay = delay
-            self._stepped = now
-        for joint, position in zip(self._joints, reading.positions, strict=True):
-            joint.motion.advance(now - self._stepped)
-            joint.servo.measured(reading.stamp, position)
+        for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
+            drive.servo.learning = self.parameters.servo_delay == 0.0
+            drive.servo.delay = delay
+            drive.measured(joints.stamp, position, elapsed)
         self._stepped = now
-        return self._joints
+        return self._drives
 
-    def _steer(self, wanted, goal, speed, now, noise, speed_noise):
-        p = self.parameters
-        commands = []
-        for joint, here, there in zip(self._joints, wanted, goal, strict=True):
-            limits = MotionLimits(
-                min(speed, joint.limits.velocity), p.max_joint_acceleration, p.max_joint_jerk
+    @staticmethod
+    def _drive(joints: JointReading, index: int, delay: float, limits: JointLimits) -> JointDrive:
+        position, velocity = joints.positions[index], joints.velocities[index]
+        return JointDrive(joints.stamp, position, velocity, limits, delay)
+
+    def _gaze(self, target: TargetEstimate, time: float, near: tuple[float, float]) -> Gaze:
+        """The gaze at the predicted target.
+
+        A target that comes into reach at the far end of the range is not followed there, all the
+        way round, before it is well inside: it may be gone again at once.
+        """
+        gaze = self._head.gaze(target.position(time), *near)
+        if self._path is None:
+            return gaze
+        pan, tilt = self._path.end_positions
+        limits = self._head.pan_limits
+        inside = min(limits.upper - gaze.pan, gaze.pan - limits.lower)
+        if abs(gaze.pan - pan) < math.pi or inside > _EDGE:
+            return gaze
+        reason = f"the target has just come into reach at the other end, at pan {gaze.pan:.2f} rad"
+        return replace(gaze, pan=pan, tilt=tilt, status=GazeStatus.OUT_OF_REACH, reason=reason)
+
+    def _steer(self, wishes: Sequence[Wish], speed: float, now: float) -> HeadCommand:
+        assert self._drives is not None
+        p, limits = self.parameters, (self._head.pan_limits, self._head.tilt_limits)
+        (pan, pan_speed), (tilt, tilt_speed) = (
+            drive.follow(
+                wish,
+                now,
+                self._period,
+                drive.servo.delay - self._delay,
+                MotionLimits(
+                    min(speed, joint.velocity), p.max_joint_acceleration, p.max_joint_jerk
+                ),
+                p.dead_band,
+                self.limits.lead_target_angle,
             )
-            late = joint.servo.delay - self._delay
-            commands.append(
-                joint.step(
-                    here, there, now, self._period, limits, p.dead_band, noise, speed_noise, late,
-                    self.tutorial.lead_target_angle,
-                )
-            )
-        (pan, pan_speed), (tilt, tilt_speed) = commands
+            for drive, wish, joint in zip(self._drives, wishes, limits, strict=True)
+        )
         return HeadCommand(pan, tilt, pan_speed, tilt_speed)
 
 
 @dataclass(frozen=True, slots=True)
-class _Knots:
-    t0: float
-    p0: tuple[float, float]
-    t1: float
-    p1: tuple[float, float]
+class _Path:
+    """Where the joints should be at the start and at the end of one period.
 
-    def at(self, t):
-        r = (t - self.t0) / (self.t1 - self.t0)
-        return tuple(a + r * (b - a) for a, b in zip(self.p0, self.p1, strict=True))
+    The next period starts where this one ended, unless more is known of the target by then.
+    """
 
+    target: TargetEstimate
+    start: float
+    start_positions: tuple[float, float]
+    end: float
+    end_positions: tuple[float, float]
 
-class _Joint:
-    def __init__(self, stamp: float, position: float, limits: JointLimits) -> None:
-        self.limits = limits
-        self.motion = JointMotion(limits.clamp(position))
-        self.servo = ServoResponse(stamp, position)
-        self.rest = Rest()
-        self._side = 0.0
-
-    def step(self, here, there, now, dt, limits, dead_band, noise, speed_noise, late, lead):
-        velocity = (there - here) / dt
-        stays = self.rest.update(here, velocity, self.motion, self.servo, now, dead_band, noise, speed_noise)
-        if stays is not None:
-            self.motion.position, self.motion.velocity = here, 0.0
-            self.motion._acceleration = 0.; self.motion._wanted_velocity = 0.
-            goal = self.limits.clamp(stays)
-            self.servo.held(now, goal)
-            return goal, REST_SPEED
-        self.motion.steer(here, velocity, dt, limits, self.limits)
-        v = self.motion.velocity
-        if abs(v) > TURN:
-            self._side = math.copysign(1.0, v)
-        elif self._side == 0.0 and v: self._side = math.copysign(1.0, v)
-        target = self.motion.position + v * (dt + late) + self._side * self.servo.dead_band
-        speed = (target - self.servo.setpoint(now)) / dt
-        last = self.servo.speed
-        change = limits.acceleration * dt
-        speed = min(max(speed, last - change), last + change)
-        speed = min(max(speed, -limits.speed), limits.speed)
-        self.servo.commanded(now, speed)
-        ahead = min(abs(speed) * (dt + _RESERVE) + _MARGIN, lead)
-        goal = self.limits.clamp(self.servo.setpoint(now) + math.copysign(ahead, speed))
-        return goal, max(abs(speed), _SLOWEST)
-
-TURN = 0.02
-REST_SPEED = 0.25
+    def at(self, time: float, target: TargetEstimate) -> tuple[float, float] | None:
+        """Pan and tilt [rad] at a time near the end [s]; None if the target is known better."""
+        if target is not self.target:
+            return None
+        ratio = (time - self.start) / (self.end - self.start)
+        (pan, tilt), (next_pan, next_tilt) = self.start_positions, self.end_positions
+        return pan + ratio * (next_pan - pan), tilt + ratio * (next_tilt - tilt)

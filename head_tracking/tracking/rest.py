@@ -1,42 +1,93 @@
 """When a joint may fall silent, and where it stays."""
 
 from __future__ import annotations
+
 import math
+from dataclasses import dataclass
+
+_CALM = 0.1  # s; for so long a joint must have been where it should be
+_SETTLED = 0.2  # s after which a joint that stopped short is helped
+_SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
+_FARTHEST_HELP = 3.0  # resolutions of the encoder
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """Where a joint should be.
+
+    Attributes:
+        position: [rad].
+        velocity: [rad/s].
+        noise: standard deviation of that position [rad].
+        speed_noise: standard deviation of that velocity [rad/s].
+    """
+
+    position: float
+    velocity: float = 0.0
+    noise: float = 0.0
+    speed_noise: float = 0.0
+
 
 class Rest:
-    def __init__(self):
-        self.resting = False
-        self.latched = 0.0
-        self.goal = 0.0
-        self.since = None
-        self.nudged = 0.0
+    """A dead band with hysteresis: easy to stay in, harder to come into.
 
-    def update(self, wanted, velocity, motion, servo, now, dead_band, noise, speed_noise):
-        band = max(dead_band, min(2 * noise, 2.5 * dead_band))
-        still = max(0.015, min(2 * speed_noise, 0.03))
-        if self.resting:
-            if abs(wanted - self.latched) <= band and abs(velocity) <= 2.5 * still:
-                stamp, x = servo.reading
-                if stamp - self.nudged > 0.2 and abs(self.latched - x) > dead_band:
-                    self.nudged = stamp
-                    self.goal += self.latched - x if abs(self.goal - self.latched)<3*servo.resolution else 0
-                    side = math.copysign(1.0, self.latched - x)
-                    if (self.goal - self.latched) * side < servo.dead_band*.5:
-                        self.goal = self.latched + side * servo.dead_band
-                return self.goal
-            self.resting = False
-            self.since = None
-            return None
-        calm = abs(velocity) <= still and abs(motion.velocity) <= still and abs(wanted - motion.position) <= 0.5 * band
-        if not calm:
-            self.since = None
-            return None
-        if self.since is None:
-            self.since = now
-        if now - self.since < 0.1:
-            return None
-        self.resting = True
-        self.latched = wanted
-        self.goal = servo.setpoint(now)
-        self.nudged = now
-        return self.goal
+    Attributes:
+        goal: where the joint rests [rad]; None while it moves.
+    """
+
+    def __init__(self) -> None:
+        self.goal: float | None = None
+        self._place = 0.0
+        self._calm_since: float | None = None
+        self._helped = 0.0
+
+    def wake(self) -> None:
+        """The joint moves."""
+        self.goal = self._calm_since = None
+
+    def judge(
+        self, wish: Wish, off: float, speed: float, setpoint: float, dead_band: float, now: float
+    ) -> None:
+        """Decides whether the joint rests.
+
+        Args:
+            wish: where it should be.
+            off: by how much its intended motion is not there [rad].
+            speed: of its intended motion [rad/s].
+            setpoint: where the servo would stay if it were told nothing any more [rad].
+            dead_band: errors below this are left alone [rad].
+            now: the time [s].
+        """
+        band = max(dead_band, min(2.0 * wish.noise, 2.5 * dead_band))
+        slow = min(max(2.0 * wish.speed_noise, _SLOW), 2.0 * _SLOW)
+        if self.goal is not None:
+            if abs(wish.position - self._place) > band or abs(wish.velocity) > 2.5 * slow:
+                self.wake()
+            return
+        if abs(wish.velocity) > slow or abs(speed) > slow or abs(off) > 0.5 * band:
+            self._calm_since = None
+            return
+        if self._calm_since is None:
+            self._calm_since = now
+        if now - self._calm_since >= _CALM:
+            self.goal, self._place, self._helped = setpoint, wish.position, now
+
+    def help(self, measured: float, stamp: float, resolution: float, dead_band: float) -> None:
+        """Moves the goal of a joint that came to rest beside its place.
+
+        Args:
+            measured: where it stands [rad].
+            stamp: when that was [s].
+            resolution: of its encoder [rad].
+            dead_band: errors below this are left alone [rad].
+        """
+        short = self._place - measured
+        if self.goal is None or abs(short) <= max(dead_band, 0.75 * resolution):
+            return
+        if stamp - self._helped >= _SETTLED:
+            self._helped = stamp
+            farthest = _FARTHEST_HELP * resolution
+            ahead = self.goal - self._place + short
+            if ahead * short < 0.0:
+                ahead = math.copysign(resolution, short)
+            self.goal = self._place + min(max(ahead, -farthest), farthest)

@@ -1,0 +1,99 @@
+"""One joint on its way: the motion it should make, and the commands that make the servo do it."""
+
+from __future__ import annotations
+
+import math
+
+from head_tracking.tracking.joint_motion import JointMotion, MotionLimits
+from head_tracking.tracking.rest import Rest, Wish
+from head_tracking.tracking.servo_response import ServoResponse
+from head_tracking.transforms import JointLimits
+
+_RESERVE = 0.15  # s: so long a servo moves on if no other command comes
+_MARGIN = 0.02  # rad
+_SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
+_REST_SPEED = 0.25  # rad/s
+_TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
+
+
+class JointDrive:
+    """Keeps one joint on a moving wish.
+
+    Args:
+        stamp: time of the first reading [s].
+        position: that reading [rad].
+        velocity: how the joint moves [rad/s].
+        joint: its range.
+        delay: from a command to the motion it causes, to start with [s].
+    """
+
+    def __init__(
+        self, stamp: float, position: float, velocity: float, joint: JointLimits, delay: float
+    ) -> None:
+        self.servo = ServoResponse(stamp, position, velocity, delay)
+        self.motion = JointMotion(joint.clamp(position), velocity)
+        self._joint = joint
+        self._rest = Rest()
+        self._side = 0.0
+
+    def measured(self, stamp: float, position: float, elapsed: float) -> None:
+        """Takes a reading [s], [rad]; so much time has passed since the last command [s]."""
+        self.motion.advance(elapsed)
+        self.servo.measured(stamp, position)
+
+    def follow(
+        self,
+        wish: Wish,
+        now: float,
+        period: float,
+        late: float,
+        limits: MotionLimits,
+        dead_band: float,
+        lead: float,
+    ) -> tuple[float, float]:
+        """The goal [rad] and the speed [rad/s] to command now.
+
+        Args:
+            wish: where the joint should be when the servo acts.
+            now: the time [s].
+            period: until the next command [s].
+            late: how much later this servo acts [s].
+            limits: how the joint may move.
+            dead_band: at rest, errors below this are left alone [rad].
+            lead: the farthest goal ahead [rad].
+        """
+        motion, servo, rest = self.motion, self.servo, self._rest
+        rest.judge(
+            wish,
+            wish.position - motion.position,
+            motion.velocity,
+            servo.setpoint(now),
+            dead_band,
+            now,
+        )
+        if rest.goal is not None:
+            stamp, position = servo.reading
+            rest.help(position, stamp, servo.resolution, dead_band)
+            goal = self._joint.clamp(rest.goal)
+            motion.rest_at(wish.position)
+            servo.held(now, goal)
+            return goal, _REST_SPEED
+        motion.steer(wish.position, wish.velocity, period, limits, self._joint)
+        speed = self._setpoint_speed(now, period, late, limits)
+        servo.commanded(now, speed)
+        ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
+        goal = self._joint.clamp(servo.setpoint(now) + math.copysign(ahead, speed))
+        return goal, max(abs(speed), _SLOWEST)
+
+    def _setpoint_speed(
+        self, now: float, period: float, late: float, limits: MotionLimits
+    ) -> float:
+        """The speed at which the servo's setpoint must move for the motion."""
+        motion, servo = self.motion, self.servo
+        if abs(motion.velocity) > _TURN or self._side == 0.0:
+            self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
+        end = motion.position + motion.velocity * (period + late) + self._side * servo.dead_band
+        speed = (end - servo.setpoint(now)) / period
+        change = limits.acceleration * period
+        speed = min(max(speed, servo.speed - change), servo.speed + change)
+        return min(max(speed, -limits.speed), limits.speed)
