@@ -43,6 +43,7 @@ class Verdict(StrEnum):
     JUMP = "the target seems to have jumped; the next points will tell"
     DOUBLED = "the point has come before"
     TOO_OLD = "the point is too old"
+    IGNORED = "tracking is switched off"
     FUTURE = "the point lies in the future; the clocks of its sender and of this machine differ"
 
     @property

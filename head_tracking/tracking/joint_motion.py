@@ -94,7 +94,9 @@ class JointMotion:
             return gain * error
         return math.copysign(math.sqrt(braking * (2.0 * abs(error) - linear)), error)
 
-    def _inside(self, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits) -> float:
+    def _inside(
+        self, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits
+    ) -> float:
         """The velocity, reduced so that the joint stops at the end of its range."""
         room = joint.upper - self.position if velocity > 0.0 else self.position - joint.lower
         if not math.isfinite(room):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from head_tracking.gaze import Gaze, HeadCommand
-from head_tracking.parameters import parameter
+from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 
 
@@ -25,40 +25,16 @@ class JointReading:
     velocities: tuple[float, float] = (0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedLimits:
-    """What all laws have in common.
-
-    The tutorials' `max_joint_speed` is 0.5 rad/s; the other laws need no such restraint.
-    """
-
-    max_joint_speed: float = parameter(
-        0.0,
-        "Fastest speed while tracking; 0: 0.5 rad/s with the law `speed` (the tutorials' value), "
-        "5 rad/s with the others.",
-        unit="rad/s",
-        minimum=0.0,
-        maximum=12.0,
-    )
-    lead_target_angle: float = parameter(
-        0.5,
-        "How far ahead of a moving joint its goal may be: so far it moves on if nobody speaks "
-        "any more.",
-        unit="rad",
-        minimum=0.02,
-        maximum=3.0,
-    )
-
-    def speed(self, usual: float) -> float:
-        """The fastest speed for a law that usually needs `usual` [rad/s]."""
-        return self.max_joint_speed or usual
-
-
 class TrackingLaw(Protocol):
     """Steers the head. Times are in seconds, on the clock of the stamps.
 
     Every method is given the newest reading of the joints and the time.
+
+    Attributes:
+        parameters: may change at any time.
     """
+
+    parameters: LawParameters
 
     @property
     def horizon(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, together
-from head_tracking.tracking.law import JointReading, SpeedLimits
+from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 
 USUAL_SPEED = 5.0  # rad/s
@@ -15,14 +16,14 @@ class PositionLaw:
     If the node dies, the head still goes where the target last was.
 
     Attributes:
-        limits: may change at any time.
+        parameters: may change at any time.
     """
 
     horizon = 0.0
     delays = (0.0, 0.0)
 
-    def __init__(self, head: PanTiltHead, limits: SpeedLimits) -> None:
-        self.limits = limits
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
+        self.parameters = parameters
         self._head = head
 
     def follow(
@@ -31,7 +32,7 @@ class PositionLaw:
         """See `TrackingLaw`."""
         gaze = self._head.gaze(target.point, *joints.positions)
         goal = gaze.pan, gaze.tilt
-        return together(joints.positions, goal, self.limits.speed(USUAL_SPEED)), gaze
+        return together(joints.positions, goal, self.parameters.limits.speed(USUAL_SPEED)), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -41,4 +42,6 @@ class PositionLaw:
 
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
-        return together(joints.positions, joints.positions, self.limits.speed(USUAL_SPEED))
+        return together(
+            joints.positions, joints.positions, self.parameters.limits.speed(USUAL_SPEED)
+        )

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
-from head_tracking.parameters import parameter
 from head_tracking.tracking.joint_drive import JointDrive
 from head_tracking.tracking.joint_motion import MotionLimits
-from head_tracking.tracking.law import JointReading, SpeedLimits
+from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.rest import Wish
 from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.transforms import JointLimits
@@ -20,32 +20,6 @@ USUAL_SPEED = 5.0  # rad/s
 _USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
-
-
-@dataclass(frozen=True, slots=True)
-class PredictiveLawParameters:
-    """How calmly the head moves."""
-
-    max_joint_acceleration: float = parameter(
-        50.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
-    )
-    max_joint_jerk: float = parameter(
-        3000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
-    )
-    dead_band: float = parameter(
-        0.004,
-        "At rest, errors below this are left alone.",
-        unit="rad",
-        minimum=0.0,
-        maximum=0.1,
-    )
-    servo_delay: float = parameter(
-        0.0,
-        "From a command to the motion it causes; 0: measured while the head moves.",
-        unit="s",
-        minimum=0.0,
-        maximum=0.15,
-    )
 
 
 class PredictiveLaw:
@@ -58,22 +32,13 @@ class PredictiveLaw:
     Args:
         head: the head to steer.
         period: time between two commands [s].
-        limits: speed and lead.
-        parameters: the law's own.
+        parameters: of the laws.
 
     Attributes:
-        limits: may change at any time.
         parameters: may change at any time.
     """
 
-    def __init__(
-        self,
-        head: PanTiltHead,
-        period: float,
-        limits: SpeedLimits,
-        parameters: PredictiveLawParameters,
-    ) -> None:
-        self.limits = limits
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
         self.parameters = parameters
         self._head = head
         self._period = period
@@ -90,8 +55,8 @@ class PredictiveLaw:
     @property
     def delays(self) -> tuple[float, float]:
         """See `TrackingLaw`."""
-        if self.parameters.servo_delay > 0.0:
-            return self.parameters.servo_delay, self.parameters.servo_delay
+        if self.parameters.predictive.servo_delay > 0.0:
+            return self.parameters.predictive.servo_delay, self.parameters.predictive.servo_delay
         if self._drives is not None:
             pan, tilt = self._drives
             self._known_delays = pan.servo.delay, tilt.servo.delay
@@ -123,7 +88,7 @@ class PredictiveLaw:
             Wish(a, (b - a) / self._period, noise, speed_noise)
             for a, b in zip(here, there, strict=True)
         ]
-        return self._steer(wishes, self.limits.speed(USUAL_SPEED), now), gaze
+        return self._steer(wishes, self.parameters.limits.speed(USUAL_SPEED), now), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -136,7 +101,7 @@ class PredictiveLaw:
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         self._drives = self._path = None
-        speed = self.limits.speed(USUAL_SPEED)
+        speed = self.parameters.limits.speed(USUAL_SPEED)
         return HeadCommand(*joints.positions, speed, speed)
 
     def _take(self, joints: JointReading, now: float) -> tuple[JointDrive, JointDrive]:
@@ -151,7 +116,7 @@ class PredictiveLaw:
                 self._drive(joints, 1, delays[1], head.tilt_limits),
             )
         for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
-            drive.servo.learning = self.parameters.servo_delay == 0.0
+            drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
             drive.servo.delay = delay
             drive.measured(joints.stamp, position, elapsed)
         self._stepped = now
@@ -181,7 +146,7 @@ class PredictiveLaw:
 
     def _steer(self, wishes: Sequence[Wish], speed: float, now: float) -> HeadCommand:
         assert self._drives is not None
-        p, limits = self.parameters, (self._head.pan_limits, self._head.tilt_limits)
+        p, limits = self.parameters.predictive, (self._head.pan_limits, self._head.tilt_limits)
         (pan, pan_speed), (tilt, tilt_speed) = (
             drive.follow(
                 wish,
@@ -192,7 +157,7 @@ class PredictiveLaw:
                     min(speed, joint.velocity), p.max_joint_acceleration, p.max_joint_jerk
                 ),
                 p.dead_band,
-                self.limits.lead_target_angle,
+                self.parameters.limits.lead_target_angle,
             )
             for drive, wish, joint in zip(self._drives, wishes, limits, strict=True)
         )

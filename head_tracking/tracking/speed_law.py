@@ -7,45 +7,26 @@ and moves at the speed it is given; if the node dies the head travels no farther
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
-from head_tracking.parameters import parameter
-from head_tracking.tracking.law import JointReading, SpeedLimits
+from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 
 USUAL_SPEED = 0.5  # rad/s, the tutorials'
-
-
-@dataclass(frozen=True, slots=True)
-class SpeedLawParameters:
-    """Names and defaults are the tutorials'; see `SpeedLimits` for the other two."""
-
-    pan_threshold: float = parameter(
-        0.01, "Pan errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
-    )
-    tilt_threshold: float = parameter(
-        0.01, "Tilt errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
-    )
-    k_pan: float = parameter(1.5, "Pan speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
-    k_tilt: float = parameter(1.5, "Tilt speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
 
 
 class SpeedLaw:
     """Speeds in proportion to the errors of pan and tilt.
 
     Attributes:
-        limits: may change at any time.
         parameters: may change at any time.
     """
 
     horizon = 0.0
     delays = (0.0, 0.0)
 
-    def __init__(
-        self, head: PanTiltHead, limits: SpeedLimits, parameters: SpeedLawParameters
-    ) -> None:
-        self.limits = limits
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
         self.parameters = parameters
         self._head = head
         self._forget()
@@ -82,8 +63,8 @@ class SpeedLaw:
             wanted: pan and tilt that look at the target [rad].
             present: pan and tilt as measured [rad].
         """
-        p = self.parameters
-        fastest, lead = self.limits.speed(USUAL_SPEED), self.limits.lead_target_angle
+        p, limits = self.parameters.speed, self.parameters.limits
+        fastest, lead = limits.speed(USUAL_SPEED), limits.lead_target_angle
         (pan, pan_speed), (tilt, tilt_speed) = (
             joint.step(there - here, here, gain, threshold, fastest, lead)
             for joint, there, here, gain, threshold in zip(
@@ -101,7 +82,7 @@ class SpeedLaw:
         )
 
     def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
-        speed = self.limits.speed(USUAL_SPEED)
+        speed = self.parameters.limits.speed(USUAL_SPEED)
         return HeadCommand(*goal, speed, speed)
 
     def _forget(self) -> None:

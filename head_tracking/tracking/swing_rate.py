@@ -66,9 +66,7 @@ class SwingRate(NamedTuple):
         return SwingRate(squares, products, rate)
 
 
-def _between(
-    stamps: Sequence[float], points: Sequence[Array], time: float
-) -> tuple[Array, float]:
+def _between(stamps: Sequence[float], points: Sequence[Array], time: float) -> tuple[Array, float]:
     """The point at a time between two, and the part of the noise that is left of theirs."""
     after = bisect_right(stamps, time)
     before = after - 1
