@@ -13,6 +13,8 @@ _RESERVE = 0.15  # s: so long a servo moves on if no other command comes
 _MARGIN = 0.02  # rad
 _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
+_ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
+_ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
 
 
@@ -79,11 +81,27 @@ class JointDrive:
             servo.held(now, goal)
             return goal, _REST_SPEED
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
-        speed = self._setpoint_speed(now, period, late, limits)
-        servo.commanded(now, speed)
-        ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
-        goal = self._joint.clamp(servo.setpoint(now) + math.copysign(ahead, speed))
+        goal, speed = self._arrival(wish, now, period, limits)
+        if goal is None or not rest.near or abs(goal - servo.setpoint(now)) > lead:
+            speed = self._setpoint_speed(now, period, late, limits)
+            ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
+            goal = self._joint.clamp(servo.setpoint(now) + math.copysign(ahead, speed))
+        servo.commanded(now, speed, goal)
         return goal, max(abs(speed), _SLOWEST)
+
+    def _arrival(
+        self, wish: Wish, now: float, period: float, limits: MotionLimits
+    ) -> tuple[float | None, float]:
+        """The goal and the signed speed for a wish that stands still: the servo itself stops there.
+
+        The goal is None while the joint moves away from it.
+        """
+        goal = self._joint.clamp(wish.position)
+        fast = max(_ARRIVAL_SPEED, _ARRIVAL * abs(goal - self.servo.expected(now)))
+        way = goal - self.servo.setpoint(now)
+        speed = math.copysign(max(fast, abs(self.motion.velocity)), way)
+        speed = self._limited(speed, period, limits)
+        return (goal if speed * way >= 0.0 else None), speed
 
     def _setpoint_speed(
         self, now: float, period: float, late: float, limits: MotionLimits
@@ -94,6 +112,10 @@ class JointDrive:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
         end = motion.position + motion.velocity * (period + late) + self._side * servo.dead_band
         speed = (end - servo.setpoint(now)) / period
-        change = limits.acceleration * period
-        speed = min(max(speed, servo.speed - change), servo.speed + change)
+        return self._limited(speed, period, limits)
+
+    def _limited(self, speed: float, period: float, limits: MotionLimits) -> float:
+        """The nearest speed that the limits allow after the last one."""
+        last, change = self.servo.speed, limits.acceleration * period
+        speed = min(max(speed, last - change), last + change)
         return min(max(speed, -limits.speed), limits.speed)

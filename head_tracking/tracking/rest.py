@@ -33,10 +33,12 @@ class Rest:
 
     Attributes:
         goal: where the joint rests [rad]; None while it moves.
+        near: whether the joint is wanted where it may come to rest.
     """
 
     def __init__(self) -> None:
         self.goal: float | None = None
+        self.near = False
         self._place = 0.0
         self._calm_since: float | None = None
         self._helped = 0.0
@@ -60,11 +62,12 @@ class Rest:
         """
         band = max(dead_band, min(2.0 * wish.noise, 2.5 * dead_band))
         slow = min(max(2.0 * wish.speed_noise, _SLOW), 2.0 * _SLOW)
+        self.near = abs(wish.velocity) <= slow
         if self.goal is not None:
             if abs(wish.position - self._place) > band or abs(wish.velocity) > 2.5 * slow:
                 self.wake()
             return
-        if abs(wish.velocity) > slow or abs(speed) > slow or abs(off) > 0.5 * band:
+        if not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
             self._calm_since = None
             return
         if self._calm_since is None:

@@ -59,6 +59,7 @@ class ServoResponse:
         self._times = [stamp]
         self._setpoints = [position]
         self._speeds = [speed]
+        self._rooms = [math.inf]
         self._offset = 0.0
         self._shaft = position
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
@@ -85,13 +86,15 @@ class ServoResponse:
         """Where the servo's setpoint was or will be if no other command comes."""
         return self._sum(time) + self._offset
 
-    def commanded(self, now: float, speed: float) -> None:
-        """The servo is told to move on at this speed from now on."""
-        self._append(now, self._sum(now), speed)
+    def commanded(self, now: float, speed: float, goal: float) -> None:
+        """The servo is told to move on at this speed from now on, and to stay at this goal."""
+        setpoint = self._sum(now)
+        room = max(0.0, (goal - self._offset - setpoint) * math.copysign(1.0, speed))
+        self._append(now, setpoint, speed, room)
 
     def held(self, now: float, setpoint: float) -> None:
         """The servo is told to go to this position and stay."""
-        self._append(now, setpoint - self._offset, 0.0)
+        self._append(now, setpoint - self._offset, 0.0, 0.0)
 
     def expected(self, time: float) -> float:
         """Where the shaft is at a time not before the newest reading."""
@@ -119,18 +122,20 @@ class ServoResponse:
 
     def _sum(self, time: float) -> float:
         index = max(0, bisect_right(self._times, time) - 1)
-        ahead = max(0.0, time - self._times[index])
-        return self._setpoints[index] + ahead * self._speeds[index]
+        speed = self._speeds[index]
+        way = min(max(0.0, time - self._times[index]) * abs(speed), self._rooms[index])
+        return self._setpoints[index] + math.copysign(way, speed)
 
     def _speed_at(self, time: float) -> float:
         return self._speeds[max(0, bisect_right(self._times, time) - 1)]
 
-    def _append(self, now: float, setpoint: float, speed: float) -> None:
+    def _append(self, now: float, setpoint: float, speed: float, room: float) -> None:
         self._times.append(now)
         self._setpoints.append(setpoint)
         self._speeds.append(speed)
+        self._rooms.append(room)
         if len(self._times) > 2 and self._times[1] < now - _HISTORY:
-            del self._times[0], self._setpoints[0], self._speeds[0]
+            del self._times[0], self._setpoints[0], self._speeds[0], self._rooms[0]
 
     def _learn_resolution(self, step: float) -> None:
         if _FINEST_RESOLUTION < step < self._finest_step:
