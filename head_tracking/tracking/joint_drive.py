@@ -98,10 +98,12 @@ class JointDrive:
         """
         goal = self._joint.clamp(wish.position)
         fast = max(_ARRIVAL_SPEED, _ARRIVAL * abs(goal - self.servo.expected(now)))
-        way = goal - self.servo.setpoint(now)
-        speed = math.copysign(max(fast, abs(self.motion.velocity)), way)
-        speed = self._limited(speed, period, limits)
-        return (goal if speed * way >= 0.0 else None), speed
+        way, last = goal - self.servo.setpoint(now), self.servo.speed
+        change = limits.acceleration * period
+        if last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period:
+            return None, 0.0
+        fast = min(max(fast, abs(self.motion.velocity)), abs(last) + change, limits.speed)
+        return goal, math.copysign(fast, way)
 
     def _setpoint_speed(
         self, now: float, period: float, late: float, limits: MotionLimits
