@@ -9,6 +9,7 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from perfect_command import PerfectCommand
 
@@ -149,14 +150,10 @@ def tracking() -> str:
     """The tables of docs/results.md."""
     title = "| Servo | Target | Points | Tutorials', mrad | Ours, mrad | Ratio | Asked | Limit |"
     rows = [
-        row(name, course, late)
-        for name in SERVOS
-        for course in COURSES
-        for late in (False, True)
+        row(name, course, late) for name in SERVOS for course in COURSES for late in (False, True)
     ]
-    return "\n".join(
-        [title, "|---|---|---|---|---|---|---|---|", *rows, "", *calmness(), "", *steps(), "", cost()]
-    )
+    tables = [[title, "|---|---|---|---|---|---|---|---|", *rows], calmness(), steps(), [cost()]]
+    return "\n\n".join("\n".join(table) for table in tables)
 
 
 def row(name: str, course: Course, late: bool) -> str:
@@ -228,7 +225,7 @@ def calmness() -> list[str]:
 def unchanged(goals: list[tuple[int, int]]) -> float:
     """The share of the cycles that repeat the goals of the one before, from 2 s on."""
     late = goals[100:]
-    return statistics.fmean(a == b for a, b in zip(late, late[1:], strict=False))
+    return statistics.fmean(a == b for a, b in pairwise(late))
 
 
 def steps() -> list[str]:
@@ -256,9 +253,7 @@ def cost() -> str:
         name: trial(sine(0.5), Conditions(10.0, noise=NOISE), controller())
         for name, controller in (("tutorials'", tutorial), ("ours", ours))
     }
-    medians = {
-        name: 1e6 * statistics.median(outcome.costs) for name, outcome in outcomes.items()
-    }
+    medians = {name: 1e6 * statistics.median(outcome.costs) for name, outcome in outcomes.items()}
     return "Cost of a step, median on this machine: " + ", ".join(
         f"{name} {cost:.0f} us" for name, cost in medians.items()
     )

@@ -7,8 +7,8 @@ from collections import deque
 
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.tracking import TrackingStep
-from head_tracking.trial import Path
 from head_tracking.transforms import Vector3
+from head_tracking.trial import Path
 
 BUS_DELAY = 0.0155  # s from a command until the servo has it, in the trial's timing
 LAG = 0.027  # s, of the servo: slope and damping of its compliance

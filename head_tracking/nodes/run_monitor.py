@@ -94,10 +94,10 @@ class RunMonitorNode(Node):
             placed = self._placer.place(self._now, {})
         except TransformException:
             return
-        if placed is not None:
+        if placed:
             if self._point is None:
                 self._first_seen = self._now
-            self._target, self._point = placed
+            self._target, self._point = placed[-1]
 
     def _positions(self, head: PanTiltHead) -> tuple[float, float] | None:
         found = [self._position(joint) for joint in (head.pan_joint, head.tilt_joint)]

@@ -81,8 +81,10 @@ class JointDrive:
             servo.held(now, goal)
             return goal, _REST_SPEED
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
-        goal, speed = self._arrival(wish, now, period, limits)
-        if goal is None or not rest.near or abs(goal - servo.setpoint(now)) > lead:
+        arrival = self._arrival(wish, now, period, limits, lead) if rest.near else None
+        if arrival is not None:
+            goal, speed = arrival
+        else:
             speed = self._setpoint_speed(now, period, late, limits)
             ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
             goal = self._joint.clamp(servo.setpoint(now) + math.copysign(ahead, speed))
@@ -90,18 +92,19 @@ class JointDrive:
         return goal, max(abs(speed), _SLOWEST)
 
     def _arrival(
-        self, wish: Wish, now: float, period: float, limits: MotionLimits
-    ) -> tuple[float | None, float]:
+        self, wish: Wish, now: float, period: float, limits: MotionLimits, lead: float
+    ) -> tuple[float, float] | None:
         """The goal and the signed speed for a wish that stands still: the servo itself stops there.
 
-        The goal is None while the joint moves away from it.
+        None while the joint moves away from it, or is too far from it.
         """
         goal = self._joint.clamp(wish.position)
         fast = max(_ARRIVAL_SPEED, _ARRIVAL * abs(goal - self.servo.expected(now)))
         way, last = goal - self.servo.setpoint(now), self.servo.speed
         change = limits.acceleration * period
-        if last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period:
-            return None, 0.0
+        away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
+        if away or abs(way) > lead:
+            return None
         fast = min(max(fast, abs(self.motion.velocity)), abs(last) + change, limits.speed)
         return goal, math.copysign(fast, way)
 

@@ -29,7 +29,8 @@ class SpeedLaw:
     def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
         self.parameters = parameters
         self._head = head
-        self._forget()
+        self._joints = _JointLaw(), _JointLaw()
+        self._held: tuple[float, float] | None = None
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -86,8 +87,7 @@ class SpeedLaw:
         return HeadCommand(*goal, speed, speed)
 
     def _forget(self) -> None:
-        self._joints = _JointLaw(), _JointLaw()
-        self._held: tuple[float, float] | None = None
+        self._joints, self._held = (_JointLaw(), _JointLaw()), None
 
 
 class _JointLaw:
