@@ -79,7 +79,7 @@ class JointDrive:
             goal = self._joint.clamp(rest.goal)
             motion.rest_at(wish.position)
             servo.held(now, goal)
-            return goal, _REST_SPEED
+            return goal, min(_REST_SPEED, limits.speed)
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
         arrival = self._arrival(wish, now, period, limits, lead) if rest.near else None
         if arrival is not None:
@@ -106,6 +106,7 @@ class JointDrive:
         if away or abs(way) > lead:
             return None
         fast = min(max(fast, abs(self.motion.velocity)), abs(last) + change, limits.speed)
+        fast = max(fast, abs(last) - change) if last * way > 0.0 else fast
         return goal, math.copysign(fast, way)
 
     def _setpoint_speed(
@@ -123,4 +124,5 @@ class JointDrive:
         """The nearest speed that the limits allow after the last one."""
         last, change = self.servo.speed, limits.acceleration * period
         speed = min(max(speed, last - change), last + change)
-        return min(max(speed, -limits.speed), limits.speed)
+        fastest = max(limits.speed, abs(last) - change)
+        return min(max(speed, -fastest), fastest)

@@ -81,7 +81,8 @@ class JointMotion:
         acceleration = min(max(asked, self._acceleration - change), self._acceleration + change)
         acceleration = min(max(acceleration, -limits.acceleration), limits.acceleration)
         chosen = self.velocity + acceleration * dt
-        chosen = min(max(chosen, -limits.speed), limits.speed)
+        fastest = max(limits.speed, abs(self.velocity) - limits.acceleration * dt)
+        chosen = min(max(chosen, -fastest), fastest)
         chosen = self._inside(chosen, dt, limits, joint)
         self._acceleration = (chosen - self.velocity) / dt
         self.velocity = chosen

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from head_tracking.gaze import Gaze, HeadCommand
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 
@@ -23,6 +23,11 @@ class JointReading:
     stamp: float
     positions: tuple[float, float]
     velocities: tuple[float, float] = (0.0, 0.0)
+
+
+def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, float]:
+    """Pan and tilt [rad], or the limits next to them: an encoder may read a little beyond."""
+    return head.pan_limits.clamp(positions[0]), head.tilt_limits.clamp(positions[1])
 
 
 class TrackingLaw(Protocol):

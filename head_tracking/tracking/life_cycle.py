@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
 from head_tracking.parameters import parameter
+from head_tracking.tracking.law import inside
 from head_tracking.tracking.search import Sweep
 
 _ARRIVED = 0.03  # rad
@@ -147,7 +148,7 @@ class LifeCycle:
         if self.state is TargetState.IDLE:
             return None
         self._become(TargetState.HOLDING, "the target is lost")
-        self._held = self._held or positions
+        self._held = self._held or inside(self._head, positions)
         return self._held
 
     def _recentring(self, positions: tuple[float, float]) -> tuple[float, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, together
-from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 

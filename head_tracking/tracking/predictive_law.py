@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
 from head_tracking.tracking.joint_drive import JointDrive
 from head_tracking.tracking.joint_motion import MotionLimits
-from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.rest import Wish
 from head_tracking.tracking.target_estimate import TargetEstimate
@@ -102,7 +102,7 @@ class PredictiveLaw:
         """See `TrackingLaw`."""
         self._drives = self._path = None
         speed = self.parameters.limits.speed(USUAL_SPEED)
-        return HeadCommand(*joints.positions, speed, speed)
+        return HeadCommand(*inside(self._head, joints.positions), speed, speed)
 
     def _take(self, joints: JointReading, now: float) -> tuple[JointDrive, JointDrive]:
         """The joints, told of the newest reading; new ones after a pause."""

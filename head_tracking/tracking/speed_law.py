@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
-from head_tracking.tracking.law import JointReading
+from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.target_estimate import TargetEstimate
 
@@ -40,7 +40,7 @@ class SpeedLaw:
         if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
             self._held = None
             return self.step((gaze.pan, gaze.tilt), joints.positions), gaze
-        held = self._held or joints.positions
+        held = self._held or inside(self._head, joints.positions)
         self._forget()
         self._held = held
         return self._at_usual_speed(held), gaze
@@ -55,7 +55,7 @@ class SpeedLaw:
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         self._forget()
-        return self._at_usual_speed(joints.positions)
+        return self._at_usual_speed(inside(self._head, joints.positions))
 
     def step(self, wanted: tuple[float, float], present: tuple[float, float]) -> HeadCommand:
         """The command for now.

@@ -34,7 +34,7 @@ def test_a_target_is_acquired_and_then_tracked(make):
     assert life.state is TargetState.ACQUIRING
     life.followed(REACHED, 0.4, 0.02)
     assert life.state is TargetState.ACQUIRING
-    life.followed(REACHED, 0.01, 0.5)
+    life.followed(REACHED, 0.01, 0.04)
     assert life.state is TargetState.TRACKING
 
 
