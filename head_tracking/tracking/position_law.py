@@ -42,6 +42,5 @@ class PositionLaw:
 
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
-        return together(
-            joints.positions, joints.positions, self.parameters.limits.speed(USUAL_SPEED)
-        )
+        goal = inside(self._head, joints.positions)
+        return together(goal, goal, self.parameters.limits.speed(USUAL_SPEED))
