@@ -15,9 +15,11 @@ from head_tracking.tracking.life_cycle import LifeCycle, LifeCycleParameters, Ta
 from head_tracking.tracking.position_law import PositionLaw
 from head_tracking.tracking.predictive_law import PredictiveLaw
 from head_tracking.tracking.recording import Recording, Sample
+from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.speed_law import SpeedLaw
 from head_tracking.tracking.target import Target, TargetPlacer
 from head_tracking.tracking.target_estimate import TargetEstimate
+from head_tracking.tracking.track_record import TrackRecord
 from head_tracking.tracking.tracker import Delays, Tracker, TrackingStep
 
 __all__ = [
@@ -44,8 +46,12 @@ __all__ = [
     "TargetEstimator",
     "TargetPlacer",
     "TargetState",
+    "TrackRecord",
     "Tracker",
     "TrackingLaw",
     "TrackingStep",
     "Verdict",
+    "lag",
+    "picture",
+    "table",
 ]

@@ -63,7 +63,10 @@ class Rig:
             model, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
         )
         self.tracker = Tracker(
-            self.head, LAWS[law](self.head, PERIOD / SECOND, parameters), EstimatorParameters(), life
+            self.head,
+            LAWS[law](self.head, PERIOD / SECOND, parameters),
+            EstimatorParameters(),
+            life,
         )
         self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
         self.now = START

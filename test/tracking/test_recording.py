@@ -10,7 +10,12 @@ def swing(seconds=10.0, lag=0.1):
     times = np.arange(0.0, seconds, 0.004)
     return Recording(
         [
-            Sample(t, (math.sin(t), 0.0), (math.sin(t - lag), 0.0), abs(math.sin(t) - math.sin(t - lag)))
+            Sample(
+                t,
+                (math.sin(t), 0.0),
+                (math.sin(t - lag), 0.0),
+                abs(math.sin(t) - math.sin(t - lag)),
+            )
             for t in times.tolist()
         ]
     )
@@ -33,7 +38,9 @@ def test_a_part_of_it():
 
 
 def test_when_it_settled():
-    samples = [Sample(t, (0, 0), (0, 0), error) for t, error in enumerate((0.5, 0.1, 0.3, 0.1, 0.1))]
+    samples = [
+        Sample(t, (0, 0), (0, 0), error) for t, error in enumerate((0.5, 0.1, 0.3, 0.1, 0.1))
+    ]
     assert Recording(samples).settled(0.2) == 3
     assert Recording(samples).settled(0.05) == math.inf
     assert Recording(samples).settled(0.9) == 0

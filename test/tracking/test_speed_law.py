@@ -1,12 +1,12 @@
 import pytest
 
 from head_tracking.tracking import (
+    EstimatorParameters,
     JointReading,
     LawParameters,
     SpeedLaw,
     SpeedLimits,
     TargetEstimator,
-    EstimatorParameters,
 )
 
 

@@ -137,7 +137,9 @@ def test_a_target_lost_for_long_is_given_up(make, law):
 
 
 def test_the_search_covers_both_sides(make):
-    bench = Bench(make(enable_target_search=True, search_target_timeout=1.0, default_joint_speed=2.0))
+    bench = Bench(
+        make(enable_target_search=True, search_target_timeout=1.0, default_joint_speed=2.0)
+    )
     bench.run(1.0, TARGET)
     reached = []
     for _ in range(60):
