@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import pytest
 
 from head_tracking.tracking.search import Sweep
@@ -21,14 +23,12 @@ def test_the_whole_field_is_swept_row_by_row(head):
     rows = sorted(tilts)
     assert rows[0] - head.tilt_limits.lower <= 0.36
     assert head.tilt_limits.upper - rows[-1] <= 0.36
-    assert all(b - a <= 0.71 for a, b in zip(rows, rows[1:], strict=False))
+    assert all(b - a <= 0.71 for a, b in pairwise(rows))
 
 
 def test_every_row_is_crossed(head):
     corners = walk(Sweep(head), 40)
-    crossed = {
-        a[1] for a, b in zip(corners, corners[1:], strict=False) if a[1] == b[1] and a[0] != b[0]
-    }
+    crossed = {a[1] for a, b in pairwise(corners) if a[1] == b[1] and a[0] != b[0]}
     assert crossed >= {tilt for _, tilt in corners}
 
 
