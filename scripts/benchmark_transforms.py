@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import platform
 import random
 import shutil
 import statistics
@@ -101,7 +102,11 @@ def transforms() -> str:
         worker.close()
     title = "| work (links) | ours, us | others, us, and how much slower they are | asked for |"
     note = f"| 10 s of history of 2 joints at 100 Hz | {memory(small):.0f} kB | | under 1 MB |"
-    return "\n".join([title, "|---|---|---|---|", *(row.text() for row in rows), note])
+    run_by = (
+        f"Ours with Python {platform.python_version()}; tf2: {workers['15'].name or 'none here'}."
+    )
+    table = [title, "|---|---|---|---|", *(row.text() for row in rows), note, "", run_by]
+    return "\n".join(table)
 
 
 def sixty_links(model: RobotModel) -> RobotModel:
@@ -157,7 +162,7 @@ def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
             f"lookup latest, camera to base, message out ({size})",
             {
                 "ours": timed(lambda: buffer.lookup_transform(BASE, CAMERA, latest)),
-                f"{tf2.name} tf2_ros": tf2.work("ros_latest"),
+                "tf2_ros": tf2.work("ros_latest"),
             },
             400,
             "2x",
@@ -166,7 +171,7 @@ def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
             f"lookup latest, plain value out ({size})",
             {
                 "ours": timed(lambda: core.lookup_transform(BASE, CAMERA)),
-                f"{tf2.name} tf2's C++ core": tf2.work("core_latest"),
+                "tf2's C++ core": tf2.work("core_latest"),
             },
             400,
             "2.5x",
@@ -175,7 +180,7 @@ def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
             f"PointStamped to PointStamped ({size})",
             {
                 "ours": timed(lambda: buffer.transform(point, BASE)),
-                f"{tf2.name} tf2_ros": tf2.work("ros_point"),
+                "tf2_ros": tf2.work("ros_point"),
             },
             400,
             "5x",
@@ -184,14 +189,14 @@ def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
             f"lookup at a past time, anywhere in 10 s, plain value out ({size})",
             {
                 "ours": cycling(lambda stamp: core.lookup_transform(BASE, CAMERA, stamp), pasts),
-                f"{tf2.name} tf2's C++ core": tf2.work("core_past"),
+                "tf2's C++ core": tf2.work("core_past"),
             },
             400,
             "2.5x",
         ),
         Row(
             f"set a joint sample, {len(all_joints)} in a message ({size})",
-            {"ours": sample, f"{tf2.name} tf2's C++ core, one frame": tf2.work("set")},
+            {"ours": sample, "tf2's C++ core, one frame": tf2.work("set")},
             400,
             "5x",
         ),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import platform
 import sys
 import time
 from collections.abc import Callable
@@ -107,7 +108,8 @@ def main() -> None:
     with contextlib.suppress(ImportError):
         import tf2_geometry_msgs  # noqa: F401 - lets tf2_ros transform points
     work = works(json.loads(sys.stdin.readline()))
-    print("ROS 2" if ROS2 else "ROS 1", flush=True)
+    release = "2" if ROS2 else "1"
+    print(f"ROS {release}'s with Python {platform.python_version()}", flush=True)
     for line in sys.stdin:
         name, count = line.split()
         print(work[name](int(count)), flush=True)

@@ -24,6 +24,7 @@ EXECUTABLES = {
     "robot_state_publisher",
     "servo_bus",
     "simulated_bus",
+    "transforms",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -114,12 +115,12 @@ class JointStatePublisherNode(Node):
         if self._states is None:
             return
         measured = {
-            name: JointState(*values)
-            for name, *values in zip(
+            name: JointState(position, velocity, effort)
+            for name, position, velocity, effort in zip(
                 message.name,
                 message.position,
-                message.velocity or [0.0] * len(message.name),
-                message.effort or [0.0] * len(message.name),
+                chain(message.velocity, repeat(0.0)),
+                chain(message.effort, repeat(0.0)),
                 strict=False,
             )
         }

@@ -108,10 +108,10 @@ class RobotStatePublisherNode(Node):
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("robot_state_publisher", **options)
-        self._parameters = NodeParameters(
+        self._settings = NodeParameters(
             self, RobotStatePublisherParameters, on_change=self._on_change, check=_check_model
         )
-        p = self._parameters.value
+        p = self._settings.value
         self._buffer = buffer or Buffer(node=self)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
         if broadcasting_possible():
@@ -129,7 +129,7 @@ class RobotStatePublisherNode(Node):
 
     def _take(self, model: RobotModel) -> None:
         """Uses a model from now on, and tells everybody."""
-        self._model = model.prefixed(self._parameters.value.frame_prefix)
+        self._model = model.prefixed(self._settings.value.frame_prefix)
         self._buffer.core.set_model(self._model)
         self._description.publish(String(data=model.urdf))
         if broadcasting_possible():

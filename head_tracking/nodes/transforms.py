@@ -55,7 +55,7 @@ def echo(options: argparse.Namespace, buffer: Buffer, node: Node, stop: StopSign
 
 def tree(options: argparse.Namespace, buffer: Buffer, node: Node, stop: StopSignal) -> int:
     """Prints all frames, each below its parent, with rates and ages."""
-    _listen(options.wait, stop)
+    _listen(options, buffer, stop)
     text = buffer.core.tree_as_string(node.get_clock().now().nanoseconds)
     print(text or "no frame is known")
     return 0 if text else 1
@@ -63,7 +63,7 @@ def tree(options: argparse.Namespace, buffer: Buffer, node: Node, stop: StopSign
 
 def check(options: argparse.Namespace, buffer: Buffer, node: Node, stop: StopSignal) -> int:
     """Prints what keeps frames from being looked up."""
-    _listen(options.wait, stop)
+    _listen(options, buffer, stop)
     now = node.get_clock().now().nanoseconds
     problems = buffer.core.problems(now, round(options.max_age * 1e9))
     for problem in problems:
@@ -93,10 +93,13 @@ def echo_text(found: StampedTransform) -> str:
     )
 
 
-def _listen(seconds: float, stop: StopSignal) -> None:
-    end = time.monotonic() + seconds
-    while not stop() and time.monotonic() < end:
+def _listen(options: argparse.Namespace, buffer: Buffer, stop: StopSignal) -> None:
+    """Waits for the first frame, and then long enough to know rates and ages of all."""
+    end = time.monotonic() + options.wait
+    while not buffer.core.frames() and time.monotonic() < end and not stop():
         stop.wait(0.05)
+    if buffer.core.frames():
+        stop.wait(options.listen)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -117,7 +120,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     three = works.add_parser("check", help="say what keeps frames from being looked up")
     for sub, work in ((two, tree), (three, check)):
         sub.add_argument(
-            "--wait", type=_above_zero, default=3.0, help="listen for S seconds (default 3)"
+            "--listen", type=_above_zero, default=2.0, help="listen for S seconds (default 2)"
+        )
+        sub.add_argument(
+            "--wait", type=_above_zero, default=10.0, help="give up if none is heard of (10)"
         )
         sub.set_defaults(work=work)
     three.add_argument(

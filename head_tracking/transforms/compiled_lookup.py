@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from head_tracking.transforms.chain import Step, write_point, write_pose
 from head_tracking.transforms.edges import AnyHistory
 from head_tracking.transforms.history import DROP_BATCH, NEVER, JointHistory
-from head_tracking.transforms.straight_line import StraightLine, tuple_of
+from head_tracking.transforms.straight_line import StraightLine, text, tuple_of
 from head_tracking.transforms.transform import StampedTransform, Transform
 
 Lookup: TypeAlias = Callable[..., StampedTransform | None]
@@ -50,8 +50,8 @@ def compile_point_lookup(
 ) -> PointLookup:
     """As `compile_lookup`, for where a point is: its x, y, z are further arguments."""
     code, arguments, scope = _begin(histories, latest=latest)
-    result = f"(t, *{tuple_of(write_point(code, steps))})".replace("(t, *(", "((t, ")
-    return code.function([*arguments, "px", "py", "pz"], result, scope)
+    x, y, z = map(text, write_point(code, steps))
+    return code.function([*arguments, "px", "py", "pz"], f"(t, {x}, {y}, {z})", scope)
 
 
 def _begin(

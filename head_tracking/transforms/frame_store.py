@@ -72,31 +72,33 @@ class FrameStore:
             positions: by joint name.
 
         Raises:
-            InvalidArgumentException: a position is not finite; nothing is taken.
+            InvalidArgumentException: a position is not finite; the other joints are taken.
         """
-        total = sum(positions.values())
-        if total - total != 0.0:
-            _check_positions(positions)
-        joints = self._joints
+        joints, refused = self._joints, ""
         with self._lock:
-            try:
-                for name, position in positions.items():
+            for name, position in positions.items():
+                if position - position:  # not zero for what is not finite
+                    refused = name
+                    continue
+                try:
                     history = joints[name]
-                    stamps = history.stamps
-                    # History.insert, without the call: joints come in hundreds a second
-                    if stamp > stamps[-1]:
-                        stamps.append(stamp)
-                        history.values.append(position)
-                        if len(stamps) > history.drop_at:
-                            history.drop_old()
-                    else:
-                        history.insert(stamp, position)
-            except KeyError:
-                # a joint not heard of before
-                for name, position in positions.items():
-                    self._joint_history(name).insert(stamp, position)
+                except KeyError:
+                    history = self._joint_history(name)
+                stamps = history.stamps
+                # History.insert, without the call: joints come in hundreds a second
+                if stamp > stamps[-1]:
+                    stamps.append(stamp)
+                    history.values.append(position)
+                    if len(stamps) > history.drop_at:
+                        history.drop_old()
+                else:
+                    history.insert(stamp, position)
         if self._requests.open:
             self._serve_requests()
+        if refused:
+            raise InvalidArgumentException(
+                f"the position of joint {refused!r} is {positions[refused]}; it must be finite"
+            )
 
     def set_transform(
         self,
@@ -238,14 +240,6 @@ class FrameStore:
             fulfilled = self._requests.take_fulfilled()
         for request in fulfilled:
             request.callback()
-
-
-def _check_positions(positions: Mapping[str, float]) -> None:
-    for name, position in positions.items():
-        if not isfinite(position):
-            raise InvalidArgumentException(
-                f"the position of joint {name!r} is {position}; it must be finite"
-            )
 
 
 def _checked(parent: str, child: str, transform: Transform) -> Transform:

@@ -24,6 +24,7 @@ MODULES = {
     "point_head": "head_tracking.nodes.point_head",
     "head_tracker": "head_tracking.nodes.head_tracker",
     "fictitious_target": "head_tracking.nodes.fictitious_target",
+    "transforms": "head_tracking.nodes.transforms",
 }
 
 
@@ -250,3 +251,57 @@ def test_relax_without_a_servo_bus_says_so(start):
     relax = start("relax")
     assert relax.end() == 1
     assert "no servo_bus answers" in relax.output
+
+
+# transforms
+
+
+@pytest.fixture
+def running(start) -> Program:
+    run = start("head_tracking", "--sim", "--target", "2,0.5,0.6@base_link")
+    run.read_until("| error")
+    return run
+
+
+def test_transforms_echo_prints_where_a_frame_is(start, running):
+    echo = start("transforms", "echo", "base_link", "torso_link", "--rate", "20", "--count", "2")
+    assert echo.end() == 0, echo.output
+    assert echo.output.count("At time ") == 2
+    assert "- Translation: [" in echo.output
+    assert "- Rotation: in RPY (degree) [0.000, 0.000, 0.000]" in echo.output
+
+
+def test_transforms_echo_says_why_there_is_nothing(start, running):
+    echo = start("transforms", "echo", "base_link", "nose", "--rate", "20")
+    assert echo.end() == 1
+    assert "nose" in echo.output.splitlines()[-1]
+    assert "Traceback" not in echo.output
+
+
+def test_transforms_tree_draws_frames_rates_and_ages(start, running):
+    tree = start("transforms", "tree")
+    assert tree.end() == 0, tree.output
+    lines = tree.output.splitlines()
+    assert lines[0] == "world"
+    assert "base_link" in lines[1]
+    moving = next(line for line in lines if "Hz" in line)
+    assert "head_pan_joint" in moving
+
+
+def test_transforms_check_finds_nothing_wrong_with_a_running_head(start, running):
+    check = start("transforms", "check")
+    assert check.end() == 0, check.output
+    assert "all of them can be looked up now" in check.output
+
+
+def test_transforms_without_a_robot_says_so(start):
+    tree = start("transforms", "tree", "--wait", "0.5")
+    assert tree.end() == 1
+    assert "no frame is known" in tree.output
+
+
+@pytest.mark.parametrize("arguments", [[], ["echo", "a"], ["echo", "a", "b", "--rate", "0"]])
+def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
+    program = start("transforms", *arguments)
+    assert program.end() == 2
+    assert "usage: transforms" in program.output

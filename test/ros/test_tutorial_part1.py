@@ -165,5 +165,5 @@ def test_the_world_is_below_the_robot(pointing_robot):
 
 def test_the_frames_can_be_printed(pointing_robot):
     tree = pointing_robot.call("robot_state_publisher/frames").message
-    assert tree.splitlines()[:3] == ["world", "  base_link", "    torso_link"]
+    assert tree.splitlines()[:3] == ["world", "└── base_link", "    └── torso_link"]
     assert "camera_optical_frame" in tree

@@ -181,11 +181,12 @@ def test_impossible_frame_names_are_refused(buffer, frame):
         buffer.lookup_transform("camera_link", frame)
 
 
-def test_bad_samples_are_refused_and_nothing_is_taken(buffer):
+def test_bad_samples_are_refused_and_the_good_joints_beside_them_taken(buffer):
     before = buffer.lookup_transform("base_link", "camera_link")
     with pytest.raises(InvalidArgumentException, match="head_tilt_joint"):
         buffer.set_joint_positions(2 * SECOND, {"head_pan_joint": 1.0, "head_tilt_joint": math.nan})
     assert buffer.lookup_transform("base_link", "camera_link") == before
+    assert buffer.latest_joint_position("head_pan_joint") == (2 * SECOND, 1.0)
     with pytest.raises(InvalidArgumentException, match="finite"):
         buffer.set_transform(SECOND, "base_link", "ball", moved(math.inf))
     with pytest.raises(InvalidArgumentException, match="own parent"):

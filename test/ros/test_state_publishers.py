@@ -1,0 +1,286 @@
+"""robot_state_publisher and joint_state_publisher, each in a thread as in a composition."""
+
+import math
+import threading
+from contextlib import ExitStack
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import Log
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from robot_under_test import wait_for
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from topics import FakePublisher
+
+from head_tracking.nodes import robot_state_publisher as robot_state_publisher_module
+from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.tf import Buffer
+from head_tracking.tf.qos import LATCHED
+from head_tracking.transforms import RobotModelError
+
+ARM = """
+<robot name="arm">
+  <link name="base"/><link name="upper"/><link name="lower"/><link name="tip"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+    <axis xyz="0 0 1"/><limit lower="0.5" upper="1.5" effort="1" velocity="1"/></joint>
+  <joint name="flange" type="fixed"><parent link="lower"/><child link="tip"/></joint>
+</robot>"""
+
+
+class Program:
+    """Nodes that run, and a person who talks to them."""
+
+    def __init__(self, resources: ExitStack) -> None:
+        self._resources = resources
+        self.log: list[str] = []
+        self.person = self.run(rclpy.create_node("person"))
+        self.person.create_subscription(
+            Log, "/rosout", lambda message: self.log.append(message.msg), 100
+        )
+
+    def run(self, node):
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        self._resources.callback(node.destroy_node)
+        self._resources.callback(thread.join)
+        self._resources.callback(executor.shutdown)
+        return node
+
+    def listen(self, kind, topic, qos=10):
+        messages: list = []
+        self.person.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def talk(self, kind, topic, qos=10):
+        publisher = self.person.create_publisher(kind, topic, qos)
+        wait_for(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+
+@pytest.fixture
+def program():
+    with ExitStack() as resources:
+        rclpy.init()
+        resources.callback(rclpy.shutdown)
+        yield Program(resources)
+
+
+def parameters(**values) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def joints(seconds: float, **positions: float) -> JointState:
+    message = JointState(name=list(positions), position=list(positions.values()))
+    message.header.stamp.sec = int(seconds)
+    message.header.stamp.nanosec = round(seconds % 1 * 1e9)
+    return message
+
+
+# robot_state_publisher
+
+
+def robot_state_publisher(**values) -> RobotStatePublisherNode:
+    values = {"robot_description": ARM, "world_frame": ""} | values
+    return RobotStatePublisherNode(Buffer(), parameter_overrides=parameters(**values))
+
+
+def test_the_model_is_told_to_everybody_also_to_who_comes_late(program):
+    program.run(robot_state_publisher())
+    described = program.listen(String, "robot_description", LATCHED)
+    wait_for(lambda: described)
+    assert described[0].data == ARM
+
+
+def test_the_model_can_be_exchanged_while_running(program):
+    node = program.run(robot_state_publisher())
+    described = program.listen(String, "robot_description", LATCHED)
+    wait_for(lambda: described)
+    other = ARM.replace("tip", "hand")
+    (result,) = node.set_parameters(parameters(robot_description=other))
+    assert result.successful
+    wait_for(lambda: described[-1].data == other)
+    assert "hand" in node._buffer.core.frames()
+    assert "tip" not in node._buffer.core.frames()
+
+
+@pytest.mark.parametrize("bad", ["<robot", ARM.replace('parent link="base"', 'parent link="no"')])
+def test_a_model_that_cannot_be_used_is_refused_and_the_old_one_stays(program, bad):
+    node = program.run(robot_state_publisher())
+    (result,) = node.set_parameters(parameters(robot_description=bad))
+    assert not result.successful
+    assert result.reason
+    assert node._buffer.core.can_transform("lower", "tip")
+    with pytest.raises(RobotModelError):
+        robot_state_publisher(robot_description=bad)
+
+
+def test_a_prefix_is_put_before_the_links(program):
+    node = program.run(robot_state_publisher(frame_prefix="left/"))
+    assert node._buffer.core.can_transform("left/lower", "left/tip")
+    client = program.person.create_client(Trigger, "robot_state_publisher/frames")
+    wait_for(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    wait_for(future.done)
+    assert "left/tip" in future.result().message
+
+
+@pytest.fixture
+def tf(monkeypatch):
+    """What is sent on /tf, with a stand-in for tf2_msgs where that is missing."""
+    sent: dict[str, FakePublisher] = {}
+
+    def broadcaster(topic: str):
+        def make(_):
+            return sent.setdefault(topic, type("", (), {"sendTransform": publisher.publish})())
+
+        publisher = FakePublisher()
+        sent[topic + " messages"] = publisher
+        return make
+
+    module = robot_state_publisher_module
+    monkeypatch.setattr(module, "broadcasting_possible", lambda: True)
+    monkeypatch.setattr(module, "TransformBroadcaster", broadcaster("tf"))
+    monkeypatch.setattr(module, "StaticTransformBroadcaster", broadcaster("tf_static"))
+    return {name: sent[f"{name} messages"].sent for name in ("tf", "tf_static")}
+
+
+def test_moving_frames_go_to_tf_and_the_others_to_tf_static(program, tf):
+    program.run(robot_state_publisher())
+    assert [t.child_frame_id for t in tf["tf_static"][-1]] == ["tip"]
+    program.talk(JointState, "joint_states").publish(joints(1.5, shoulder=0.5, elbow=1.0))
+    wait_for(lambda: tf["tf"])
+    upper, lower = tf["tf"][0]
+    assert (upper.header.frame_id, upper.child_frame_id) == ("base", "upper")
+    assert (upper.header.stamp.sec, upper.header.stamp.nanosec) == (1, 500_000_000)
+    assert upper.transform.rotation.z == pytest.approx(math.sin(0.25))
+    assert lower.transform.rotation.z == pytest.approx(math.sin(0.5))
+
+
+def test_a_joint_that_nobody_measured_is_not_sent(program, tf):
+    program.run(robot_state_publisher())
+    program.talk(JointState, "joint_states").publish(joints(1.0, elbow=1.0))
+    wait_for(lambda: tf["tf"])
+    assert [t.child_frame_id for t in tf["tf"][0]] == ["lower"]
+
+
+def test_tf_at_the_rate_of_the_joint_states_misses_none(program, tf):
+    program.run(robot_state_publisher(publish_frequency=10.0))
+    publisher = program.talk(JointState, "joint_states")
+    for step in range(5):
+        publisher.publish(joints(1.0 + 0.0999 * step, shoulder=0.1 * step, elbow=1.0))
+        wait_for(lambda step=step: len(tf["tf"]) == step + 1)
+
+
+@pytest.mark.parametrize(("ignore_timestamp", "sent"), [(False, [5, 6]), (True, [5, 1, 6])])
+def test_stamps_that_go_back(program, tf, ignore_timestamp, sent):
+    node = program.run(robot_state_publisher(ignore_timestamp=ignore_timestamp))
+    publisher = program.talk(JointState, "joint_states")
+    for second in (5, 1, 6):
+        publisher.publish(joints(second, shoulder=0.5, elbow=1.0))
+    wait_for(lambda: node._buffer.core.latest_joint_position("elbow") == (6 * 10**9, 1.0))
+    wait_for(lambda: len(tf["tf"]) == len(sent))
+    # the last of them is the newest that is known, whatever came in between
+    assert tf["tf"][-1][0].header.stamp.sec == 6
+
+
+# joint_state_publisher
+
+
+@pytest.fixture
+def complete(program):
+    """Runs a joint_state_publisher on ARM, without a source unless one is named."""
+
+    def run(*sources: str, urdf: str = ARM, **values):
+        values = {"source_list": list(sources)} | values
+        program.run(JointStatePublisherNode(parameter_overrides=parameters(**values)))
+        described = program.person.create_publisher(String, "robot_description", LATCHED)
+        described.publish(String(data=urdf))
+        return program.listen(JointState, "joint_states")
+
+    return run
+
+
+def positions(message: JointState) -> dict[str, float]:
+    return dict(zip(message.name, message.position, strict=True))
+
+
+def test_nothing_is_sent_that_nobody_knows(program, complete):
+    found = complete("hands", rate=100.0)
+    hands = program.talk(JointState, "hands")
+    wait_for(lambda: hands.publish(joints(3.0, shoulder=0.5)) or found)
+    assert positions(found[0]) == {"shoulder": 0.5}
+    assert found[0].header.stamp.sec == 3
+
+
+def test_default_positions_are_sent_on_request(complete):
+    found = complete(publish_default_positions=True, rate=100.0)
+    wait_for(lambda: found)
+    assert positions(found[0]) == {"shoulder": 0.0, "elbow": 1.0}
+    assert found[0].header.stamp.sec > 0
+
+
+def test_zeros_state_where_a_joint_stands(complete):
+    found = complete(rate=100.0, **{"zeros.elbow": 0.7, "zeros.shoulder": 1})
+    wait_for(lambda: found)
+    assert positions(found[0]) == {"shoulder": 1.0, "elbow": 0.7}
+
+
+def test_a_joint_that_depends_on_another_follows_it(program, complete):
+    rule = {
+        "dependent_joints.elbow.parent": "shoulder",
+        "dependent_joints.elbow.factor": 0.5,
+        "dependent_joints.elbow.offset": 1.0,
+    }
+    found = complete("hands", rate=1.0, **rule)
+    hands = program.talk(JointState, "hands")
+    message = joints(3.0, shoulder=0.4)
+    message.velocity = [0.2]
+    wait_for(lambda: hands.publish(message) or found)
+    assert positions(found[0]) == {"shoulder": 0.4, "elbow": pytest.approx(1.2)}
+    assert list(found[0].velocity) == [0.2, pytest.approx(0.1)]
+
+
+def test_two_sources_are_both_believed(program, complete):
+    found = complete("left", "right", rate=1.0)
+    left, right = (program.talk(JointState, topic) for topic in ("left", "right"))
+    wait_for(lambda: left.publish(joints(3.0, shoulder=0.4)) or found)
+    right.publish(joints(4.0, elbow=0.8))
+    wait_for(lambda: positions(found[-1]) == {"elbow": 0.8})
+
+
+def test_velocities_may_be_missing_or_too_few(program, complete):
+    found = complete("hands", rate=1.0)
+    hands = program.talk(JointState, "hands")
+    message = joints(3.0, shoulder=0.4, elbow=0.8)
+    message.velocity = [0.2]
+    wait_for(lambda: hands.publish(message) or found)
+    assert positions(found[0]) == {"shoulder": 0.4, "elbow": 0.8}
+    assert list(found[0].velocity) == [0.2, 0.0]
+    assert list(found[0].effort) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"zeros.nose": 1.0},
+        {"dependent_joints.nose.parent": "shoulder"},
+        {"dependent_joints.elbow.parent": "nose"},
+        {"dependent_joints.elbow.factor": 2.0},
+    ],
+)
+def test_a_rule_for_a_joint_that_is_not_there_is_told(program, complete, bad):
+    complete(**bad)
+    wait_for(lambda: any("robot_description is not used" in text for text in program.log))
+
+
+def test_a_zero_that_is_no_number_is_an_error(program):
+    with pytest.raises(ValueError, match=r"zeros\.elbow is 'up'"):
+        JointStatePublisherNode(parameter_overrides=parameters(**{"zeros.elbow": "up"}))

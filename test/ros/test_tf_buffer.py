@@ -1,0 +1,342 @@
+"""The buffer with messages in and out."""
+
+import math
+import threading
+
+import pytest
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    QuaternionStamped,
+    TransformStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from rclpy.clock import ClockType, ROSClock
+from rclpy.duration import Duration
+from rclpy.time import Time
+from std_msgs.msg import Header
+
+from head_tracking.tf import (
+    Buffer,
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    TimeoutException,
+    TransformException,
+    TypeException,
+)
+from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
+
+TURN = 0.5
+
+
+def message(x: float, seconds: int = 1, parent: str = "map", child: str = "ball"):
+    transform = TransformStamped()
+    transform.header.stamp.sec = seconds
+    transform.header.frame_id = parent
+    transform.child_frame_id = child
+    transform.transform.translation.x = x
+    transform.transform.rotation.z = math.sin(0.5 * TURN)
+    transform.transform.rotation.w = math.cos(0.5 * TURN)
+    return transform
+
+
+def stamped(kind: type, frame_id: str = "ball", seconds: int = 2):
+    result = kind()
+    result.header.frame_id = frame_id
+    result.header.stamp.sec = seconds
+    return result
+
+
+@pytest.fixture
+def buffer():
+    """A ball that moves along x: at 1 m at 1 s, at 3 m at 3 s, turned by TURN about z."""
+    buffer = Buffer()
+    buffer.set_transform(message(1.0, 1))
+    buffer.set_transform(message(3.0, 3))
+    return buffer
+
+
+# What goes in comes out
+
+
+@pytest.mark.parametrize("nanoseconds", [0, 1, 999_999_999, 1_795_222_262_440_843_580])
+def test_stamps_round_trip(nanoseconds):
+    assert stamp_to_ns(ns_to_stamp(nanoseconds)) == nanoseconds
+    assert stamp_to_ns(Time(nanoseconds=nanoseconds)) == nanoseconds
+
+
+def test_what_goes_in_comes_out(buffer):
+    for time, expected in ((Time(seconds=1), message(1.0, 1)), (Time(), message(3.0, 3))):
+        found = buffer.lookup_transform("map", "ball", time)
+        assert found.header == expected.header
+        assert found.child_frame_id == "ball"
+        assert found.transform.translation == expected.transform.translation
+        assert found.transform.rotation.z == pytest.approx(expected.transform.rotation.z)
+        assert found.transform.rotation.w == pytest.approx(expected.transform.rotation.w)
+
+
+def test_the_messages_are_those_that_the_constructors_make(buffer):
+    found = buffer.lookup_transform("map", "ball", Time(seconds=1, nanoseconds=5))
+    expected = message(found.transform.translation.x, 1)
+    expected.header.stamp.nanosec = 5
+    expected.transform.rotation = found.transform.rotation
+    assert found == expected
+    assert repr(found) == repr(expected)
+    for part in (found, found.header, found.header.stamp, found.transform):
+        assert [getattr(part, slot.lstrip("_")) for slot in part.get_fields_and_field_types()]
+
+    moved = buffer.transform(stamped(PointStamped), "map")
+    again = PointStamped(
+        header=Header(stamp=ns_to_stamp(2_000_000_000), frame_id="map"),
+        point=Point(x=moved.point.x, y=moved.point.y, z=moved.point.z),
+    )
+    assert moved == again
+    assert repr(moved) == repr(again)
+
+
+def test_a_message_from_a_lookup_can_be_changed(buffer):
+    found = buffer.lookup_transform("map", "ball", Time())
+    found.header.frame_id = "elsewhere"
+    found.transform.translation.x = 9.0
+    assert buffer.lookup_transform("map", "ball", Time()).transform.translation.x == 3.0
+
+
+def test_times_are_those_of_rclpy_or_of_messages(buffer):
+    for time in (Time(seconds=2), Time(seconds=2).to_msg()):
+        found = buffer.lookup_transform("map", "ball", time)
+        assert found.transform.translation.x == pytest.approx(2.0)
+        assert found.header.stamp.sec == 2
+
+
+def test_static_transforms_hold_at_any_time(buffer):
+    buffer.set_transform_static(message(7.0, 0, "world", "map"))
+    assert buffer.can_transform("world", "map", Time(seconds=99))
+    assert buffer.can_transform("world", "ball", Time(seconds=2))
+
+
+def test_a_quaternion_that_is_none_is_refused(buffer):
+    bad = message(1.0, 5)
+    bad.transform.rotation.w = 9.0
+    with pytest.raises(InvalidArgumentException, match="norm"):
+        buffer.set_transform(bad)
+    assert buffer.lookup_transform("map", "ball", Time()).header.stamp.sec == 3
+
+
+def test_the_cache_time_is_kept():
+    buffer = Buffer(cache_time=Duration(seconds=1))
+    for second in (1, 2, 5):
+        buffer.set_transform(message(1.0, second))
+    assert not buffer.can_transform("map", "ball", Time(seconds=2))
+    assert buffer.can_transform("map", "ball", Time(seconds=5))
+
+
+# Lookups
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "time", "error", "words"),
+    [
+        ("map", "nose", Time(), LookupException, "nose"),
+        ("map", "island", Time(), ConnectivityException, "island"),
+        ("map", "ball", Time(seconds=4), ExtrapolationException, "future"),
+        ("map", "ball", Time(nanoseconds=1), ExtrapolationException, "past"),
+        ("/map", "ball", Time(), InvalidArgumentException, "/map"),
+        ("", "ball", Time(), InvalidArgumentException, "empty"),
+    ],
+)
+def test_errors_are_tf2s(buffer, target, source, time, error, words):
+    buffer.set_transform_static(message(0.0, 0, "sea", "island"))
+    with pytest.raises(error, match=words):
+        buffer.lookup_transform(target, source, time)
+    assert issubclass(error, TransformException)
+    possible, reason = buffer.can_transform(target, source, time, return_debug_tuple=True)
+    assert not possible
+    assert words in reason
+    assert buffer.can_transform(target, source, time) is False
+
+
+def test_a_full_lookup_goes_through_two_times(buffer):
+    buffer.set_transform_static(message(0.0, 0, "map", "stand"))
+    found = buffer.lookup_transform_full(
+        "ball", Time(seconds=1), "ball", Time(seconds=3), "map", Duration()
+    )
+    assert found.header.stamp.sec == 1
+    # two metres along x of the map, seen from a frame that is turned
+    moved = found.transform.translation
+    assert (moved.x, moved.y) == pytest.approx((2 * math.cos(TURN), -2 * math.sin(TURN)))
+    arguments = ("ball", Time(seconds=1), "ball", Time(seconds=9), "map")
+    assert buffer.can_transform_full(*arguments) is False
+    possible, reason = buffer.can_transform_full(*arguments, return_debug_tuple=True)
+    assert not possible
+    assert "9.0" in reason
+
+
+def test_the_latest_common_time(buffer):
+    assert buffer.get_latest_common_time("map", "ball") == Time(seconds=3, clock_type=ros_time())
+    with pytest.raises(LookupException):
+        buffer.get_latest_common_time("map", "nose")
+
+
+def ros_time() -> ClockType:
+    return Time().clock_type
+
+
+def test_a_velocity(buffer):
+    found = buffer.lookup_velocity("ball", "map", Time(seconds=2), Duration(seconds=0.5))
+    assert found.header.stamp.sec == 2
+    assert (found.body_frame_id, found.reference_frame_id) == ("ball", "map")
+    assert found.velocity.linear.x == pytest.approx(1.0)
+    assert found.velocity.angular.z == pytest.approx(0.0)
+
+
+def test_the_frames_are_told(buffer):
+    assert "Frame ball exists with parent map." in buffer.all_frames_as_string()
+    assert "ball:" in buffer.all_frames_as_yaml()
+
+
+def test_clear_forgets_what_was_measured(buffer):
+    buffer.set_transform_static(message(7.0, 0, "world", "map"))
+    buffer.clear()
+    assert not buffer.can_transform("map", "ball", Time())
+    assert buffer.can_transform("world", "map", Time())
+
+
+# Messages in other frames, at 2 s: turned by TURN and 2 m along x
+
+
+def test_a_point(buffer):
+    point = stamped(PointStamped)
+    point.point.x = 1.0
+    moved = buffer.transform(point, "map")
+    assert (moved.header.frame_id, moved.header.stamp.sec) == ("map", 2)
+    expected = (2 + math.cos(TURN), math.sin(TURN), 0.0)
+    assert (moved.point.x, moved.point.y, moved.point.z) == pytest.approx(expected)
+    waited = buffer.transform(point, "map", Duration(seconds=1))
+    assert waited == moved
+
+
+def test_a_vector_has_no_place(buffer):
+    vector = stamped(Vector3Stamped)
+    vector.vector.x = 1.0
+    moved = buffer.transform(vector, "map")
+    assert moved.header.frame_id == "map"
+    assert (moved.vector.x, moved.vector.y) == pytest.approx((math.cos(TURN), math.sin(TURN)))
+
+
+def test_a_pose(buffer):
+    pose = stamped(PoseStamped)
+    pose.pose.position.x = 1.0
+    pose.pose.orientation.z = math.sin(0.1)
+    pose.pose.orientation.w = math.cos(0.1)
+    moved = buffer.transform(pose, "map")
+    assert moved.header.frame_id == "map"
+    assert moved.pose.position.x == pytest.approx(2 + math.cos(TURN))
+    assert moved.pose.orientation.z == pytest.approx(math.sin(0.5 * TURN + 0.1))
+
+
+def test_a_pose_with_covariance(buffer):
+    pose = stamped(PoseWithCovarianceStamped)
+    pose.pose.pose.orientation.w = 1.0
+    pose.pose.covariance[0] = 4.0  # along x
+    pose.pose.covariance[35] = 1.0  # about z
+    moved = buffer.transform(pose, "map")
+    cos, sin = math.cos(TURN), math.sin(TURN)
+    assert moved.pose.covariance[0] == pytest.approx(4 * cos * cos)
+    assert moved.pose.covariance[1] == pytest.approx(4 * cos * sin)
+    assert moved.pose.covariance[7] == pytest.approx(4 * sin * sin)
+    assert moved.pose.covariance[35] == pytest.approx(1.0)
+
+
+def test_a_quaternion(buffer):
+    quaternion = stamped(QuaternionStamped)
+    quaternion.quaternion.w = 1.0
+    moved = buffer.transform(quaternion, "map")
+    assert moved.quaternion.z == pytest.approx(math.sin(0.5 * TURN))
+
+
+def test_a_transform(buffer):
+    transform = stamped(TransformStamped)
+    transform.child_frame_id = "seam"
+    transform.transform.translation.x = 1.0
+    transform.transform.rotation.w = 1.0
+    moved = buffer.transform(transform, "map")
+    assert (moved.header.frame_id, moved.child_frame_id) == ("map", "seam")
+    assert moved.transform.translation.x == pytest.approx(2 + math.cos(TURN))
+
+
+def test_a_message_at_another_time(buffer):
+    point = stamped(PointStamped, seconds=3)
+    moved = buffer.transform_full(point, "ball", Time(seconds=1), "map")
+    assert (moved.header.frame_id, moved.header.stamp.sec) == ("ball", 1)
+    assert (moved.point.x, moved.point.y) == pytest.approx(
+        (2 * math.cos(TURN), -2 * math.sin(TURN))
+    )
+
+
+def test_what_cannot_be_transformed(buffer):
+    with pytest.raises(TypeException, match=r"WrenchStamped.*PointStamped"):
+        buffer.transform(stamped(WrenchStamped), "map")
+    with pytest.raises(TypeException, match="PoseStamped"):
+        buffer.transform(stamped(PointStamped), "map", new_type=PoseStamped)
+
+
+# Waiting
+
+
+def test_a_lookup_waits_for_what_another_thread_brings():
+    buffer = Buffer()
+    bring = threading.Timer(0.05, buffer.set_transform, [message(1.0, 1)])
+    bring.start()
+    found = buffer.lookup_transform("map", "ball", Time(seconds=1), Duration(seconds=20))
+    assert found.transform.translation.x == 1.0
+    bring.join()
+
+
+def test_messages_and_full_lookups_wait_as_well(buffer):
+    bring = threading.Timer(0.05, buffer.set_transform, [message(7.0, 7)])
+    bring.start()
+    patience = Duration(seconds=20)
+    assert buffer.transform(stamped(PointStamped, seconds=7), "map", patience).point.x == 7.0
+    bring.join()
+    bring = threading.Timer(0.05, buffer.set_transform, [message(9.0, 9)])
+    bring.start()
+    found = buffer.lookup_transform_full(
+        "map", Time(seconds=1), "ball", Time(seconds=9), "map", patience
+    )
+    assert found.transform.translation.x == pytest.approx(9.0)
+    bring.join()
+
+
+def test_waiting_in_vain_says_why(buffer):
+    with pytest.raises(TransformException, match=r"9\.0") as caught:
+        buffer.lookup_transform("map", "ball", Time(seconds=9), Duration(seconds=0.02))
+    assert isinstance(caught.value, ExtrapolationException | TimeoutException)
+    assert not buffer.can_transform("map", "ball", Time(seconds=9), Duration(seconds=0.02))
+
+
+# The clock
+
+
+def test_a_clock_that_jumps_back_clears(buffer):
+    clock = ROSClock()
+
+    class Node:
+        def get_clock(self):
+            return clock
+
+        def create_service(self, *_):
+            return None
+
+    buffer = Buffer(node=Node())
+    clock._set_ros_time_is_active(True)
+    clock.set_ros_time_override(Time(seconds=100, clock_type=ClockType.ROS_TIME))
+    buffer.set_transform(message(1.0, 1))
+    clock.set_ros_time_override(Time(seconds=101, clock_type=ClockType.ROS_TIME))
+    assert buffer.can_transform("map", "ball", Time())
+    clock.set_ros_time_override(Time(seconds=50, clock_type=ClockType.ROS_TIME))
+    assert not buffer.can_transform("map", "ball", Time())
