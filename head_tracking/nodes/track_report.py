@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +47,7 @@ class TrackReportNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("track_report", **options)
         self._frame = NodeParameters(self, TrackReportParameters).value.camera_link
-        self._parameters = NodeParameters(self, HeadParameters).value
+        self._head_parameters = NodeParameters(self, HeadParameters).value
         buffer = Buffer()
         TransformListener(buffer, self)
         self._buffer = buffer.core
@@ -76,7 +76,7 @@ class TrackReportNode(Node):
 
     def _on_joints(self, message: JointState) -> None:
         model = self._buffer.model
-        p = self._parameters
+        p = self._head_parameters
         if self.head is None and model is not None:
             self.head = p.head(model, self._frame)
             self._placer = TargetPlacer(self._buffer, self.head.base_frame, p.transform_timeout)
@@ -113,17 +113,18 @@ def main() -> int:
         executor.add_node(node)
         resources.callback(executor.shutdown)
         try:
-            return _record(node, executor, options, stop)
+            return record_run(node, executor, options, stop)
         except RobotModelError as error:
             return _fail(str(error))
 
 
-def _record(
+def record_run(
     node: TrackReportNode,
     executor: SingleThreadedExecutor,
     options: argparse.Namespace,
-    stop: StopSignal,
+    stop: Callable[[], bool],
 ) -> int:
+    """Listens for the time asked for and reports; returns the exit code."""
     end = time.monotonic() + _PATIENCE
     while node.head is None:
         executor.spin_once(timeout_sec=0.05)
