@@ -65,14 +65,9 @@ class JointDrive:
             lead: the farthest goal ahead [rad].
         """
         motion, servo, rest = self.motion, self.servo, self._rest
-        rest.judge(
-            wish,
-            wish.position - motion.position,
-            motion.velocity,
-            servo.setpoint(now),
-            dead_band,
-            now,
-        )
+        setpoint = servo.setpoint(now)
+        off = wish.position - motion.position
+        rest.judge(wish, off, motion.velocity, setpoint, dead_band, now)
         if rest.goal is not None:
             stamp, position = servo.reading
             rest.help(position, stamp, servo.resolution, dead_band)
@@ -81,18 +76,24 @@ class JointDrive:
             servo.held(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
-        arrival = self._arrival(wish, now, period, limits, lead) if rest.near else None
+        arrival = self._arrival(wish, setpoint, now, period, limits, lead) if rest.near else None
         if arrival is not None:
             goal, speed = arrival
         else:
-            speed = self._setpoint_speed(now, period, late, limits)
+            speed = self._setpoint_speed(setpoint, period, late, limits)
             ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
-            goal = self._joint.clamp(servo.setpoint(now) + math.copysign(ahead, speed))
+            goal = self._joint.clamp(setpoint + math.copysign(ahead, speed))
         servo.commanded(now, speed, goal)
         return goal, max(abs(speed), _SLOWEST)
 
     def _arrival(
-        self, wish: Wish, now: float, period: float, limits: MotionLimits, lead: float
+        self,
+        wish: Wish,
+        setpoint: float,
+        now: float,
+        period: float,
+        limits: MotionLimits,
+        lead: float,
     ) -> tuple[float, float] | None:
         """The goal and the signed speed for a wish that stands still: the servo itself stops there.
 
@@ -100,7 +101,7 @@ class JointDrive:
         """
         goal = self._joint.clamp(wish.position)
         fast = max(_ARRIVAL_SPEED, _ARRIVAL * abs(goal - self.servo.expected(now)))
-        way, last = goal - self.servo.setpoint(now), self.servo.speed
+        way, last = goal - setpoint, self.servo.speed
         change = limits.acceleration * period
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
         if away or abs(way) > lead:
@@ -110,14 +111,14 @@ class JointDrive:
         return goal, math.copysign(fast, way)
 
     def _setpoint_speed(
-        self, now: float, period: float, late: float, limits: MotionLimits
+        self, setpoint: float, period: float, late: float, limits: MotionLimits
     ) -> float:
         """The speed at which the servo's setpoint must move for the motion."""
         motion, servo = self.motion, self.servo
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
         end = motion.position + motion.velocity * (period + late) + self._side * servo.dead_band
-        speed = (end - servo.setpoint(now)) / period
+        speed = (end - setpoint) / period
         return self._limited(speed, period, limits)
 
     def _limited(self, speed: float, period: float, limits: MotionLimits) -> float:

@@ -121,10 +121,14 @@ class ServoResponse:
         return min(max(shaft, setpoint - self.dead_band), setpoint + self.dead_band)
 
     def _sum(self, time: float) -> float:
-        index = max(0, bisect_right(self._times, time) - 1)
-        speed = self._speeds[index]
-        way = min(max(0.0, time - self._times[index]) * abs(speed), self._rooms[index])
-        return self._setpoints[index] + math.copysign(way, speed)
+        times = self._times
+        index = -1 if time >= times[-1] else bisect_right(times, time) - 1
+        if time <= times[0]:
+            return self._setpoints[0]
+        way, room = self._speeds[index] * (time - times[index]), self._rooms[index]
+        if not -room <= way <= room:
+            way = math.copysign(room, way)
+        return self._setpoints[index] + way
 
     def _speed_at(self, time: float) -> float:
         return self._speeds[max(0, bisect_right(self._times, time) - 1)]
