@@ -10,6 +10,7 @@ import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path as File
 
 from perfect_command import PerfectCommand
 
@@ -24,6 +25,7 @@ from head_tracking.tracking import (
     Recording,
     SpeedLimits,
     Tracker,
+    picture,
 )
 from head_tracking.transforms import Vector3, load_robot_model
 from head_tracking.trial import Conditions, HeadTrial, Outcome, Path
@@ -35,6 +37,7 @@ HEAD = PanTiltHead(
     "camera_link",
     tilt_limits=(-1.08, 1.47),
 )
+DOCS = File(__file__).parents[1] / "docs"
 NOISE = 0.002  # rad
 LATE = 0.1  # s
 DISTANCE = 2.0  # m
@@ -152,8 +155,18 @@ def tracking() -> str:
     rows = [
         row(name, course, late) for name in SERVOS for course in COURSES for late in (False, True)
     ]
+    draw()
     tables = [[title, "|---|---|---|---|---|---|---|---|", *rows], calmness(), steps(), [cost()]]
     return "\n\n".join("\n".join(table) for table in tables)
+
+
+def draw() -> None:
+    """Both laws on one target, as pictures."""
+    conditions = Conditions(10.0, noise=NOISE, delay=LATE)
+    for name, controller, rate in (("speed", tutorial, 10.0), ("predictive", ours, 50.0)):
+        recording = run(sine(0.5), replace(conditions, rate=rate), controller()).between(2.0)
+        title = f"law {name}: ±0.5 rad at 0.5 Hz, 2 mrad noise, 100 ms late"
+        (DOCS / f"tracking_{name}.svg").write_text(picture(recording, title))
 
 
 def row(name: str, course: Course, late: bool) -> str:

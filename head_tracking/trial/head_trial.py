@@ -77,12 +77,14 @@ class Outcome:
         commands: time [s] and command.
         goals: ticks that were written, cycle by cycle.
         costs: of each step [s].
+        point_costs: of taking each point [s].
     """
 
     recording: Recording
     commands: list[tuple[float, HeadCommand]] = field(default_factory=list)
     goals: list[tuple[int, int]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
+    point_costs: list[float] = field(default_factory=list)
 
 
 class HeadTrial:
@@ -108,7 +110,9 @@ class HeadTrial:
             elif kind == "point":
                 point = self._seen(at)
                 if point is not None:
+                    before = time.perf_counter()
                     controller.target_seen(_START + at, point, _START + now)
+                    outcome.point_costs.append(time.perf_counter() - before)
             elif kind == "truth":
                 self._judge(now, outcome.recording)
             else:
