@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import statistics
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -266,7 +267,20 @@ def cost() -> str:
         name: trial(sine(0.5), Conditions(10.0, noise=NOISE), controller())
         for name, controller in (("tutorials'", tutorial), ("ours", ours))
     }
-    medians = {name: 1e6 * statistics.median(outcome.costs) for name, outcome in outcomes.items()}
-    return "Cost of a step, median on this machine: " + ", ".join(
-        f"{name} {cost:.0f} us" for name, cost in medians.items()
+    gaze = 1e6 * statistics.median(timed_gazes())
+    figures = "; ".join(
+        f"{name} {1e6 * statistics.median(outcome.costs):.0f} us a step, "
+        f"{1e6 * statistics.median(outcome.point_costs):.0f} us a point"
+        for name, outcome in outcomes.items()
     )
+    return f"Costs, medians on this machine, where one exact gaze takes {gaze:.0f} us: {figures}."
+
+
+def timed_gazes() -> list[float]:
+    """What one gaze takes [s], again and again."""
+    costs = []
+    for k in range(500):
+        before = time.perf_counter()
+        HEAD.gaze(around(0.001 * k), 0.0, 0.0)
+        costs.append(time.perf_counter() - before)
+    return costs
