@@ -9,6 +9,8 @@ from head_tracking.transforms import JointLimits
 
 _RESPONSE = 25.0  # 1/s: how fast a deviation from what is wanted is made up
 _BRAKING = 0.6  # share of the acceleration used to plan where to brake
+_LEAST_BRAKING = 0.05
+_NEED_TIME = 0.3  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class JointMotion:
         self.velocity = velocity
         self._acceleration = 0.0
         self._wanted_velocity = velocity
+        self._need = 0.0
 
     def advance(self, dt: float) -> None:
         """Time passes [s]."""
@@ -73,8 +76,11 @@ class JointMotion:
         stiffness = (1.0 - remaining) ** 2 / (dt * dt)
         damping = (3.0 - 2.0 * remaining - remaining**2) / (2.0 * dt)
         error = wanted - self.position
+        share = min(1.0, dt / _NEED_TIME)
+        self._need += share * (abs(velocity - self._wanted_velocity) / dt - self._need)
         closing = self._closing_speed(error, stiffness / damping, limits)
-        asked = (velocity - self._wanted_velocity) / dt
+        needed = (velocity - self._wanted_velocity) / dt
+        asked = needed
         asked += damping * (closing + self._wanted_velocity - self.velocity)
         self._wanted_velocity = velocity
         change = limits.jerk * dt
@@ -89,7 +95,8 @@ class JointMotion:
 
     def _closing_speed(self, error: float, gain: float, limits: MotionLimits) -> float:
         """The speed at which to make up an error: proportional, but one that can be braked."""
-        braking = _BRAKING * limits.acceleration
+        spare = limits.acceleration - min(self._need, limits.acceleration)
+        braking = max(_BRAKING * spare, _LEAST_BRAKING * limits.acceleration)
         linear = braking / gain**2  # where the two meet with the same slope
         if abs(error) <= linear:
             return gain * error

@@ -19,6 +19,7 @@ USUAL_SPEED = 5.0  # rad/s
 
 _USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
+_BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
 
 
@@ -146,16 +147,16 @@ class PredictiveLaw:
 
     def _steer(self, wishes: Sequence[Wish], speed: float, now: float) -> HeadCommand:
         assert self._drives is not None
-        p, limits = self.parameters.predictive, (self._head.pan_limits, self._head.tilt_limits)
+        p = self.parameters.predictive
+        acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
+        limits = (self._head.pan_limits, self._head.tilt_limits)
         (pan, pan_speed), (tilt, tilt_speed) = (
             drive.follow(
                 wish,
                 now,
                 self._period,
                 drive.servo.delay - self._delay,
-                MotionLimits(
-                    min(speed, joint.velocity), p.max_joint_acceleration, p.max_joint_jerk
-                ),
+                MotionLimits(min(speed, joint.velocity), acceleration, p.max_joint_jerk),
                 p.dead_band,
                 self.parameters.limits.lead_target_angle,
             )

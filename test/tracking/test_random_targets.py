@@ -125,19 +125,19 @@ def inside(head, command, fastest):
 
 @pytest.mark.parametrize("law", sorted(LAWS))
 @settings(max_examples=25)
-@given(stream=streams(), fastest=st.floats(0.3, 5.0), recenter=st.booleans())
+@given(stream=streams(), fastest=st.floats(0.8, 5.0), recenter=st.booleans())
 def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, fastest, recenter):
     rig = Rig(
         kinectbot,
         law,
         LawParameters(limits=SpeedLimits(max_joint_speed=fastest)),
-        LifeCycleParameters(recenter_timeout=3.0 if recenter else 0.0, default_joint_speed=0.3),
+        LifeCycleParameters(recenter_timeout=1.0 if recenter else 0.0, default_joint_speed=0.8),
     )
     for gap, frame, age, point in stream:
         rig.offer(frame, age, point)
         for _ in range(round(gap * 50)):
             rig.step()
-    for _ in range(50 * 16):
+    for _ in range(50 * 8):
         rig.step()
     for command in rig.commands:
         if command is not None:
