@@ -100,14 +100,17 @@ class JointDrive:
         None while the joint moves away from it, or is too far from it.
         """
         goal = self._joint.clamp(wish.position)
-        fast = max(_ARRIVAL_SPEED, _ARRIVAL * abs(goal - self.servo.expected(now)))
+        left = abs(goal - self.servo.expected(now))
+        # so fast that the joint, which moves on like this for the delay, can still brake
+        lost = limits.acceleration * self.servo.delay
+        braking = math.sqrt(lost * lost + 2.0 * limits.acceleration * left) - lost
+        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
         way, last = goal - setpoint, self.servo.speed
         change = limits.acceleration * period
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
         if away or abs(way) > lead:
             return None
-        fast = min(max(fast, abs(self.motion.velocity)), abs(last) + change, limits.speed)
-        fast = max(fast, abs(last) - change) if last * way > 0.0 else fast
+        fast = min(fast, abs(last) + change, limits.speed)
         return goal, math.copysign(fast, way)
 
     def _setpoint_speed(

@@ -13,6 +13,7 @@ from head_tracking.tracking import (
     PredictiveLawParameters,
     SpeedLimits,
     Tracker,
+    TrackingStep,
 )
 from head_tracking.trial import Conditions, HeadTrial, SimulatedHead
 
@@ -140,3 +141,49 @@ def test_the_servos_do_as_they_are_told(head):
         assert 0 < stamp - 20_000_000 * k < 5_000_000
     assert positions == pytest.approx((0.4, 0.1), abs=0.01)
     assert servos.true_positions(10**9) == pytest.approx(positions, abs=0.004)
+
+
+def hardest(recording, step=0.02):
+    """The hardest acceleration of pan [rad/s^2], from positions a bus cycle apart."""
+    pan = recording.positions[:, 0][:: round(step * 250)]
+    return max(abs(a - 2 * b + c) for a, b, c in zip(pan, pan[1:], pan[2:], strict=False)) / step**2
+
+
+def test_another_target_is_no_jerk(head):
+    bearings = (0.0, 0.6, -0.5, 0.1)
+    parameters = LawParameters(predictive=PredictiveLawParameters(max_joint_acceleration=20.0))
+    outcome = run(
+        head,
+        lambda t: around(bearings[min(int(t), 3)]),
+        Conditions(4.0),
+        tracker(head, parameters=parameters),
+    )
+    recording = outcome.recording
+    assert recording.between(3.8).maximum < 0.02
+    assert hardest(recording) < 30.0
+
+
+class Switched:
+    """A tracker that is switched off for a while in the middle of a motion."""
+
+    def __init__(self, controller, off, on):
+        self._tracker, self._off, self._on = controller, 1_000.0 + off, 1_000.0 + on
+        self.joints_read, self.target_seen = controller.joints_read, controller.target_seen
+
+    def step(self, now):
+        enabled = self._tracker.life_cycle.enabled
+        if self._off <= now < self._on and enabled:
+            return TrackingStep(self._tracker.enable(False, now))
+        if now >= self._on and not enabled:
+            self._tracker.enable(True, now)
+        return self._tracker.step(now)
+
+
+def test_switched_off_it_stands_still_and_on_again_it_follows(head):
+    outcome = run(head, sine(0.3), Conditions(6.0), Switched(tracker(head), 2.0, 3.0))
+    recording = outcome.recording
+    standing = recording.between(2.3, 3.0).positions[:, 0]
+    assert standing.max() - standing.min() < 0.006
+    assert recording.between(4.0).maximum < 0.03
+    times = [time for time, _ in outcome.commands]
+    assert not [time for time in times if 2.05 < time < 2.99]
