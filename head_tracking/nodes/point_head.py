@@ -77,7 +77,7 @@ class PointHeadNode(Node):
         placed = self._interface.take_targets({head.pan_joint: start[0], head.tilt_joint: start[1]})
         if not placed:
             return
-        target, point = max(placed, key=lambda pair: pair[0].stamp or math.inf)
+        target, point = max(reversed(placed), key=lambda pair: pair[0].stamp or math.inf)
         gaze, command = pointing.point_at(point, present, self._interface.now)
         if command is None:
             self.get_logger().error(
