@@ -184,8 +184,19 @@ class HeadInterface:
         try:
             return self._placer.place(self.now, moving_with_head)
         except TransformException as error:
-            self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+            self._refuse(error)
             return []
+
+    def take_newest_target(
+        self, moving_with_head: Mapping[str, float]
+    ) -> tuple[Target, Vector3] | None:
+        """The newest target only; see `TargetPlacer.place_newest`."""
+        assert self._placer is not None
+        try:
+            return self._placer.place_newest(self.now, moving_with_head)
+        except TransformException as error:
+            self._refuse(error)
+            return None
 
     def send(self, command: HeadCommand | None) -> None:
         """Publishes a command for both joints, if there is one."""
@@ -212,9 +223,12 @@ class HeadInterface:
         try:
             self._placer.offer(self._dated(target_from_message(message)), self.now)
         except TransformException as error:
-            self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+            self._refuse(error)
             return
         self._on_target()
+
+    def _refuse(self, error: TransformException) -> None:
+        self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
 
     def _dated(self, target: Target) -> Target:
         latency = round(self._parameters.target_latency * 1e9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,10 +73,12 @@ class PointHeadNode(Node):
     def _take_target(self, pointing: Pointing, present: tuple[float, float]) -> None:
         start = pointing.start_from(present)
         head = pointing.head
-        placed = self._interface.take_targets({head.pan_joint: start[0], head.tilt_joint: start[1]})
-        if not placed:
+        placed = self._interface.take_newest_target(
+            {head.pan_joint: start[0], head.tilt_joint: start[1]}
+        )
+        if placed is None:
             return
-        target, point = max(reversed(placed), key=lambda pair: pair[0].stamp or math.inf)
+        target, point = placed
         gaze, command = pointing.point_at(point, present, self._interface.now)
         if command is None:
             self.get_logger().error(

@@ -91,13 +91,13 @@ class RunMonitorNode(Node):
         if self._placer is None:
             return
         try:
-            placed = self._placer.place(self._now, {})
+            placed = self._placer.place_newest(self._now, {})
         except TransformException:
             return
-        if placed:
+        if placed is not None:
             if self._point is None:
                 self._first_seen = self._now
-            self._target, self._point = placed[-1]
+            self._target, self._point = placed
 
     def _positions(self, head: PanTiltHead) -> tuple[float, float] | None:
         found = [self._position(joint) for joint in (head.pan_joint, head.tilt_joint)]

@@ -79,11 +79,30 @@ class TargetPlacer:
             TransformException: no target could be placed, and one of them not in time; it is
                 forgotten.
         """
+        return [(target, point) for target, point, _ in self._take(now, moving_with_head)]
+
+    def place_newest(
+        self, now: float, moving_with_head: Mapping[str, float]
+    ) -> tuple[Target, Vector3] | None:
+        """The newest of them; what came before it is forgotten. None: wait. See `place`."""
+        placed = self._take(now, moving_with_head)
+        if not placed:
+            return None
+        target, point, came = placed[-1]
+        newer = [waiting for waiting in self._waiting if waiting[1] > came]
+        self._waiting.clear()
+        self._waiting.extend(newer)
+        return target, point
+
+    def _take(
+        self, now: float, moving_with_head: Mapping[str, float]
+    ) -> list[tuple[Target, Vector3, float]]:
+        """Each target that can be placed, its point, and when it came."""
         placed, late = [], None
         for _ in range(len(self._waiting)):
             target, since = self._waiting.popleft()
             try:
-                placed.append((target, self._place(target, moving_with_head)))
+                placed.append((target, self._place(target, moving_with_head), since))
             except TransformException as error:
                 if now - since < self._timeout:
                     self._waiting.append((target, since))

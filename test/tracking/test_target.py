@@ -89,6 +89,18 @@ def test_one_that_can_be_placed_hides_one_that_is_too_late(placer):
     assert placer.place(9.0, {}) == []
 
 
+def test_the_newest_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
+    for index, stamp in enumerate((2 * SECOND + 1, SECOND, 2 * SECOND, 3 * SECOND)):
+        placer.offer(ahead(stamp), 0.1 * index)
+    target, _ = placer.place_newest(0.4, {})
+    assert target.stamp == 2 * SECOND
+    assert placer.place_newest(0.5, {}) is None
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
+    target, _ = placer.place_newest(0.6, {})
+    assert target.stamp == 3 * SECOND
+    assert placer.place_newest(0.7, {}) is None  # the one that came before is forgotten
+
+
 def test_a_stream_always_ahead_of_the_joint_states_does_not_starve(placer, buffer):
     placed = 0
     for step in range(100):
