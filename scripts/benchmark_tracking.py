@@ -188,7 +188,7 @@ def row(name: str, course: Course, late: bool) -> str:
     return (
         f"| {name} | {course.name} | {'100 ms late' if late else 'at once'} | "
         f"{1e3 * theirs.rms:.0f} | {1e3 * own.rms:.1f} | {bold(ratio, ratio >= wanted)} | "
-        f"{wanted:.0f}x | {1e3 * limit.rms:.1f} |"
+        f"{wanted:.3g}x | {1e3 * limit.rms:.1f} |"
     )
 
 

@@ -183,7 +183,7 @@ class TargetEstimator:
 
     def _append(self, stamp: float, point: Array) -> None:
         stamps, snapshots = self._stamps, self._snapshots
-        distance = max(float(np.linalg.norm(point)), 1e-3)
+        distance = max(math.hypot(*point), 1e-3)
         stamps.append(stamp)
         self._points.append(point)
         if not snapshots:
@@ -221,7 +221,7 @@ class TargetEstimator:
     def _is_jump(self, index: int, stamp: float, point: Array) -> bool:
         known = self._estimate if index == len(self._stamps) - 1 else None
         before = known or self._described(index)
-        allowed = self.parameters.jump_threshold * float(np.linalg.norm(point))
+        allowed = self.parameters.jump_threshold * math.hypot(*point)
         allowed += _DEVIATIONS * before.deviation(stamp)
         return math.dist(before.position(stamp), point) > allowed
 
@@ -229,7 +229,7 @@ class TargetEstimator:
         if self._jumped:
             last_stamp, last = self._jumped[-1]
             moved = self.parameters.jump_threshold + _FASTEST * (stamp - last_stamp)
-            allowed = moved * float(np.linalg.norm(point))
+            allowed = moved * math.hypot(*point)
             if stamp <= last_stamp or math.dist(last, point) > allowed:
                 self._jumped.clear()
         self._jumped.append((stamp, point))
@@ -250,15 +250,15 @@ class TargetEstimator:
         )
         # along any axis: the mean over the axes, each one with its own noise and its own filters
         shares = snapshot.weights * snapshot.variance[:, None] / 3.0
-        spread = np.tensordot(shares, snapshot.bank.covariances, 2).tolist()
-        (pp, pv, pa), (_, vv, va), (_, _, aa) = spread
+        covariances = snapshot.bank.covariances.reshape(-1, 9)
+        pp, pv, pa, _, vv, va, _, _, aa = (shares.reshape(-1) @ covariances).tolist()
         return TargetEstimate(
             self._stamps[index],
             (float(point[0]), float(point[1]), float(point[2])),
             (x, y, z),
-            math.sqrt(float(snapshot.variance.mean())),
+            math.sqrt(sum(snapshot.variance.tolist()) / 3.0),
             (pp, pv, pa, vv, va, aa),
-            float((shares * AGILITIES).sum()),
+            sum((shares @ AGILITIES).tolist()),
             max(_SHORTEST_TRUST, _TRUST * self.horizon),
             self.parameters.target_timeout,
         )

@@ -33,6 +33,8 @@ AGILITIES: Array = np.array((*STEADY, 0.0, *SWINGING))
 THE_RESTLESS = len(STEADY)
 """Its place in the bank; what swings comes after it."""
 
+_SWINGS = THE_RESTLESS + 1
+
 # What is known of a target seen once, in units of a point's standard deviation. Bearings of
 # 2 mrad make this 2 rad/s and 2 rad/s^2: more would let the second point throw the head.
 _JERK: Array = AGILITIES[:, None, None]
@@ -66,17 +68,14 @@ class Bank(NamedTuple):
             dt: [s], may be negative.
             swing: rate of the swing of every coordinate, shape (c,) [rad/s].
         """
-        w = np.maximum(swing, _LEAST_SWING)
-        steady, swinging = np.split(self.states, (THE_RESTLESS + 1,), axis=1)
-        return np.concatenate(
-            (
-                steady @ (1.0, dt, 0.5 * dt * dt),
-                swinging[..., 0]
-                + swinging[..., 1] * (np.sin(w * dt) / w)[:, None]
-                + swinging[..., 2] * ((1.0 - np.cos(w * dt)) / (w * w))[:, None],
-            ),
-            axis=1,
-        )
+        by_velocity = np.full(self.states.shape[:2], dt)
+        by_acceleration = np.full(self.states.shape[:2], 0.5 * dt * dt)
+        for coordinate, rate in enumerate(swing.tolist()):
+            if rate > _LEAST_SWING:
+                by_velocity[coordinate, _SWINGS:] = math.sin(rate * dt) / rate
+                by_acceleration[coordinate, _SWINGS:] = (1.0 - math.cos(rate * dt)) / (rate * rate)
+        position, velocity, acceleration = self.states.transpose(2, 0, 1)
+        return np.asarray(position + by_velocity * velocity + by_acceleration * acceleration)
 
     def corrected(self, dt: float, swing: Array, point: Array) -> tuple[Bank, Array]:
         """The bank after a point, and how well the point fitted.
@@ -107,13 +106,14 @@ class Bank(NamedTuple):
 
 def _transition(dt: float, swing: Array) -> Array:
     """The states' transition over `dt`, shape (c, f, 3, 3)."""
+    steady = np.array((1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0)).reshape(3, 3)
     matrix = np.empty((len(swing), len(AGILITIES), 3, 3))
-    matrix[:] = ((1.0, dt, 0.5 * dt * dt), (0.0, 1.0, dt), (0.0, 0.0, 1.0))
+    matrix[:] = steady
     matrix[:, THE_RESTLESS, :, 2] = 0.0
     for coordinate, rate in enumerate(swing.tolist()):
         if rate > _LEAST_SWING:
             sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
-            matrix[coordinate, THE_RESTLESS + 1 :] = (
+            matrix[coordinate, _SWINGS:] = (
                 (1.0, sine / rate, (1.0 - cosine) / (rate * rate)),
                 (0.0, cosine, sine / rate),
                 (0.0, -rate * sine, cosine),
@@ -124,10 +124,5 @@ def _transition(dt: float, swing: Array) -> Array:
 def _disturbance(dt: float) -> Array:
     """The covariance that white jerk of density 1 adds in a time `dt`, shape (3, 3)."""
     d2, d3 = dt * dt, dt**3
-    return np.array(
-        (
-            (d3 * d2 / 20.0, d2 * d2 / 8.0, d3 / 6.0),
-            (d2 * d2 / 8.0, d3 / 3.0, d2 / 2.0),
-            (d3 / 6.0, d2 / 2.0, dt),
-        )
-    )
+    pp, pv, pa, vv, va = d3 * d2 / 20.0, d2 * d2 / 8.0, d3 / 6.0, d3 / 3.0, d2 / 2.0
+    return np.array((pp, pv, pa, pv, vv, va, pa, va, dt)).reshape(3, 3)

@@ -45,13 +45,14 @@ class PredictiveLaw:
         self._period = period
         self._drives: tuple[JointDrive, JointDrive] | None = None
         self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
+        self._mean_delay = _USUAL_DELAY
         self._stepped = 0.0
         self._path: _Path | None = None
 
     @property
     def horizon(self) -> float:
         """See `TrackingLaw`."""
-        return self._delay + self._period
+        return self._mean_delay + self._period
 
     @property
     def delays(self) -> tuple[float, float]:
@@ -63,16 +64,12 @@ class PredictiveLaw:
             self._known_delays = pan.servo.delay, tilt.servo.delay
         return self._known_delays
 
-    @property
-    def _delay(self) -> float:
-        return 0.5 * sum(self.delays)
-
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
         pan, tilt = self._take(joints, now)
-        start = now + self._delay
+        start = now + self._mean_delay
         end = start + self._period
         near = pan.motion.position, tilt.motion.position
         gaze = self._gaze(target, end, near)
@@ -120,6 +117,7 @@ class PredictiveLaw:
             drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
             drive.servo.delay = delay
             drive.measured(joints.stamp, position, elapsed)
+        self._mean_delay = 0.5 * sum(self.delays)
         self._stepped = now
         return self._drives
 
@@ -155,7 +153,7 @@ class PredictiveLaw:
                 wish,
                 now,
                 self._period,
-                drive.servo.delay - self._delay,
+                drive.servo.delay - self._mean_delay,
                 MotionLimits(min(speed, joint.velocity), acceleration, p.max_joint_jerk),
                 p.dead_band,
                 self.parameters.limits.lead_target_angle,

@@ -62,7 +62,7 @@ class SwingRate(NamedTuple):
         products = kept * self.products + right * left + bias
         clear = squares > _CLEAR * variance * _MEMORY / dt
         cosine = 0.5 * products / np.where(clear, squares, 1.0)
-        rate = np.where(clear, np.arccos(np.clip(cosine, -1.0, 1.0)) / _LAG, 0.0)
+        rate = np.where(clear, np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0)) / _LAG, 0.0)
         return SwingRate(squares, products, rate)
 
 
