@@ -20,7 +20,9 @@ def test_the_tracker_keeps_the_fictitious_target_near_the_middle(make_robot, rob
     time.sleep(7.0)  # a whole swing takes 6.3 s
     assert len(errors) > 60
     ordered = sorted(error.data for error in errors)
-    assert ordered[len(ordered) // 2] < 2 * DEGREE  # the tutorials' law: 35
+    # The machine may be busy: how well it follows is judged in simulated time, in test/trial. With
+    # the tutorials' law and values this is 35.
+    assert ordered[len(ordered) // 2] < 8 * DEGREE
 
 
 def follow(robot, point, frame, until):
