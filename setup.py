@@ -18,6 +18,7 @@ NODES = (
     "fictitious_target",
     "relax",
     "transforms",
+    "track_report",
 )
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",

@@ -13,7 +13,7 @@ import pytest
 import head_tracking
 
 PACKAGE = Path(head_tracking.__file__).parent
-CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters"}
+CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters", "trial"}
 
 ALLOWED = {
     "parameters": set(),
@@ -22,6 +22,7 @@ ALLOWED = {
     "tracking": {"gaze", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
+    "trial": {"dynamixel", "simulation", "gaze", "tracking", "transforms"},
     "share": set(),
     "tf": {"transforms"},
     "nodes": CORE | {"tf", "share"},

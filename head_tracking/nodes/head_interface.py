@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
@@ -52,6 +52,14 @@ class HeadParameters:
         unit="s",
         minimum=0.0,
         maximum=60.0,
+        fixed=True,
+    )
+    target_latency: float = parameter(
+        0.0,
+        "Targets are so much older than their stamps say, as of a camera that stamps late.",
+        unit="s",
+        minimum=-1.0,
+        maximum=1.0,
         fixed=True,
     )
     joint_state_timeout: float = parameter(
@@ -128,8 +136,13 @@ class HeadInterface:
 
     def positions(self) -> tuple[float, float] | None:
         """Pan and tilt as measured [rad]; None, and a warning, without a fresh measurement."""
+        reading = self.reading()
+        return None if reading is None else reading[1]
+
+    def reading(self) -> tuple[float, tuple[float, float]] | None:
+        """Time [s] and positions [rad] as measured; None, and a warning, without a fresh one."""
         p = self._parameters
-        found = []
+        found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
             stamp, position = self._buffer.latest_joint_position(joint) or (self._started, None)
             age = self.now - stamp * 1e-9
@@ -143,7 +156,8 @@ class HeadInterface:
             if position is None:
                 return None
             found.append(position)
-        return found[0], found[1]
+            stamps.append(stamp)
+        return min(stamps) * 1e-9, (found[0], found[1])
 
     def ready(self) -> bool:
         """Whether the robot's model is there; makes the head of a new one.
@@ -164,13 +178,24 @@ class HeadInterface:
             self._on_head(head)
         return True
 
-    def take_target(self, moving_with_head: Mapping[str, float]) -> tuple[Target, Vector3] | None:
-        """A new target and its place in the head's base frame; see `TargetPlacer.place`."""
+    def take_targets(self, moving_with_head: Mapping[str, float]) -> list[tuple[Target, Vector3]]:
+        """New targets and their places in the head's base frame; see `TargetPlacer.place`."""
         assert self._placer is not None
         try:
             return self._placer.place(self.now, moving_with_head)
         except TransformException as error:
-            self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+            self._refuse(error)
+            return []
+
+    def take_newest_target(
+        self, moving_with_head: Mapping[str, float]
+    ) -> tuple[Target, Vector3] | None:
+        """The newest target only; see `TargetPlacer.place_newest`."""
+        assert self._placer is not None
+        try:
+            return self._placer.place_newest(self.now, moving_with_head)
+        except TransformException as error:
+            self._refuse(error)
             return None
 
     def send(self, command: HeadCommand | None) -> None:
@@ -196,8 +221,15 @@ class HeadInterface:
         if not self.ready() or self._placer is None:
             return
         try:
-            self._placer.offer(target_from_message(message), self.now)
+            self._placer.offer(self._dated(target_from_message(message)), self.now)
         except TransformException as error:
-            self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+            self._refuse(error)
             return
         self._on_target()
+
+    def _refuse(self, error: TransformException) -> None:
+        self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+
+    def _dated(self, target: Target) -> Target:
+        latency = round(self._parameters.target_latency * 1e9)
+        return replace(target, stamp=target.stamp - latency) if target.stamp else target

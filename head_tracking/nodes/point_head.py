@@ -73,7 +73,9 @@ class PointHeadNode(Node):
     def _take_target(self, pointing: Pointing, present: tuple[float, float]) -> None:
         start = pointing.start_from(present)
         head = pointing.head
-        placed = self._interface.take_target({head.pan_joint: start[0], head.tilt_joint: start[1]})
+        placed = self._interface.take_newest_target(
+            {head.pan_joint: start[0], head.tilt_joint: start[1]}
+        )
         if placed is None:
             return
         target, point = placed

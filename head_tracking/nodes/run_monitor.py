@@ -91,7 +91,7 @@ class RunMonitorNode(Node):
         if self._placer is None:
             return
         try:
-            placed = self._placer.place(self._now, {})
+            placed = self._placer.place_newest(self._now, {})
         except TransformException:
             return
         if placed is not None:

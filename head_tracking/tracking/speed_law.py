@@ -7,62 +7,87 @@ and moves at the speed it is given; if the node dies the head travels no farther
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from head_tracking.gaze import HeadCommand
-from head_tracking.parameters import parameter
-from head_tracking.transforms import JointLimits
+from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.law import JointReading, inside
+from head_tracking.tracking.law_parameters import LawParameters
+from head_tracking.tracking.target_estimate import TargetEstimate
 
-
-@dataclass(frozen=True, slots=True)
-class SpeedLawParameters:
-    """The parameters of the law; names and defaults are the tutorials'."""
-
-    max_joint_speed: float = parameter(
-        0.5, "Fastest speed while tracking.", unit="rad/s", minimum=0.02, maximum=12.0
-    )
-    lead_target_angle: float = parameter(
-        0.5, "How far ahead of the joint its goal is set.", unit="rad", minimum=0.02, maximum=3.0
-    )
-    pan_threshold: float = parameter(
-        0.01, "Pan errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
-    )
-    tilt_threshold: float = parameter(
-        0.01, "Tilt errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
-    )
-    k_pan: float = parameter(1.5, "Pan speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
-    k_tilt: float = parameter(1.5, "Tilt speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
+USUAL_SPEED = 0.5  # rad/s, the tutorials'
 
 
 class SpeedLaw:
-    """One step from wanted and present joint positions to a command."""
+    """Speeds in proportion to the errors of pan and tilt.
 
-    def __init__(self, parameters: SpeedLawParameters) -> None:
+    Attributes:
+        parameters: may change at any time.
+    """
+
+    horizon = 0.0
+    delays = (0.0, 0.0)
+
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
         self.parameters = parameters
-        self._pan = _JointLaw()
-        self._tilt = _JointLaw()
+        self._head = head
+        self._joints = _JointLaw(), _JointLaw()
+        self._held: tuple[float, float] | None = None
 
-    def step(
-        self,
-        wanted: tuple[float, float],
-        present: tuple[float, float],
-        limits: tuple[JointLimits, JointLimits],
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """See `TrackingLaw`; it knows no motion of the target and aims at the newest point."""
+        gaze = self._head.gaze(target.point, *joints.positions)
+        if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
+            self._held = None
+            return self.step((gaze.pan, gaze.tilt), joints.positions), gaze
+        held = self._held or inside(self._head, joints.positions)
+        self._forget()
+        self._held = held
+        return self._at_usual_speed(held), gaze
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
     ) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._forget()
+        return HeadCommand(*goal, speed, speed)
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._forget()
+        return self._at_usual_speed(inside(self._head, joints.positions))
+
+    def step(self, wanted: tuple[float, float], present: tuple[float, float]) -> HeadCommand:
         """The command for now.
 
         Args:
             wanted: pan and tilt that look at the target [rad].
             present: pan and tilt as measured [rad].
-            limits: of pan and of tilt.
         """
-        p = self.parameters
-        pan = self._pan.step(wanted[0] - present[0], present[0], p.k_pan, p.pan_threshold, p)
-        tilt = self._tilt.step(wanted[1] - present[1], present[1], p.k_tilt, p.tilt_threshold, p)
-        return HeadCommand(limits[0].clamp(pan[0]), limits[1].clamp(tilt[0]), pan[1], tilt[1])
+        p, limits = self.parameters.speed, self.parameters.limits
+        fastest, lead = limits.speed(USUAL_SPEED), limits.lead_target_angle
+        (pan, pan_speed), (tilt, tilt_speed) = (
+            joint.step(there - here, here, gain, threshold, fastest, lead)
+            for joint, there, here, gain, threshold in zip(
+                self._joints,
+                wanted,
+                present,
+                (p.k_pan, p.k_tilt),
+                (p.pan_threshold, p.tilt_threshold),
+                strict=True,
+            )
+        )
+        head = self._head
+        return HeadCommand(
+            head.pan_limits.clamp(pan), head.tilt_limits.clamp(tilt), pan_speed, tilt_speed
+        )
 
-    def reset(self) -> None:
-        """Forgets where the joints were left alone."""
-        self._pan, self._tilt = _JointLaw(), _JointLaw()
+    def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
+        speed = self.parameters.limits.speed(USUAL_SPEED)
+        return HeadCommand(*goal, speed, speed)
+
+    def _forget(self) -> None:
+        self._joints, self._held = (_JointLaw(), _JointLaw()), None
 
 
 class _JointLaw:
@@ -77,12 +102,13 @@ class _JointLaw:
         present: float,
         gain: float,
         threshold: float,
-        parameters: SpeedLawParameters,
+        fastest: float,
+        lead: float,
     ) -> tuple[float, float]:
         if abs(error) <= threshold:
             if self._stopped_at is None:
                 self._stopped_at = present
-            return self._stopped_at, parameters.max_joint_speed
+            return self._stopped_at, fastest
         self._stopped_at = None
-        speed = min(gain * abs(error), parameters.max_joint_speed)
-        return present + math.copysign(parameters.lead_target_angle, error), speed
+        speed = min(gain * abs(error), fastest)
+        return present + math.copysign(lead, error), speed

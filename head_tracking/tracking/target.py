@@ -41,7 +41,7 @@ class TargetPlacer:
     """Places targets in `base_frame`, with the joints as they were at each one's stamp.
 
     A target can come before the joint states of its stamp, or before its frame is known at all:
-    it waits up to `timeout` [s]. The newest one that can be placed wins.
+    it waits up to `timeout` [s].
     """
 
     def __init__(self, buffer: TransformBuffer, base_frame: str, timeout: float) -> None:
@@ -64,36 +64,53 @@ class TargetPlacer:
 
     def place(
         self, now: float, moving_with_head: Mapping[str, float]
-    ) -> tuple[Target, Vector3] | None:
-        """The newest target that can be placed, and its point in `base_frame` [m]; None: wait.
+    ) -> list[tuple[Target, Vector3]]:
+        """The targets that can be placed by now, in the order in which they came.
 
         Args:
             now: the time [s].
             moving_with_head: positions of the head's joints [rad] at which a target that was not
                 seen but is meant for now is placed, if its frame moves with the head.
 
+        Returns:
+            Each target and its point in `base_frame` [m].
+
         Raises:
-            TransformException: a target could not be placed in time; it is forgotten.
+            TransformException: no target could be placed, and one of them not in time; it is
+                forgotten.
         """
-        newer: list[tuple[Target, float]] = []
-        late: TransformException | None = None
-        while self._waiting:
-            target, since = self._waiting.pop()
+        return [(target, point) for target, point, _ in self._take(now, moving_with_head)]
+
+    def place_newest(
+        self, now: float, moving_with_head: Mapping[str, float]
+    ) -> tuple[Target, Vector3] | None:
+        """The newest of them; what came before it is forgotten. None: wait. See `place`."""
+        placed = self._take(now, moving_with_head)
+        if not placed:
+            return None
+        target, point, came = placed[-1]
+        newer = [waiting for waiting in self._waiting if waiting[1] > came]
+        self._waiting.clear()
+        self._waiting.extend(newer)
+        return target, point
+
+    def _take(
+        self, now: float, moving_with_head: Mapping[str, float]
+    ) -> list[tuple[Target, Vector3, float]]:
+        """Each target that can be placed, its point, and when it came."""
+        placed, late = [], None
+        for _ in range(len(self._waiting)):
+            target, since = self._waiting.popleft()
             try:
-                point = self._place(target, moving_with_head)
+                placed.append((target, self._place(target, moving_with_head), since))
             except TransformException as error:
                 if now - since < self._timeout:
-                    newer.append((target, since))
+                    self._waiting.append((target, since))
                 else:
-                    late = late or error
-            else:
-                self._waiting.clear()
-                self._waiting.extend(reversed(newer))
-                return target, point
-        self._waiting.extend(reversed(newer))
-        if late is not None:
+                    late = error
+        if late is not None and not placed:
             raise late
-        return None
+        return placed
 
     def forget(self) -> None:
         """Drops the targets that wait."""

@@ -1,13 +1,18 @@
-"""Keeps a head on a moving target: gaze, tracking law and lost-target policy together."""
+"""Keeps a head on a moving target: estimate, tracking law and the target's life together."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
-from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead, together
-from head_tracking.tracking.lost_target import LostTargetPolicy, TargetState
-from head_tracking.tracking.speed_law import SpeedLaw
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
+from head_tracking.tracking.law import JointReading, TrackingLaw
+from head_tracking.tracking.life_cycle import LifeCycle, LifeCycleParameters, TargetState
 from head_tracking.transforms import Vector3
+
+_VELOCITY_WINDOW = 0.06  # s
+_SMOOTHING = 0.05  # of a delay, from one step to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +22,8 @@ class TrackingStep:
     Attributes:
         command: for the joints; None: leave them alone.
         gaze: at the target; None without one.
-        error: angle between the measured pointing axis and the target [rad]; None without one.
+        error: angle between the measured pointing axis and where the target was when the joints
+            were measured [rad]; None without a target.
     """
 
     command: HeadCommand | None = None
@@ -25,60 +31,124 @@ class TrackingStep:
     error: float | None = None
 
 
-class Tracker:
-    """Follows targets given in the head's base frame. Times are in seconds, on any clock."""
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """How late everything is.
 
-    def __init__(self, head: PanTiltHead, law: SpeedLaw, lost_target: LostTargetPolicy) -> None:
+    Attributes:
+        message: age of a point when it comes [s].
+        interval: between points [s].
+        reading: age of a joint's measurement when it is used [s].
+        servos: from a command to the motion it causes, of pan and tilt [s].
+    """
+
+    message: float
+    interval: float
+    reading: float
+    servos: tuple[float, float]
+
+
+class Tracker:
+    """Follows targets given in the head's base frame.
+
+    Times are in seconds, on the clock of the stamps; it may be any clock.
+
+    Args:
+        head: the head to turn.
+        law: steers it.
+        estimator: what counts as the same target.
+        life_cycle: what to do without one.
+
+    Attributes:
+        head: the head that is turned.
+        law: may be changed for another one at any time.
+    """
+
+    def __init__(
+        self,
+        head: PanTiltHead,
+        law: TrackingLaw,
+        estimator: EstimatorParameters,
+        life_cycle: LifeCycleParameters,
+    ) -> None:
         self.head = head
         self.law = law
-        self.lost_target = lost_target
-        self._target: Vector3 | None = None
-        self._held: tuple[float, float] | None = None
+        self.estimator = TargetEstimator(estimator)
+        self.life_cycle = LifeCycle(head, life_cycle)
+        self._readings: deque[JointReading] = deque()
+        self._message_age = self._reading_age = 0.0
+        self._interval = 0.0
+        self._came: float | None = None
 
     @property
     def state(self) -> TargetState:
         """What the head is doing about its target."""
-        return self.lost_target.state
+        return self.life_cycle.state
 
-    def target_seen(self, target: Vector3, now: float) -> None:
-        """Takes the newest target, shape (3,) [m], in the head's base frame."""
-        self._target = target
-        self.lost_target.seen(now)
+    @property
+    def delays(self) -> Delays:
+        """How late everything is, as measured."""
+        return Delays(self._message_age, self._interval, self._reading_age, self.law.delays)
 
-    def step(self, present: tuple[float, float], now: float) -> TrackingStep:
-        """What to do now, with the joints at `present` [rad]."""
-        command = self.lost_target.step(present, now)
-        if self.state is not TargetState.TRACKING:
-            self._target = None
-            self.law.reset()
-        if self._target is None:
-            return TrackingStep(command)
-        gaze = self.head.gaze(self._target, *present)
-        error = self.head.miss(self._target, *present)
-        if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
-            self._held = None
-            limits = (self.head.pan_limits, self.head.tilt_limits)
-            return TrackingStep(self.law.step((gaze.pan, gaze.tilt), present, limits), gaze, error)
-        self.law.reset()
-        return TrackingStep(self._hold(present), gaze, error)
+    def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
+        """Takes pan and tilt [rad] as measured at `stamp` [s]; only newer ones count."""
+        readings = self._readings
+        if readings and stamp <= readings[-1].stamp:
+            return
+        while len(readings) > 1 and readings[1].stamp <= stamp - _VELOCITY_WINDOW:
+            readings.popleft()
+        pan = tilt = 0.0
+        if readings and stamp - readings[0].stamp < 5.0 * _VELOCITY_WINDOW:
+            before, dt = readings[0].positions, stamp - readings[0].stamp
+            pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
+        readings.append(JointReading(stamp, positions, (pan, tilt)))
 
-    def stop(self, present: tuple[float, float]) -> HeadCommand:
-        """Forgets the target; the command that stops the head where it is."""
-        self._forget()
-        return together(present, present, self.law.parameters.max_joint_speed)
+    def target_seen(self, stamp: float, point: Vector3, now: float) -> Verdict:
+        """Takes a point, shape (3,) [m], in the head's base frame, seen at `stamp` [s]."""
+        if not self.life_cycle.enabled:
+            return Verdict.IGNORED
+        verdict = self.estimator.add(stamp, point, now)
+        if verdict.used:
+            new = verdict is Verdict.NEW_TARGET
+            self.life_cycle.seen(now, new=new)
+            self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
+            if self._came is not None and not new:
+                self._interval += _SMOOTHING * (now - self._came - self._interval)
+            self._came = now
+        return verdict
 
-    def recenter(self, present: tuple[float, float]) -> HeadCommand:
-        """Forgets the target; the command that takes both joints to 0 or the limit next to it."""
-        self._forget()
-        centre = self.head.pan_limits.clamp(0.0), self.head.tilt_limits.clamp(0.0)
-        return together(present, centre, self.lost_target.parameters.default_joint_speed)
+    def step(self, now: float) -> TrackingStep:
+        """What to do now; nothing before the joints were read."""
+        if not self._readings or not self.life_cycle.enabled:
+            return TrackingStep()
+        joints = self._readings[-1]
+        self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
+        estimate = self.estimator.estimate
+        if estimate is not None and self.life_cycle.follows(
+            now, self.estimator.parameters.target_timeout
+        ):
+            command, gaze = self.law.follow(estimate, joints, now)
+            error = self.head.miss(estimate.position(joints.stamp), *joints.positions)
+            self.life_cycle.followed(gaze, error, now)
+            ahead = self._message_age + 0.5 * self._interval + self.law.horizon
+            self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
+            return TrackingStep(command, gaze, error)
+        goal = self.life_cycle.goal(joints.positions, now)
+        if goal is None:
+            return TrackingStep()
+        speed = self.life_cycle.parameters.default_joint_speed
+        return TrackingStep(self.law.go_to(goal, speed, joints, now))
 
-    def _hold(self, present: tuple[float, float]) -> HeadCommand:
-        if self._held is None:
-            self._held = present
-        return together(present, self._held, self.law.parameters.max_joint_speed)
+    def enable(self, on: bool, now: float) -> HeadCommand | None:
+        """Follows targets from now on, or stops the head at once; the command for that."""
+        self.estimator.reset()
+        self.life_cycle.enable(on)
+        return None if on else self._stop(now)
 
-    def _forget(self) -> None:
-        self._target, self._held = None, None
-        self.law.reset()
-        self.lost_target.forget()
+    def recenter(self) -> None:
+        """Forgets the target and takes both joints to 0 or the limit next to it."""
+        self.estimator.reset()
+        self.life_cycle.recenter()
+
+    def _stop(self, now: float) -> HeadCommand | None:
+        return self.law.stop(self._readings[-1], now) if self._readings else None

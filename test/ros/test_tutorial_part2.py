@@ -9,18 +9,20 @@ from robot_under_test import wait_for
 from std_msgs.msg import Float64
 
 DEGREE = math.radians(1)
-FIELD_OF_VIEW = math.radians(43)  # a Kinect's, from top to bottom
 
 
 @pytest.mark.parametrize("robot", ["kinectbot", "turtlebot"])
-def test_the_tracker_keeps_the_fictitious_target_in_view(make_robot, robot):
+def test_the_tracker_keeps_the_fictitious_target_near_the_middle(make_robot, robot):
     robot = make_robot("--robot", robot)
     errors = robot.listen("head_tracker/tracking_error", Float64)
     wait_for(lambda: errors and errors[-1].data < 5 * DEGREE)
     errors.clear()
     time.sleep(7.0)  # a whole swing takes 6.3 s
     assert len(errors) > 60
-    assert max(error.data for error in errors) < FIELD_OF_VIEW / 2
+    ordered = sorted(error.data for error in errors)
+    # The machine may be busy: how well it follows is judged in simulated time, in test/trial. With
+    # the tutorials' law and values this is 35.
+    assert ordered[len(ordered) // 2] < 8 * DEGREE
 
 
 def follow(robot, point, frame, until):

@@ -37,13 +37,13 @@ def bearing(point) -> float:
 
 def test_a_target_is_placed_with_the_joints_as_they_were_at_its_stamp(placer):
     placer.offer(ahead(SECOND + SECOND // 2), 0.0)
-    _, point = placer.place(0.0, {})
+    ((_, point),) = placer.place(0.0, {})
     assert bearing(point) == pytest.approx(0.5)
 
 
 def test_a_target_without_a_stamp_is_placed_where_the_head_was_sent(placer):
     placer.offer(ahead(0), 0.0)
-    _, point = placer.place(0.0, {"head_pan_joint": 1.25, "head_tilt_joint": 0.0})
+    ((_, point),) = placer.place(0.0, {"head_pan_joint": 1.25, "head_tilt_joint": 0.0})
     assert bearing(point) == pytest.approx(1.25)
 
 
@@ -59,28 +59,46 @@ def test_a_fixed_target_needs_no_joints():
     )
     placer = TargetPlacer(buffer, "a", 1.0)
     placer.offer(ahead(5 * SECOND, "b"), 0.0)
-    assert placer.place(0.0, {})[1] == pytest.approx((2, 0, 1))
+    assert placer.place(0.0, {})[0][1] == pytest.approx((2, 0, 1))
 
 
 def test_a_target_waits_for_the_joint_states_of_its_stamp(placer, buffer):
     placer.offer(ahead(2 * SECOND + SECOND // 2), 0.0)
-    assert placer.place(0.1, {}) is None
+    assert placer.place(0.1, {}) == []
     buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
-    _, point = placer.place(0.2, {})
+    ((_, point),) = placer.place(0.2, {})
     assert bearing(point) == pytest.approx(0.5)
-    assert placer.place(0.3, {}) is None
+    assert placer.place(0.3, {}) == []
 
 
-def test_the_newest_target_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
-    placer.offer(ahead(SECOND), 0.0)
-    placer.offer(ahead(2 * SECOND), 0.1)
-    placer.offer(ahead(3 * SECOND), 0.2)
-    target, _ = placer.place(0.3, {})
-    assert target.stamp == 2 * SECOND
-    assert placer.place(0.4, {}) is None
+def test_all_that_can_be_placed_are_and_newer_ones_wait(placer, buffer):
+    for index, stamp in enumerate((SECOND, 2 * SECOND, 3 * SECOND)):
+        placer.offer(ahead(stamp), 0.1 * index)
+    placed = placer.place(0.3, {})
+    assert [target.stamp for target, _ in placed] == [SECOND, 2 * SECOND]
+    assert placer.place(0.4, {}) == []
     buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
-    target, _ = placer.place(0.5, {})
+    ((target, _),) = placer.place(0.5, {})
     assert target.stamp == 3 * SECOND
+
+
+def test_one_that_can_be_placed_hides_one_that_is_too_late(placer):
+    placer.offer(ahead(0, "gripper"), 0.0)
+    placer.offer(ahead(SECOND), 2.0)
+    assert len(placer.place(2.0, {})) == 1
+    assert placer.place(9.0, {}) == []
+
+
+def test_the_newest_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
+    for index, stamp in enumerate((2 * SECOND + 1, SECOND, 2 * SECOND, 3 * SECOND)):
+        placer.offer(ahead(stamp), 0.1 * index)
+    target, _ = placer.place_newest(0.4, {})
+    assert target.stamp == 2 * SECOND
+    assert placer.place_newest(0.5, {}) is None
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
+    target, _ = placer.place_newest(0.6, {})
+    assert target.stamp == 3 * SECOND
+    assert placer.place_newest(0.7, {}) is None  # the one that came before is forgotten
 
 
 def test_a_stream_always_ahead_of_the_joint_states_does_not_starve(placer, buffer):
@@ -91,16 +109,16 @@ def test_a_stream_always_ahead_of_the_joint_states_does_not_starve(placer, buffe
         buffer.set_joint_positions(
             now - SECOND // 50, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
         )
-        placed += placer.place(step / 30, {}) is not None
+        placed += len(placer.place(step / 30, {}))
     assert placed >= 98
 
 
 def test_a_target_that_cannot_be_placed_in_time_is_an_error_once(placer):
     placer.offer(ahead(99 * SECOND), 0.0)
-    assert placer.place(0.9, {}) is None
+    assert placer.place(0.9, {}) == []
     with pytest.raises(ExtrapolationException, match="future"):
         placer.place(1.1, {})
-    assert placer.place(1.2, {}) is None
+    assert placer.place(1.2, {}) == []
 
 
 def test_an_unknown_frame_is_named(placer):
@@ -113,4 +131,4 @@ def test_an_unknown_frame_is_named(placer):
 def test_a_target_that_is_not_finite_is_refused(placer, bad):
     with pytest.raises(InvalidArgumentException, match=r"\(1.000, nan|inf.*camera_link"):
         placer.offer(Target(0, "camera_link", (1.0, bad, 0.0)), 0.0)
-    assert placer.place(0.0, {}) is None
+    assert placer.place(0.0, {}) == []

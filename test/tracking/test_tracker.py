@@ -1,93 +1,206 @@
+"""The tracker with an ideal servo; the real ones are in test/trial."""
+
 import math
 
 import pytest
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import (
-    LostTargetParameters,
-    LostTargetPolicy,
-    SpeedLaw,
-    SpeedLawParameters,
+    LAWS,
+    EstimatorParameters,
+    LawParameters,
+    LifeCycleParameters,
+    SpeedLimits,
     TargetState,
     Tracker,
+    Verdict,
 )
+
+DT = 0.02
+TARGET = (1.0, 0.6, -0.2)
+
+
+@pytest.fixture(params=sorted(LAWS))
+def law(request):
+    return request.param
 
 
 @pytest.fixture
-def tracker(kinectbot):
-    head = PanTiltHead(kinectbot, "head_pan_joint", "head_tilt_joint", "camera_link")
-    return Tracker(
-        head,
-        SpeedLaw(SpeedLawParameters(k_pan=4.0, k_tilt=4.0, max_joint_speed=2.0)),
-        LostTargetPolicy(head, LostTargetParameters()),
+def make(head):
+    def make(law="predictive", **life):
+        parameters = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
+        return Tracker(
+            head,
+            LAWS[law](head, DT, parameters),
+            EstimatorParameters(),
+            LifeCycleParameters(**life),
+        )
+
+    return make
+
+
+class Bench:
+    """An ideal servo: each joint moves at the commanded speed towards its goal."""
+
+    def __init__(self, tracker):
+        self.tracker, self.now, self.positions = tracker, 100.0, (0.0, 0.0)
+        self.step = None
+        self.command = None
+
+    def run(self, seconds, target=None, command=None):
+        for _ in range(round(seconds / DT)):
+            self.now += DT
+            self.tracker.joints_read(self.now, self.positions)
+            if target is not None:
+                self.tracker.target_seen(self.now, target, self.now)
+            self.step = self.tracker.step(self.now)
+            self.obey(self.step.command)
+        return self
+
+    def obey(self, command):
+        self.command = command or self.command
+        if self.command is None:
+            return
+        goals = (self.command.pan, self.command.tilt)
+        speeds = (self.command.pan_speed, self.command.tilt_speed)
+        self.positions = tuple(
+            here + math.copysign(min(abs(goal - here), speed * DT), goal - here)
+            for here, goal, speed in zip(self.positions, goals, speeds, strict=True)
+        )
+
+
+def test_nothing_moves_before_a_target_comes(make, law):
+    bench = Bench(make(law)).run(1.0)
+    assert bench.step.command is None
+    assert bench.tracker.state is TargetState.IDLE
+
+
+def test_nothing_is_commanded_before_the_joints_are_known(make):
+    tracker = make()
+    tracker.target_seen(1.0, TARGET, 1.0)
+    assert tracker.step(1.0).command is None
+    assert tracker.enable(False, 1.0) is None
+
+
+def test_it_turns_to_the_target_and_stays(make, law):
+    bench = Bench(make(law)).run(4.0, TARGET)
+    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
+    assert bench.tracker.state is TargetState.TRACKING
+    assert bench.step.error == pytest.approx(
+        bench.tracker.head.miss(TARGET, *bench.positions), abs=5e-3
     )
 
 
-def run(tracker, target, present, start, steps, dt=0.05):
-    """An ideal servo: each joint moves at the commanded speed towards its goal."""
-    for step in range(steps):
-        now = start + step * dt
-        if target is not None:
-            tracker.target_seen(target, now)
-        command = tracker.step(present, now).command
-        if command is not None:
-            present = tuple(
-                here + math.copysign(min(abs(goal - here), speed * dt), goal - here)
-                for here, goal, speed in zip(
-                    present,
-                    (command.pan, command.tilt),
-                    (command.pan_speed, command.tilt_speed),
-                    strict=True,
-                )
-            )
-    return present
+def test_a_target_behind_the_head_is_no_reason_to_hunt(make):
+    bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
+    assert bench.tracker.state is TargetState.AT_LIMIT
+    assert "out of reach" in bench.tracker.life_cycle.reason
+    assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
+    # it wanders across to the other side of the back, and the head stays
+    bench.run(2.0, (-2.0, -0.1, 0.0))
+    assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
 
 
-def test_nothing_moves_before_a_target_comes(tracker):
-    assert tracker.step((0.4, 0.4), 100.0).command is None
+def test_one_that_flickers_at_the_far_edge_is_not_chased_all_the_way_round(make):
+    bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
+    edge = bench.tracker.head.pan_limits.lower
+    for k in range(60):
+        angle = edge + (0.02 if k % 2 else -0.02)
+        bench.run(DT, (2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.0))
+    assert bench.positions[0] > 2.0
+    bench.run(6.0, (2.0 * math.cos(edge + 0.3), 2.0 * math.sin(edge + 0.3), 0.0))
+    assert bench.positions[0] == pytest.approx(edge + 0.3, abs=0.03)
 
 
-def test_it_turns_to_the_target_and_stays(tracker):
-    target = (1.0, 0.6, -0.2)
-    present = run(tracker, target, (0.0, 0.0), 0.0, 60)
-    assert tracker.head.miss(target, *present) < 0.02
-    assert tracker.state is TargetState.TRACKING
+def test_a_target_that_comes_back_into_reach_is_picked_up(make):
+    bench = Bench(make()).run(3.0, (-2.0, 0.3, 0.0)).run(4.0, TARGET)
+    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
+    assert bench.tracker.state is TargetState.TRACKING
 
 
-def test_the_error_is_judged_by_the_measured_joints(tracker):
-    tracker.target_seen((1.0, 0.0, 0.1), 0.0)
-    step = tracker.step((0.5, 0.0), 0.0)
-    assert step.error == pytest.approx(tracker.head.miss((1.0, 0.0, 0.1), 0.5, 0.0))
+def test_a_lost_target_holds_the_head_and_comes_back(make, law):
+    bench = Bench(make(law)).run(0.5, TARGET).run(2.0)
+    held = bench.positions
+    assert bench.tracker.state is TargetState.HOLDING
+    assert bench.step.error is None
+    bench.run(1.0)
+    assert bench.positions == pytest.approx(held, abs=0.005)
+    other = (1.0, -0.6, -0.2)
+    bench.run(5.0, other)
+    assert bench.tracker.head.miss(other, *bench.positions) < 0.02
 
 
-def test_a_target_behind_the_head_stops_it(tracker):
-    present = run(tracker, (1.0, 0.6, -0.2), (0.0, 0.0), 0.0, 4)
-    tracker.target_seen((-2.0, 0.0, 0.0), 1.0)
-    step = tracker.step(present, 1.0)
-    assert "out of reach" in step.gaze.reason
-    assert (step.command.pan, step.command.tilt) == present
-    assert tracker.step((present[0] + 0.1, 0.0), 1.05).command.pan == present[0]
+def test_a_target_lost_for_long_is_given_up(make, law):
+    bench = Bench(make(law)).run(2.0, TARGET).run(13.0)
+    assert bench.positions == pytest.approx((0.0, 0.0), abs=0.04)
+    assert bench.tracker.state is TargetState.IDLE
+    assert bench.step.command is None
 
 
-def test_a_target_that_goes_away_stops_the_head_and_comes_back(tracker):
-    present = run(tracker, (1.0, 0.6, -0.2), (0.0, 0.0), 0.0, 5)
-    held = tracker.step(present, 5.0)
-    assert (held.command.pan, held.command.tilt) == present
-    assert held.error is None
-    assert tracker.state is TargetState.HOLDING
-    present = run(tracker, (1.0, -0.6, -0.2), present, 6.0, 60)
-    assert tracker.head.miss((1.0, -0.6, -0.2), *present) < 0.02
+def test_the_search_covers_both_sides(make):
+    bench = Bench(
+        make(enable_target_search=True, search_target_timeout=1.0, default_joint_speed=2.0)
+    )
+    bench.run(1.0, TARGET)
+    reached = []
+    for _ in range(60):
+        bench.run(0.25)
+        reached.append(bench.positions[0])
+    assert bench.tracker.state is TargetState.SEARCHING
+    assert max(reached) > 2.4
+    assert min(reached) < -2.4
+    bench.run(0.1, TARGET)
+    assert bench.tracker.state is TargetState.ACQUIRING
 
 
-def test_stop_forgets_the_target(tracker):
-    tracker.target_seen((1.0, 0.6, 0.0), 0.0)
-    assert tracker.stop((0.2, 0.1)).pan == 0.2
-    assert tracker.step((0.2, 0.1), 0.1).command is None
-    assert tracker.state is TargetState.IDLE
+def test_switching_off_stops_at_once_and_ignores_targets(make, law):
+    bench = Bench(make(law)).run(0.3, TARGET)
+    command = bench.tracker.enable(False, bench.now)
+    assert (command.pan, command.tilt) == pytest.approx(bench.positions, abs=2.0 * DT)
+    bench.obey(command)
+    stopped = bench.positions
+    assert bench.tracker.target_seen(bench.now, TARGET, bench.now) is Verdict.IGNORED
+    bench.run(1.0, TARGET)
+    assert bench.step.command is None
+    assert bench.positions == pytest.approx(stopped, abs=2.0 * DT)
+    assert bench.tracker.state is TargetState.DISABLED
+    bench.tracker.enable(True, bench.now)
+    bench.run(4.0, TARGET)
+    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
 
 
-def test_recenter_forgets_the_target_too(tracker):
-    tracker.target_seen((1.0, 0.6, 0.0), 0.0)
-    command = tracker.recenter((1.0, 0.5))
-    assert (command.pan, command.tilt, command.pan_speed) == (0.0, 0.0, 0.3)
-    assert tracker.step((0.9, 0.4), 0.1).command is None
+def test_recentring_forgets_the_target(make, law):
+    bench = Bench(make(law)).run(2.0, TARGET)
+    bench.tracker.recenter()
+    bench.run(4.0)
+    assert bench.positions == pytest.approx((0.0, 0.0), abs=0.04)
+    assert bench.tracker.state is TargetState.IDLE
+
+
+def test_the_law_can_be_changed_on_the_way(make, head):
+    bench = Bench(make("speed")).run(0.4, TARGET)
+    for name in ("predictive", "position", "speed", "predictive"):
+        bench.tracker.law = LAWS[name](head, DT, LawParameters())
+        bench.run(1.0, TARGET)
+    assert head.miss(TARGET, *bench.positions) < 0.02
+
+
+def test_delays_are_measured(make):
+    tracker = make()
+    for k in range(200):
+        now = 100.0 + 0.02 * k
+        tracker.joints_read(now - 0.005, (0.0, 0.0))
+        if k % 2 == 0:
+            tracker.target_seen(now - 0.08, TARGET, now)
+        tracker.step(now)
+    delays = tracker.delays
+    assert delays.message == pytest.approx(0.08, abs=1e-6)
+    assert delays.reading == pytest.approx(0.005, abs=1e-3)
+    assert delays.interval == pytest.approx(0.04, rel=0.1)
+    assert all(0.0 < delay < 0.15 for delay in delays.servos)
+
+
+def test_velocities_are_told_from_the_readings(make):
+    tracker = make()
+    for k in range(10):
+        tracker.joints_read(0.02 * k, (0.03 * k, -0.01 * k))
+    assert tracker._readings[-1].velocities == pytest.approx((1.5, -0.5))

@@ -1,0 +1,188 @@
+"""track_report: records how a head follows its target; writes a picture and a table."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PointStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.nodes.conversions import target_from_message
+from head_tracking.nodes.head_interface import HeadParameters
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.parameters import parameter
+from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
+from head_tracking.transforms import RobotModelError, TransformException
+
+_PATIENCE = 10.0  # s for the robot's model to come
+
+
+@dataclass(frozen=True, slots=True)
+class TrackReportParameters:
+    """What is pointed."""
+
+    camera_link: str = parameter("camera_link", "The frame that is pointed.", fixed=True)
+
+
+class TrackReportNode(Node):
+    """Listens to targets and joints; judges by the measured joints. Commands nothing."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("track_report", **options)
+        self._frame = NodeParameters(self, TrackReportParameters).value.camera_link
+        self._head_parameters = NodeParameters(self, HeadParameters).value
+        buffer = Buffer()
+        TransformListener(buffer, self)
+        self._buffer = buffer.core
+        self._placer: TargetPlacer | None = None
+        self._came: dict[int, float] = {}
+        self.head: PanTiltHead | None = None
+        self.record = TrackRecord()
+        self.create_subscription(PointStamped, "target_point", self._on_target, 50)
+        self.create_subscription(JointState, "joint_states", self._on_joints, 50)
+
+    @property
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _on_target(self, message: PointStamped) -> None:
+        if self.head is None or self._placer is None:
+            return
+        target = target_from_message(message)
+        try:
+            self._placer.offer(target, self._now)
+        except TransformException as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=2.0)
+            return
+        self._came[target.stamp] = self._now
+        self.place()
+
+    def _on_joints(self, message: JointState) -> None:
+        model = self._buffer.model
+        p = self._head_parameters
+        if self.head is None and model is not None:
+            self.head = p.head(model, self._frame)
+            self._placer = TargetPlacer(self._buffer, self.head.base_frame, p.transform_timeout)
+        positions = dict(zip(message.name, message.position, strict=False))
+        if p.head_pan_joint in positions and p.head_tilt_joint in positions:
+            stamp = stamp_to_ns(message.header.stamp) * 1e-9
+            pan, tilt = positions[p.head_pan_joint], positions[p.head_tilt_joint]
+            self.record.joints_read(stamp, (pan, tilt))
+
+    def place(self) -> None:
+        """Notes the targets that can be placed by now."""
+        if self._placer is None:
+            return
+        try:
+            placed = self._placer.place(self._now, {})
+        except TransformException as error:
+            self.get_logger().warning(f"target left out: {error}", throttle_duration_sec=2.0)
+            return
+        for target, point in placed:
+            came = self._came.pop(target.stamp, self._now)
+            stamp = target.stamp * 1e-9 if target.stamp else came
+            self.record.target_seen(stamp, point, came)
+
+
+def main() -> int:
+    """Records a run and writes what came of it; returns the exit code."""
+    options = _parse(remove_ros_args(sys.argv)[1:])
+    with StopSignal() as stop, ExitStack() as resources:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        resources.callback(rclpy.try_shutdown)
+        node = TrackReportNode()
+        resources.callback(node.destroy_node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        resources.callback(executor.shutdown)
+        try:
+            return record_run(node, executor, options, stop)
+        except RobotModelError as error:
+            return _fail(str(error))
+
+
+def record_run(
+    node: TrackReportNode,
+    executor: SingleThreadedExecutor,
+    options: argparse.Namespace,
+    stop: Callable[[], bool],
+) -> int:
+    """Listens for the time asked for and reports; returns the exit code."""
+    end = time.monotonic() + _PATIENCE
+    while node.head is None:
+        executor.spin_once(timeout_sec=0.05)
+        if stop() or time.monotonic() > end:
+            return _fail(
+                "no robot_description or no joint_states came; is a head running, in this "
+                "ROS_DOMAIN_ID? (start one by: head_tracking --sim)"
+            )
+    end = time.monotonic() + options.duration
+    while not stop() and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+    node.place()
+    recording = node.record.recording(node.head)
+    if len(recording) < 10:
+        return _fail(
+            "there was hardly any moment at which both the joints and a target were known; is "
+            "somebody publishing target_point?"
+        )
+    text = table(recording, node.record.ages, node.record.target_rate)
+    options.output.write_text(picture(recording, f"{node.head.pointing_frame} and its target"))
+    print(f"{text}\n\nThe picture is {options.output}.")
+    return 0
+
+
+def _fail(reason: str) -> int:
+    print(f"track_report: {reason}", file=sys.stderr)
+    return 1
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="track_report",
+        description="Records how a running head, real or simulated, follows its target, judged by "
+        "its measured joints; prints a table and writes a picture (SVG). It commands nothing.",
+        epilog="ROS's own arguments follow --ros-args.",
+    )
+    parser.add_argument(
+        "--duration", type=_seconds, default=20.0, metavar="S", help="record for S seconds (20)"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("track_report.svg"),
+        metavar="FILE",
+        help="the picture (default: %(default)s)",
+    )
+    return parser.parse_args(arguments)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no duration; give seconds above 0")
+    return seconds
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,172 @@
+"""Whatever comes as a target: commands stay inside the limits, and the head ends at rest."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    LawParameters,
+    LifeCycleParameters,
+    PredictiveLawParameters,
+    SpeedLimits,
+    Target,
+    TargetPlacer,
+    Tracker,
+)
+from head_tracking.transforms import TransformBuffer, TransformException
+
+SECOND = 1_000_000_000
+START = 1_000 * SECOND
+PERIOD = SECOND // 50
+TICK = 0.00511
+NAN = math.nan
+
+coordinates = st.one_of(st.floats(-5.0, 5.0), st.sampled_from([0.0, 1e-6, 1e9, NAN, math.inf]))
+points = st.tuples(coordinates, coordinates, coordinates)
+frames = st.sampled_from(
+    ["head_pan_link", "base_link", "camera_optical_frame", "head_link", "gripper", ""]
+)
+ages = st.one_of(
+    st.floats(-0.05, 0.3), st.sampled_from([0.0, 60.0, -0.2, -30.0, 0.9]), st.just(None)
+)
+gaps = st.one_of(st.just(0.03), st.floats(0.0, 0.3), st.sampled_from([0.0, 0.7, 1.5]))
+
+
+@st.composite
+def streams(draw):
+    """Runs of a target that moves smoothly, and single points from anywhere."""
+    events = []
+    for _ in range(draw(st.integers(1, 8))):
+        if draw(st.booleans()):
+            start, velocity = draw(points), draw(st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+            frame, age = draw(frames), draw(ages)
+            for k in range(draw(st.integers(3, 25))):
+                point = tuple(x + 0.033 * k * v for x, v in zip(start, velocity, strict=True))
+                events.append((0.033, frame, age, point))
+        else:
+            events.append((draw(gaps), draw(frames), draw(ages), draw(points)))
+    return events
+
+
+class Rig:
+    """A tracker between a buffer of transforms and a servo with delay and coarse encoders."""
+
+    def __init__(self, model, law, parameters, life):
+        self.buffer = TransformBuffer()
+        self.buffer.set_model(model)
+        self.head = PanTiltHead(
+            model, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
+        )
+        self.tracker = Tracker(
+            self.head,
+            LAWS[law](self.head, PERIOD / SECOND, parameters),
+            EstimatorParameters(),
+            life,
+        )
+        self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
+        self.now = START
+        self.positions = [0.0, 0.0]
+        self.goals = [0.0, 0.0]
+        self.speeds = [0.0, 0.0]
+        self.pending = []
+        self.commands = []
+
+    def offer(self, frame, age, point):
+        stamp = 0 if age is None else max(1, self.now - round(age * SECOND))
+        try:
+            self.placer.offer(Target(stamp, frame, point), self.now * 1e-9)
+        except TransformException:
+            assert not all(map(math.isfinite, point))
+
+    def step(self):
+        self.now += PERIOD
+        measured = [round(position / TICK) * TICK for position in self.positions]
+        joints = {"head_pan_joint": measured[0], "head_tilt_joint": measured[1]}
+        self.buffer.set_joint_positions(self.now, joints)
+        now = self.now * 1e-9
+        self.tracker.joints_read(now, (measured[0], measured[1]))
+        try:
+            placed = self.placer.place(now, joints)
+        except TransformException:
+            placed = []
+        for target, point in placed:
+            self.tracker.target_seen(target.stamp * 1e-9 if target.stamp else now, point, now)
+        command = self.tracker.step(now).command
+        self.commands.append(command)
+        self._obey(command)
+        return command
+
+    def _obey(self, command):
+        self.pending.append(command)
+        if len(self.pending) > 2:
+            late = self.pending.pop(0)
+            if late is not None:
+                self.goals, self.speeds = [late.pan, late.tilt], [late.pan_speed, late.tilt_speed]
+        for index in range(2):
+            way = self.goals[index] - self.positions[index]
+            move = min(abs(way), self.speeds[index] * PERIOD / SECOND)
+            self.positions[index] += math.copysign(move, way)
+
+
+def inside(head, command, fastest):
+    for goal, speed, limits in (
+        (command.pan, command.pan_speed, head.pan_limits),
+        (command.tilt, command.tilt_speed, head.tilt_limits),
+    ):
+        assert math.isfinite(goal)
+        assert limits.lower - 1e-9 <= goal <= limits.upper + 1e-9
+        assert 0.0 < speed <= fastest + 1e-9
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@settings(max_examples=25)
+@given(stream=streams(), fastest=st.floats(0.8, 5.0), recenter=st.booleans())
+def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, fastest, recenter):
+    rig = Rig(
+        kinectbot,
+        law,
+        LawParameters(limits=SpeedLimits(max_joint_speed=fastest)),
+        LifeCycleParameters(recenter_timeout=1.0 if recenter else 0.0, default_joint_speed=0.8),
+    )
+    for gap, frame, age, point in stream:
+        rig.offer(frame, age, point)
+        for _ in range(round(gap * 50)):
+            rig.step()
+    for _ in range(50 * 8):
+        rig.step()
+    for command in rig.commands:
+        if command is not None:
+            inside(rig.head, command, fastest)
+    rested = list(rig.positions)
+    last = [rig.step() for _ in range(25)]
+    assert rig.positions == pytest.approx(rested, abs=1e-9)
+    assert len(set(last)) == 1
+
+
+@settings(max_examples=25)
+@given(stream=streams(), acceleration=st.floats(5.0, 100.0))
+def test_speeds_grow_no_faster_than_allowed(kinectbot, stream, acceleration):
+    rig = Rig(
+        kinectbot,
+        "predictive",
+        LawParameters(predictive=PredictiveLawParameters(max_joint_acceleration=acceleration)),
+        LifeCycleParameters(),
+    )
+    change = acceleration * PERIOD / SECOND
+    before = (0.0, 0.0)
+    for gap, frame, age, point in stream:
+        rig.offer(frame, age, point)
+        for _ in range(round(gap * 50)):
+            command = rig.step()
+            if command is None:
+                continue
+            speeds = command.pan_speed, command.tilt_speed
+            for speed, last in zip(speeds, before, strict=True):
+                # where the joint rests, the speed is what a nudge would be made with
+                assert speed <= max(last + change, 0.25) + 1e-9
+            before = speeds

@@ -1,0 +1,83 @@
+import math
+from xml.etree import ElementTree
+
+import pytest
+
+from head_tracking.tracking import Recording, Sample, TrackRecord, lag, picture, table
+
+DT = 0.02
+
+
+def swing(behind=0.1, seconds=8.0):
+    recording = Recording()
+    for k in range(int(seconds / DT)):
+        t = k * DT
+        wanted, pan = math.sin(2.0 * t), math.sin(2.0 * (t - behind))
+        recording.add(Sample(t, (wanted, 0.1), (pan, 0.1), abs(wanted - pan)))
+    return recording
+
+
+@pytest.mark.parametrize("behind", [-0.05, 0.0, 0.1, 0.3])
+def test_how_far_the_head_is_behind(behind):
+    assert lag(swing(behind)) == pytest.approx(behind, abs=0.006)
+
+
+def test_a_target_that_stands_still_tells_no_lag():
+    still = Recording([Sample(k * DT, (0.3, 0.1), (0.3, 0.1), 0.0) for k in range(400)])
+    assert lag(still) is None
+    assert "hardly moves" in table(still, [0.01], 30.0)
+
+
+def test_the_table_has_the_figures():
+    text = table(swing(), [0.04, 0.06], 29.97)
+    assert "| target | 30.0 points/s, 50 ms old |" in text
+    assert f"{1e3 * swing().rms:.1f} mrad" in text
+    assert "| head behind its target | 100 ms |" in text
+    assert "2.00 rad/s for a target at 2.00" in text
+
+
+def test_the_picture_is_svg_with_all_curves():
+    root = ElementTree.fromstring(picture(swing(), "head & target"))
+    names = [element.tag.split("}")[1] for element in root]
+    assert names.count("polyline") == 9
+    text = " ".join(element.text or "" for element in root.iter())
+    for word in ("head & target", "pan, °", "error, °", "tilt, rad/s"):
+        assert word in text
+
+
+def test_curves_stay_inside_the_picture():
+    root = ElementTree.fromstring(picture(swing(), "x"))
+    width, height = float(root.get("width")), float(root.get("height"))
+    for line in (element for element in root if element.tag.endswith("polyline")):
+        for pair in line.get("points").split():
+            x, y = map(float, pair.split(","))
+            assert 0 <= x <= width
+            assert 0 <= y <= height
+
+
+def test_a_record_is_put_together_by_the_stamps(head):
+    record = TrackRecord()
+    for k in reversed(range(100)):
+        t = 50.0 + k / 30
+        record.target_seen(t, (2.0 * math.cos(0.3 * t), 2.0 * math.sin(0.3 * t), 0.08), t + 0.1)
+    for k in range(150):
+        t = 50.005 + k * DT
+        pan = head.gaze((2.0 * math.cos(0.3 * t), 2.0 * math.sin(0.3 * t), 0.08), 0.0, 0.0).pan
+        record.joints_read(t, (pan - 0.02, 0.0))
+    recording = record.recording(head)
+    assert len(recording) == 150
+    assert recording.times[0] == 0.0
+    assert recording.wanted[:, 0] - recording.positions[:, 0] == pytest.approx(0.02, abs=1e-3)
+    assert record.target_rate == pytest.approx(30.0)
+    assert record.ages == pytest.approx([0.1] * 100)
+
+
+def test_nothing_is_made_up_between_points_far_apart(head):
+    record = TrackRecord()
+    for t in (1.0, 1.1, 3.0):
+        record.target_seen(t, (2.0, 0.0, 0.0), t)
+    for t in (0.5, 1.05, 1.1, 2.0, 2.9, 3.0, 3.5):
+        record.joints_read(t, (0.0, 0.0))
+    assert record.recording(head).times == pytest.approx([0.0, 0.05, 1.95])
+    assert TrackRecord().target_rate == 0.0
+    assert len(TrackRecord().recording(head)) == 0

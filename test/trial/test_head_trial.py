@@ -1,0 +1,189 @@
+"""The laws on simulated servos, down to the bytes; the benchmark judges by the same trials."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    LawParameters,
+    LifeCycleParameters,
+    PredictiveLawParameters,
+    SpeedLimits,
+    Tracker,
+    TrackingStep,
+)
+from head_tracking.trial import Conditions, HeadTrial, SimulatedHead
+
+DISTANCE, LEVEL = 2.0, 0.08
+
+
+def around(bearing):
+    return DISTANCE * math.cos(bearing), DISTANCE * math.sin(bearing), LEVEL
+
+
+def sine(frequency):
+    return lambda t: around(0.5 * math.sin(math.tau * frequency * t))
+
+
+def tracker(head, law="predictive", parameters=None, rate=50.0):
+    parameters = parameters or LawParameters()
+    return Tracker(
+        head,
+        LAWS[law](head, 1.0 / rate, parameters),
+        EstimatorParameters(),
+        LifeCycleParameters(),
+    )
+
+
+def run(head, path, conditions, controller=None):
+    return HeadTrial(head, path, conditions).run(controller or tracker(head))
+
+
+@pytest.fixture(scope="module")
+def calm(head):
+    return Conditions(5.0, noise=0.002)
+
+
+@pytest.mark.parametrize(("frequency", "most"), [(0.2, 0.006), (0.5, 0.015), (1.0, 0.045)])
+def test_a_swinging_target_is_followed(head, calm, frequency, most):
+    assert run(head, sine(frequency), calm).recording.between(2.5).rms < most
+
+
+def test_also_one_that_is_reported_late(head, calm):
+    late = replace(calm, delay=0.1)
+    assert run(head, sine(0.5), late).recording.between(2.5).rms < 0.025
+
+
+def test_points_that_get_lost_double_or_jump_do_no_harm(head, calm):
+    def spoil(time, point):
+        index = round(time * 30)
+        if index % 7 == 3:
+            return None
+        return (-1.0, 2.0, 1.0) if index % 11 == 5 else point
+
+    spoilt = replace(calm, spoil=spoil)
+    assert run(head, sine(0.5), spoilt).recording.between(2.5).rms < 0.03
+
+
+def test_the_tutorials_law_trails(head):
+    conditions = Conditions(6.0, rate=10.0)
+    parameters = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
+    theirs = run(head, sine(0.5), conditions, tracker(head, "speed", parameters, 10.0))
+    assert 0.3 < theirs.recording.between(2.0).rms < 0.45
+
+
+def test_a_step_is_made_quickly_and_without_overshoot(head):
+    recording = run(head, lambda t: around(0.5 if t >= 1.0 else 0.0), Conditions(2.0)).recording
+    assert recording.between(1.0).settled(0.02) < 1.4
+    assert recording.positions[:, 0].max() < 0.51
+
+
+def test_at_rest_the_servos_are_left_alone(head):
+    outcome = run(head, lambda t: around(0.3), Conditions(4.0))
+    late = outcome.goals[100:]
+    assert len(set(late)) <= 2
+    assert outcome.recording.between(2.0).maximum < 0.01
+
+
+def test_a_target_that_stops_is_met_and_left_alone(head):
+    outcome = run(head, lambda t: around(min(t, 1.5) - 0.5), Conditions(4.0))
+    assert outcome.recording.between(2.5).maximum < 0.012
+    assert len(set(outcome.goals[-50:])) == 1
+
+
+@pytest.mark.parametrize("rate", [10.0, 25.0, 100.0])
+def test_it_works_at_other_rates(head, rate):
+    conditions = Conditions(4.0, rate=rate)
+    outcome = run(head, sine(0.3), conditions, tracker(head, rate=rate))
+    assert outcome.recording.between(2.0).rms < (0.05 if rate < 20 else 0.02)
+
+
+def test_a_stated_delay_is_used(head):
+    parameters = LawParameters(predictive=PredictiveLawParameters(servo_delay=0.04))
+    controller = tracker(head, parameters=parameters)
+    outcome = run(head, sine(0.5), Conditions(4.0), controller)
+    assert controller.delays.servos == (0.04, 0.04)
+    assert outcome.recording.between(2.0).rms < 0.02
+
+
+def test_the_delay_of_the_servos_is_found(head):
+    controller = tracker(head)
+    run(head, sine(0.5), Conditions(5.0), controller)
+    assert 0.02 < controller.delays.servos[0] < 0.06
+
+
+def test_commands_stay_a_short_way_ahead(head):
+    """If the node dies, the head moves on for a moment only."""
+    outcome = run(head, sine(1.0), Conditions(3.0))
+    positions = outcome.recording
+    for time, command in outcome.commands[20:]:
+        pan = float(positions.between(time - 0.003, time + 0.003).positions[0, 0])
+        assert abs(command.pan - pan) < 0.75
+
+
+def test_a_trial_can_be_repeated(head, calm):
+    one, other = (run(head, sine(0.5), calm).recording.rms for _ in range(2))
+    assert one == other
+
+
+def test_the_servos_do_as_they_are_told(head):
+    from head_tracking.gaze import HeadCommand
+
+    servos = SimulatedHead((0.1, -0.2))
+    _, positions = servos.cycle(0)
+    assert positions == pytest.approx((0.1, -0.2), abs=0.003)
+    servos.command(HeadCommand(0.4, 0.1, 2.0, 2.0))
+    for k in range(1, 50):
+        stamp, positions = servos.cycle(20_000_000 * k)
+        assert 0 < stamp - 20_000_000 * k < 5_000_000
+    assert positions == pytest.approx((0.4, 0.1), abs=0.01)
+    assert servos.true_positions(10**9) == pytest.approx(positions, abs=0.004)
+
+
+def hardest(recording, step=0.02):
+    """The hardest acceleration of pan [rad/s^2], from positions a bus cycle apart."""
+    pan = recording.positions[:, 0][:: round(step * 250)]
+    return max(abs(a - 2 * b + c) for a, b, c in zip(pan, pan[1:], pan[2:], strict=False)) / step**2
+
+
+def test_another_target_is_no_jerk(head):
+    bearings = (0.0, 0.6, -0.5, 0.1)
+    parameters = LawParameters(predictive=PredictiveLawParameters(max_joint_acceleration=20.0))
+    outcome = run(
+        head,
+        lambda t: around(bearings[min(int(t), 3)]),
+        Conditions(4.0),
+        tracker(head, parameters=parameters),
+    )
+    recording = outcome.recording
+    assert recording.between(3.8).maximum < 0.02
+    assert hardest(recording) < 30.0
+
+
+class Switched:
+    """A tracker that is switched off for a while in the middle of a motion."""
+
+    def __init__(self, controller, off, on):
+        self._tracker, self._off, self._on = controller, 1_000.0 + off, 1_000.0 + on
+        self.joints_read, self.target_seen = controller.joints_read, controller.target_seen
+
+    def step(self, now):
+        enabled = self._tracker.life_cycle.enabled
+        if self._off <= now < self._on and enabled:
+            return TrackingStep(self._tracker.enable(False, now))
+        if now >= self._on and not enabled:
+            self._tracker.enable(True, now)
+        return self._tracker.step(now)
+
+
+def test_switched_off_it_stands_still_and_on_again_it_follows(head):
+    outcome = run(head, sine(0.3), Conditions(6.0), Switched(tracker(head), 2.0, 3.0))
+    recording = outcome.recording
+    standing = recording.between(2.3, 3.0).positions[:, 0]
+    assert standing.max() - standing.min() < 0.006
+    assert recording.between(4.0).maximum < 0.03
+    times = [time for time, _ in outcome.commands]
+    assert not [time for time in times if 2.05 < time < 2.99]
