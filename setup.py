@@ -16,6 +16,9 @@ NODES = (
     "point_head",
     "head_tracker",
     "fictitious_target",
+    "frame_target",
+    "target_mux",
+    "look",
     "relax",
     "transforms",
 )

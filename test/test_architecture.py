@@ -13,13 +13,14 @@ import pytest
 import head_tracking
 
 PACKAGE = Path(head_tracking.__file__).parent
-CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters"}
+CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters", "targets"}
 
 ALLOWED = {
     "parameters": set(),
     "transforms": set(),
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
+    "targets": {"tracking", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
     "share": set(),

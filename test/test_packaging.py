@@ -16,14 +16,17 @@ SOURCE = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     "check_model",
     "fictitious_target",
+    "frame_target",
     "head_tracker",
     "head_tracking",
     "joint_state_publisher",
+    "look",
     "point_head",
     "relax",
     "robot_state_publisher",
     "servo_bus",
     "simulated_bus",
+    "target_mux",
     "transforms",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
