@@ -48,7 +48,7 @@ def test_the_head_follows_a_frame_that_another_program_publishes(tracking_robot)
 
 def test_it_says_why_there_is_no_target(tracking_robot):
     start(tracking_robot, FrameTargetNode, frame="left_hand")
-    tracking_robot.logged("no target: frame 'left_hand' does not exist")
+    tracking_robot.logged("frame 'left_hand' does not exist")
 
 
 # target_mux
@@ -160,7 +160,7 @@ def test_look_at_a_point_and_back_to_the_centre(make_robot, ask, mode):
 def test_look_says_why_it_cannot(pointing_robot, ask):
     for arguments, words in (
         (("-1", "0", "0.45", "--frame", "base_link"), "nothing moves: the target is out of reach"),
-        (("--frame", "nose"), "nothing moves: frame 'nose' does not exist"),
+        (("--frame", "nose"), "nothing moves: the frame 'nose' does not exist"),
         (("--frame", "base_link", "--pan-joint", "neck"), "neck"),
         (("1", "0", "1", "--frame", "base_link", "--topic", "t", "--wait", "0.3"), "listens on t"),
     ):
