@@ -13,7 +13,10 @@ import pytest
 import head_tracking
 
 PACKAGE = Path(head_tracking.__file__).parent
-CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters", "targets"}
+CORE = {
+    "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
+    "parameters",
+}  # fmt: skip
 
 ALLOWED = {
     "parameters": set(),
@@ -21,6 +24,8 @@ ALLOWED = {
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
     "targets": {"tracking", "transforms", "parameters"},
+    "vision": {"transforms", "parameters"},
+    "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
     "share": set(),
@@ -35,6 +40,7 @@ ALLOWED = {
 """Which rooms a room may look into, besides itself."""
 
 ONLY_IN = {
+    "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py"},
     "xacro": {"transforms/urdf.py"},
     "dynamixel_sdk": {"dynamixel/sdk.py"},

@@ -81,8 +81,7 @@ class Board:
     @property
     def height(self) -> float:
         """The height that keeps the picture's proportions [m]."""
-        rows, columns = self.texture.shape[:2]
-        return self.width * rows / columns
+        return self.width * int(self.texture.shape[0]) / int(self.texture.shape[1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,7 +85,7 @@ class Renderer:
         visible = (inside > 0) & (inverse * depth > 1.0)
         if not visible.any():
             return
-        texture = _fitting(sizes, np.linalg.norm(right) * c.fx * float(inverse.max()))
+        texture = _fitting(sizes, float(np.linalg.norm(right)) * c.fx * float(inverse.max()))
         height, width = texture.shape[:2]
         # takes texture pixels to image pixels of the part that is drawn
         to_image = c.matrix @ np.column_stack((right / width, down / height, corner))
@@ -113,7 +113,7 @@ class Renderer:
         x, y, z = np.array(kept).T
         c = self.camera
         outline = np.column_stack((c.fx * x / z + c.cx, c.fy * y / z + c.cy))
-        return np.clip(outline, -1e5, 1e5)
+        return np.asarray(np.clip(outline, -1e5, 1e5))
 
     def _draw_ball(
         self, result: Rendering, ball: Ball, T_scene_optical: Transform, time: float
