@@ -26,8 +26,10 @@ EXECUTABLES = {
     "robot_state_publisher",
     "servo_bus",
     "simulated_bus",
+    "simulated_camera",
     "target_mux",
     "transforms",
+    "visual_target",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """

@@ -66,7 +66,9 @@ class SimulatedCameraParameters:
         "Depths in millimetres or in metres; empty: none.",
         choices=("16UC1", "32FC1", ""),
     )
-    seed: int = parameter(1, "Chooses the noise and the room.", minimum=0, fixed=True)
+    seed: int = parameter(
+        1, "Chooses the noise and the room.", minimum=0, maximum=2**31 - 1, fixed=True
+    )
 
 
 class SimulatedCameraNode(Node):
