@@ -88,8 +88,8 @@ class SimulatedCameraNode(Node):
     ) -> None:
         super().__init__("simulated_camera", **options)
         require_opencv()
-        self._parameters = NodeParameters(self, SimulatedCameraParameters)
-        p = self._parameters.value
+        self._settings = NodeParameters(self, SimulatedCameraParameters)
+        p = self._settings.value
         if buffer is None:
             buffer = Buffer(node=self)
             TransformListener(buffer, self)
@@ -118,7 +118,7 @@ class SimulatedCameraNode(Node):
             return
         now = self.get_clock().now().nanoseconds
         seen = self._noise(self._renderer.render(pose, now * 1e-9))
-        p = self._parameters.value
+        p = self._settings.value
         head = header(now, p.frame_id)
         depth = None
         if p.depth_encoding == "16UC1":
@@ -132,7 +132,7 @@ class SimulatedCameraNode(Node):
 
     def _pose(self, model: RobotModel) -> Transform:
         """`T_scene_optical` by where the joints are now."""
-        p = self._parameters.value
+        p = self._settings.value
         chain = model.chain(p.scene_frame, p.frame_id)
         return chain.transform(*map(self._position, chain.joints))
 

@@ -80,8 +80,8 @@ class VisualTargetNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("visual_target", **options)
         require_opencv()
-        self._parameters = NodeParameters(self, VisualTargetParameters).value
-        p = self._parameters
+        self._settings = NodeParameters(self, VisualTargetParameters).value
+        p = self._settings
         make, kind = DETECTORS[p.follow]
         self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
@@ -122,7 +122,7 @@ class VisualTargetNode(Node):
             self._complain(str(error))
 
     def _on_image(self, message: Image) -> None:
-        if not self._parameters.use_depth or not self.count_publishers(self._depth.topic_name):
+        if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
             self._look(message, message, None)
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
@@ -131,11 +131,11 @@ class VisualTargetNode(Node):
         elif self._pairs.dropped > 2:
             self._complain(
                 f"the depth images do not fit the images: {self._pairs.dropped} images without "
-                f"one within {self._parameters.depth_tolerance:g} s (depth_tolerance)"
+                f"one within {self._settings.depth_tolerance:g} s (depth_tolerance)"
             )
 
     def _on_depth(self, message: Image) -> None:
-        if self._parameters.follow == "nearest":
+        if self._settings.follow == "nearest":
             self._look(message, None, message)
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
@@ -176,10 +176,10 @@ class VisualTargetNode(Node):
     def _pose(self, frame_id: str, stamp: int) -> Transform | None:
         """The camera in the fixed frame when the image was taken, or as near as is known."""
         found = None
-        for time in (stamp, LATEST) if self._parameters.fixed_frame else ():
+        for time in (stamp, LATEST) if self._settings.fixed_frame else ():
             try:
                 found = self._buffer.lookup_transform(
-                    self._parameters.fixed_frame, frame_id, time
+                    self._settings.fixed_frame, frame_id, time
                 ).transform
                 break
             except TransformException:
