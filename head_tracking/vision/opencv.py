@@ -30,10 +30,13 @@ except ImportError:
 
 
 def require_opencv() -> None:
-    """Does nothing where OpenCV is installed.
+    """Makes OpenCV ready for a node: it works in the node's own thread only.
+
+    Its worker threads would take all cores, and the servo bus beside them would come too late.
 
     Raises:
         OpenCVMissingError: it is not, or is too old for what is used here.
     """
     if isinstance(cv2, _Missing) or not hasattr(cv2.aruco, "ArucoDetector"):
         raise OpenCVMissingError
+    cv2.setNumThreads(1)
