@@ -78,6 +78,10 @@ class SimulatedCameraNode(Node):
         buffer: fed by another node of this process; None: this node listens itself.
         true_position: where a simulated joint really is [rad]; None: joint_states tell.
         options: for the node.
+
+    Attributes:
+        scene: what there is to see.
+        renderer: draws it.
     """
 
     def __init__(
@@ -97,7 +101,8 @@ class SimulatedCameraNode(Node):
         self._true_position = true_position
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)
-        self._renderer = Renderer(make_scene(p.scene, rng), self._camera)
+        self.scene = make_scene(p.scene, rng)
+        self.renderer = Renderer(self.scene, self._camera)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._under_way: deque[tuple[int, tuple[Any, ...]]] = deque()
         self._image = self.create_publisher(Image, "image", 5)
@@ -117,7 +122,7 @@ class SimulatedCameraNode(Node):
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
         now = self.get_clock().now().nanoseconds
-        seen = self._noise(self._renderer.render(pose, now * 1e-9))
+        seen = self._noise(self.renderer.render(pose, now * 1e-9))
         p = self._settings.value
         head = header(now, p.frame_id)
         depth = None

@@ -77,7 +77,7 @@ class Track:
         self.believed = False
         self.confidence = located.candidate.confidence
         self.located: Located | None = located
-        self.covariance = np.diag([0.05**2, 1.0])
+        self.covariance = np.diag([0.05**2, 0.7**2])
 
     def predict(self, now: float) -> None:
         """Moves on to the time `now` [s]."""

@@ -17,6 +17,7 @@ from head_tracking.vision.looks import colours_of
 from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
+_SEARCHED_FOR = 10  # images in which what a person has selected may be found
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +83,8 @@ class VisualTracker:
         self.identity = Identity(identity)
         self.without_distance = 0
         self._stamp: int | None = None
+        self._wanted: Box | None = None
+        self._patience = 0
 
     @property
     def tracks(self) -> Sequence[Track]:
@@ -113,10 +116,12 @@ class VisualTracker:
         located = [place for c in candidates if (place := self._locate(frame, c)) is not None]
         self.without_distance = len(candidates) - len(located)
         self.identity.update(located, pose, frame.stamp * 1e-9)
+        self._follow_wanted()
         track = self.identity.followed
         if (
             track is None
             or track.located is None
+            or not track.believed
             or track.confidence < self.identity.parameters.min_confidence
         ):
             return None
@@ -125,21 +130,35 @@ class VisualTracker:
 
     def select(self, frame: Frame, box: Box) -> None:
         """A person has drawn a rectangle around the target."""
-        inside = [
-            track
-            for track in self.tracks
-            if track.located is not None and _contains(box, track.located.candidate.centre)
-        ]
-        if len(inside) == 1:
-            self.identity.follow(inside[0])
-        else:
-            self.identity.reset()
         self.detector.select(frame, box)
+        self._wanted, self._patience = box, _SEARCHED_FOR
+        if not self._follow_wanted():
+            self.identity.reset()
 
     def reset(self) -> None:
         """Forgets the target and what a person has selected."""
         self.identity.reset()
         self.detector.reset()
+        self._wanted = None
+
+    def _follow_wanted(self) -> bool:
+        """Keeps to what is in the rectangle that a person has drawn, as soon as it is seen."""
+        if self._wanted is None:
+            return False
+        middle = self._wanted.centre
+        inside = [
+            (math.dist(track.located.candidate.centre, middle), track)
+            for track in self.tracks
+            if track.located is not None and _contains(self._wanted, track.located.candidate.centre)
+        ]
+        if not inside:
+            self._patience -= 1
+            if self._patience < 0:
+                self._wanted = None
+            return False
+        self.identity.follow(min(inside, key=lambda item: item[0])[1])
+        self._wanted = None
+        return True
 
     def _hints(self, frame: Frame, pose: Transform) -> list[Box]:
         """Where things that are believed should be in the image now."""
