@@ -200,7 +200,7 @@ class VisualTargetNode(Node):
 
     def _on_select(self, message: RegionOfInterest) -> None:
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
-        if self._frame is None or not box.clipped(*_size(self._frame))[3]:
+        if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
             self._complain(
                 "the selection is not used: "
                 + ("no image has come yet" if self._frame is None else f"{box} is empty")

@@ -54,7 +54,7 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
     assert seen.depth[round(v), round(u)] == pytest.approx(surface[2], abs=2e-3)
     width = SMALL.fx * 0.2 / (pose.inverse() @ scene.position(thing, 0.0))[2]
     area = width**2 * (math.pi / 4 if thing == "ball" else 1.0)
-    assert covered.sum() == pytest.approx(area, rel=0.08)
+    assert covered.sum() == pytest.approx(area, rel=0.12)
     assert (seen.picture[covered][:, 1] > 100).mean() > 0.95
     assert (seen.picture[~covered] == 120).mean() > 0.97
 
