@@ -1,4 +1,4 @@
-"""OpenCV, where it is installed; the only file that imports it."""
+"""OpenCV, where it is installed; the only file that imports it, and only when it is used."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ class OpenCVMissingError(ImportError):
         )
 
 
-class _Missing:
+class _OpenCV:
+    """The module cv2, loaded at its first use: most runs have no camera."""
+
     def __getattr__(self, name: str) -> Any:
-        raise OpenCVMissingError
+        try:
+            import cv2
+        except ImportError:
+            raise OpenCVMissingError from None
+        return getattr(cv2, name)
 
 
-cv2: Any
+cv2: Any = _OpenCV()
 """The module cv2; without it every attribute raises `OpenCVMissingError`."""
-
-try:
-    import cv2
-except ImportError:
-    cv2 = _Missing()
 
 
 def require_opencv() -> None:
@@ -35,8 +36,8 @@ def require_opencv() -> None:
     Its worker threads would take all cores, and the servo bus beside them would come too late.
 
     Raises:
-        OpenCVMissingError: it is not, or is too old for what is used here.
+        OpenCVMissingError: it is not there, or is too old for what is used here.
     """
-    if isinstance(cv2, _Missing) or not hasattr(cv2.aruco, "ArucoDetector"):
+    if not hasattr(cv2.aruco, "ArucoDetector"):
         raise OpenCVMissingError
     cv2.setNumThreads(1)
