@@ -47,9 +47,9 @@ EMPTY_FRAMES = 10_000
 
 
 def vision() -> str:
-    """All tables; also draws docs/camera.png."""
+    """All tables; also draws docs/camera.jpg."""
     require_opencv()
-    draw_camera(ROOT / "docs" / "camera.png")
+    draw_camera(ROOT / "docs" / "camera.jpg")
     parts = (speed, errors, encodings, closed_loop, empty_scene)
     return "\n\n".join(part() for part in parts)
 
@@ -178,14 +178,14 @@ def draw_camera(file: Path) -> None:
     """What the simulated camera sees, and what is found in it."""
     view = _view("everything", swing=0.0, noise=4.0)
     trackers = [_tracker(what) for what in ("face", "colour", "marker")]
-    for _, frame, pose in view.frames(20, 6.3):
+    for _, frame, pose in view.frames(20, 12.0):
         sightings = [tracker.step(frame, pose) for tracker in trackers]
     assert frame.picture is not None and frame.depth is not None
     picture = frame.picture.bgr
     for tracker, sighting in zip(trackers, sightings, strict=True):
         picture = annotated(picture, tracker.tracks, sighting)
     depth = depth_picture(frame.depth, 4.0)
-    cv2.imwrite(str(file), np.hstack((picture, depth)))
+    cv2.imwrite(str(file), np.hstack((picture, depth)), [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 def _view(scene: str, depth: str = "16UC1", camera: Any = KINECT, **options: Any) -> View:
