@@ -76,8 +76,13 @@ class Track:
         self.recent = [True]
         self.believed = False
         self.confidence = located.candidate.confidence
-        self.located: Located | None = located
+        self.latest = located
         self.covariance = np.diag([0.05**2, 0.7**2])
+
+    @property
+    def located(self) -> Located | None:
+        """Where it was found in the newest image; None if it was not."""
+        return self.latest if self.seen == self.now else None
 
     def predict(self, now: float) -> None:
         """Moves on to the time `now` [s]."""
@@ -96,13 +101,12 @@ class Track:
         self.position = self.position + gain[0] * change
         self.velocity = self.velocity + gain[1] * change
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
-        self.seen, self.located = self.now, located
+        self.seen, self.latest = self.now, located
         self.confidence += 0.3 * (located.candidate.confidence - self.confidence)
         self._remember(True)
 
     def missed(self) -> None:
         """It was not found."""
-        self.located = None
         self.confidence *= 0.8
         self._remember(False)
 

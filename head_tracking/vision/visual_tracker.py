@@ -17,6 +17,7 @@ from head_tracking.vision.looks import colours_of
 from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
+_LOOKED_FOR = 0.3  # s for which a thing that was lost is looked for where it should be
 _SEARCHED_FOR = 10  # images in which what a person has selected may be found
 
 
@@ -166,12 +167,12 @@ class VisualTracker:
         hints = []
         now = frame.stamp * 1e-9
         for track in self.tracks:
-            if not track.believed or track.located is None:
+            if now - track.seen > _LOOKED_FOR:
                 continue
             ahead = track.position + track.velocity * (now - track.now)
             pixel = frame.camera.pixel(T_optical_fixed @ ahead.tolist())
             if pixel is not None:
-                box = track.located.candidate.box
+                box = track.latest.candidate.box
                 hints.append(
                     Box(pixel[0] - box.width / 2, pixel[1] - box.height / 2, box.width, box.height)
                 )
