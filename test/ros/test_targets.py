@@ -51,6 +51,13 @@ def test_it_says_why_there_is_no_target(tracking_robot):
     tracking_robot.logged("frame 'left_hand' does not exist")
 
 
+@pytest.mark.parametrize("make", [FrameTargetNode, TargetMuxNode])
+def test_every_parameter_is_described(tracking_robot, make):
+    node = start(tracking_robot, make)
+    for name in set(node._parameters) - {"use_sim_time", "start_type_description_service"}:
+        assert node.describe_parameter(name).description, name
+
+
 # target_mux
 
 

@@ -10,7 +10,9 @@ import rclpy
 if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
+from geometry_msgs.msg import PointStamped
 from lockstep import World
+from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from visual_pursuit import head_yaml, pursue, tutorial_law
 
@@ -18,7 +20,7 @@ from head_tracking.nodes.images import camera_info, image_message
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
-from head_tracking.vision import camera_with_view
+from head_tracking.vision import DETECTORS, camera_with_view
 
 DEGREE = math.radians(1)
 SMALL = {"width": 320, "height": 240}
@@ -252,3 +254,32 @@ def test_the_simulated_camera_publishes_what_belongs_together_late(world, kind):
         assert info.header == image.header
         assert isinstance(image, Image)
         assert len(image.data) == image.step * image.height == 320 * 240 * 3
+
+
+@pytest.mark.parametrize("follow", DETECTORS)
+def test_every_parameter_is_described(look, follow):
+    node = look(follow=follow)
+    for name in set(node._parameters) - {"use_sim_time", "start_type_description_service"}:
+        assert node.describe_parameter(name).description, name
+
+
+# in one process with everything else
+
+
+def test_a_simulated_head_finds_the_ball_that_its_camera_sees(make_robot):
+    robot = make_robot("--target", "ball")
+    targets = robot.listen("target_point", PointStamped)
+    wait_for(lambda: targets, 30.0)
+    core = robot.composition.buffer.core
+    message = targets[-1]
+    assert message.header.frame_id == "camera_optical_frame"
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    wait_for(lambda: core.can_transform("base_link", "camera_optical_frame", stamp))
+    found = core.transform_point(
+        (message.point.x, message.point.y, message.point.z),
+        "base_link",
+        "camera_optical_frame",
+        stamp,
+    )
+    truth = robot.composition.nodes["simulated_camera"].scene.position("ball", stamp * 1e-9)
+    assert math.dist(found, truth) < 0.15
