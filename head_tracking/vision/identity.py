@@ -53,12 +53,14 @@ class Located:
         candidate: what was found.
         point: where [m], in the optical frame.
         depth_known: its distance was measured, not assumed.
+        radius: half of the angle that it fills [rad].
         appearance: histogram of its colours; empty without a picture.
     """
 
     candidate: Candidate
     point: Vector3
     depth_known: bool
+    radius: float = 0.0
     appearance: Appearance = field(default_factory=lambda: np.zeros(0, np.float32), compare=False)
 
 
@@ -191,8 +193,7 @@ class Identity:
             return _IMPOSSIBLE
         cosine = sum(a * b for a, b in zip(expected, located.point, strict=True)) / away / distance
         angle = math.acos(max(-1.0, min(1.0, cosine)))
-        size = located.candidate.box.width / 2 / 500.0
-        reach = 0.03 + size + 3.0 * math.sqrt(track.covariance[0, 0]) / away
+        reach = 0.03 + located.radius + 3.0 * math.sqrt(track.covariance[0, 0]) / away
         ratio = abs(math.log(distance / away))
         looks = appearance_distance(track.appearance, located.appearance)
         if angle > reach or ratio > 0.7 or looks > 0.75:
@@ -217,7 +218,7 @@ class Identity:
         ]
         self.followed = max(
             sure,
-            key=lambda track: track.located.candidate.box.width if track.located else 0.0,
+            key=lambda track: track.latest.candidate.box.width,
             default=None,
         )
 

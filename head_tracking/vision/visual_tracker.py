@@ -195,9 +195,11 @@ class VisualTracker:
         if not all(map(math.isfinite, point)):
             return None
         known = depth is not None or candidate.position is not None
+        radius = candidate.box.width / 2 / frame.camera.focal_length()
         if frame.picture is None:
-            return Located(candidate, point, known)
-        return Located(candidate, point, known, colours_of(frame.picture, candidate.box))
+            return Located(candidate, point, known, radius)
+        looks = colours_of(frame.picture, candidate.box)
+        return Located(candidate, point, known, radius, looks)
 
     def _depth(self, frame: Frame, candidate: Candidate) -> float | None:
         if frame.depth is None:

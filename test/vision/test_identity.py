@@ -54,7 +54,7 @@ def seen(x, z=2.0, confidence=0.9, label="", colour=0):
     looks = np.zeros(4, np.float32)
     looks[colour] = 1.0
     box = Box(250 + 250 * x - 20, 240, 40, 40)
-    return Located(Candidate(box, box.centre, confidence, label), (x, 0.0, z), True, looks)
+    return Located(Candidate(box, box.centre, confidence, label), (x, 0.0, z), True, 0.04, looks)
 
 
 def follow(identity, frames, start=0.0, period=1 / 30):
@@ -139,7 +139,7 @@ def test_a_camera_that_turns_does_not_move_what_stands_still():
         turn = Transform((0.0, 0.0, 0.0), Rotation.from_rpy(0.0, 0.12 * i, 0.0))
         x, _, z = turn.inverse() @ (0.0, 0.0, 2.0)
         found = seen(0.0)
-        located = Located(found.candidate, (x, 0.0, z), True, found.appearance)
+        located = Located(found.candidate, (x, 0.0, z), True, 0.04, found.appearance)
         identity.update([located], turn, i / 30)
         names += [track.number for track in identity.tracks]
     assert set(names) == {1}
