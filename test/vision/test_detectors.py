@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 
 from head_tracking.scene import Ball, Board, Scene, Swing, make_scene
@@ -28,6 +29,7 @@ from head_tracking.vision import (
     NearestParameters,
     Picture,
     VisualTracker,
+    decode_picture,
 )
 
 MM = 1e-3
@@ -84,6 +86,29 @@ def test_without_depth_size_or_distance_tell_how_far_it_is(
     seen = watch(tracker(what, parameters, **distances), view, name, 25, centre=True)
     assert len(seen.misses) >= 22
     assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
+
+
+@pytest.fixture(scope="module")
+def shots(kinectbot):
+    """Four frames of a ball and of a marker, with the truth."""
+    views = {name: View(scene(name), kinectbot, SMALL) for name in ("ball", "marker")}
+    return {name: (view, list(view.frames(4))) for name, view in views.items()}
+
+
+@pytest.mark.parametrize("encoding", ENCODERS)
+def test_in_every_encoding_the_point_is_right_to_millimetres(shots, encoding):
+    what, name, worst = (
+        ("marker", "marker", 12) if encoding in COLOURLESS else ("colour", "ball", 30)
+    )
+    view, frames = shots[name]
+    eye = tracker(what)
+    for time, frame, pose in frames:
+        message = raw(encoding, ENCODERS[encoding](frame.picture.bgr), big_endian=True, padding=3)
+        sighting = eye.step(
+            Frame(frame.stamp, frame.camera, decode_picture(message), frame.depth), pose
+        )
+        truth = view.scene.seen_surface(name, time, pose)
+    assert math.dist(pose @ sighting.point, truth) < worst * MM
 
 
 def test_without_depth_size_and_distance_there_is_no_target_but_a_reason(kinectbot):
