@@ -105,10 +105,11 @@ class Look:
         return self._wait_until_there(lambda: head.miss(place(), *self._positions(head)), send)
 
     def _follow(self, head: PanTiltHead, point: Vector3, frame: str) -> str:
-        message = ""
-        while not self._stop():
+        while True:
             miss = head.miss(self._place(head, point, frame), *self._positions(head))
             message = f"the head misses the target by {math.degrees(miss):.2f} degrees"
+            if self._stop():
+                break
             if sys.stdout.isatty():
                 print(f"\r{message}  ", end="", flush=True)
             self._send(point, frame)
