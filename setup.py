@@ -18,6 +18,7 @@ NODES = (
     "fictitious_target",
     "relax",
     "transforms",
+    "viewer",
 )
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
@@ -81,7 +82,7 @@ setup(
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
-    extras_require={"ros": requirements("ros"), "test": requirements("test")},
+    extras_require={name: requirements(name) for name in ("ros", "test", "viewer")},
     cmdclass={"install_data": InstallData},
     zip_safe=False,
 )

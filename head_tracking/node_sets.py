@@ -14,6 +14,7 @@ from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.servo_bus import ServoBusNode
+from head_tracking.nodes.viewer import ViewerNode
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class NodeSpec:
         name: the node's name.
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
-            "connect", the port of simulated servos, or None.
+            "connect", the port of simulated servos, or None; "start", to start more nodes.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -52,6 +53,13 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode),),
 }
+
+VIEWER = NodeSpec("viewer", ViewerNode, takes=("buffer", "start"))
+
+STARTED_ON_REQUEST: Mapping[str, NodeSpec] = {
+    spec.name: spec for spec in (*MODES.values(), *TARGETS["fictitious"])
+}
+"""What a person can start on the viewer's page."""
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

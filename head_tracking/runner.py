@@ -16,11 +16,21 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.node_sets import MODES, ROBOT, SIMULATED_PORT, TARGETS, NodeSpec, fixed_target
+from head_tracking.node_sets import (
+    MODES,
+    ROBOT,
+    SIMULATED_PORT,
+    STARTED_ON_REQUEST,
+    TARGETS,
+    VIEWER,
+    NodeSpec,
+    fixed_target,
+)
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.spinning import NodeThreads, describe
 from head_tracking.nodes.status_line import StatusLine
 from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer
@@ -83,7 +93,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="parameters in YAML, over the robot's own; can be given several times",
     )
     parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds")
+    parser.add_argument(
+        "--viewer", action="store_true", help="show the head in a browser, and steer it there"
+    )
     options = parser.parse_args(arguments)
+    if options.viewer and not installed():
+        parser.error(MISSING)
     if options.target is None:
         options.target = TARGETS[
             "fictitious" if options.sim and options.mode == "track" else "none"
@@ -97,7 +112,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*ROBOT, head, *options.target)
+            for node in (*ROBOT, head, *options.target, *([VIEWER] if options.viewer else []))
         ),
         head.name,
         options.sim,
@@ -139,13 +154,25 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         simulated.append(resources.enter_context(SimulatedJoints(joints)))
         return simulated[0].port_name
 
-    shared = {"buffer": buffer, "connect": simulate if plan.simulated else None}
     nodes: dict[str, Any] = {}
-    for spec in plan.nodes:
+
+    def start(spec: NodeSpec) -> None:
         overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
         handed = {name: shared[name] for name in spec.takes}
         nodes[spec.name] = spec.make(parameter_overrides=overrides, **handed)
         threads.start(nodes[spec.name])
+
+    def start_on_request(name: str) -> None:
+        if name not in nodes:
+            start(STARTED_ON_REQUEST[name])
+
+    shared: dict[str, Any] = {
+        "buffer": buffer,
+        "connect": simulate if plan.simulated else None,
+        "start": start_on_request,
+    }
+    for spec in plan.nodes:
+        start(spec)
     return Composition(nodes, buffer, simulated[0] if simulated else None)
 
 
