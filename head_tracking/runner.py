@@ -109,10 +109,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "servo_bus": SIMULATED_PORT if options.sim else port,
     }
     head = MODES[options.mode]
+    # first, because importing it would hold up whatever runs already
+    viewer = [VIEWER] if options.viewer else []
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*ROBOT, head, *options.target, *([VIEWER] if options.viewer else []))
+            for node in (*viewer, *ROBOT, head, *options.target)
         ),
         head.name,
         options.sim,

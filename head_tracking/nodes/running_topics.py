@@ -12,7 +12,7 @@ import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Float64, String
 
@@ -23,7 +23,8 @@ _ERRORS = ("/tracking_error", "/pointing_error")
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
 _UNWATCHED = 3.0  # s
-_WARN = int.from_bytes(Log.WARN, "little") if isinstance(Log.WARN, bytes) else int(Log.WARN)
+_LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _NEWEST = QoSProfile(depth=1)
 
 
@@ -50,7 +51,7 @@ class RunningTopics:
         self._watched: dict[str, float] = {}
         self._images: tuple[str, ...] = ()
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        node.create_subscription(Log, "/rosout", self._on_log, QoSProfile(depth=100))
+        node.create_subscription(Log, "/rosout", self._on_log, _LOG)
 
     def look(self) -> None:
         """Listens to topics that came."""

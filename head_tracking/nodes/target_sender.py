@@ -16,20 +16,23 @@ class TargetSender:
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(PointStamped, "target_point", 10)
         self._kept: PointStamped | None = None
-        node.create_timer(_PERIOD, self._send_kept)
+        self._timer = node.create_timer(_PERIOD, self._send_kept)
+        self._timer.cancel()
 
     def send_once(self, frame: str, point: Vector3) -> None:
         """Sends a target that is meant for now [m]."""
-        self._kept = None
+        self.stop()
         self._publisher.publish(_message(frame, point))
 
     def keep_sending(self, frame: str, point: Vector3) -> None:
         """Sends a target [m] until another one is wanted."""
         self._kept = _message(frame, point)
+        self._timer.reset()
 
     def stop(self) -> None:
         """Sends no more."""
         self._kept = None
+        self._timer.cancel()
 
     def _send_kept(self) -> None:
         kept = self._kept

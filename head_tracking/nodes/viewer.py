@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from head_tracking.nodes.head_interface import HeadParameters
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import NodeThreads, run_node
 from head_tracking.nodes.viewer_robot import StartNode, ViewerRobot
 from head_tracking.parameters import parameter
 from head_tracking.share import PACKAGE, share_directory
@@ -59,7 +59,10 @@ class ViewerNode(Node):
         if buffer is None:
             buffer = Buffer()
             TransformListener(buffer, self)
-        robot = ViewerRobot(self, buffer, head, p.camera_link, start)
+        self._requests = Node("viewer_requests", start_parameter_services=False)
+        self._threads = NodeThreads()
+        self._threads.start(self._requests)
+        robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link, start)
         x, y, z = head.pointing_axis
         self.page = Page(robot, page, view, (x, y, z), find_package, self._complain)
         self._say_where(page.host)
@@ -67,6 +70,7 @@ class ViewerNode(Node):
     def destroy_node(self) -> None:
         """Ends the page; the robot goes on as it is."""
         self.page.close()
+        self._threads.close()
         super().destroy_node()
 
     def _complain(self, text: str) -> None:

@@ -44,7 +44,9 @@ class ViewerRobot:
     """Implements `head_tracking.viewer.robot.Robot`.
 
     Args:
-        node: the node that listens and speaks; another thread than the page's must spin it.
+        node: listens to what comes often, and speaks. Another thread than the page's must spin it.
+        requests: looks for services, parameters and topics, and calls them; a node of its own,
+            because each of its many clients would slow down every wake-up of the other one.
         buffer: the robot's frames.
         head_parameters: which joints make up the head.
         pointing_frame: the frame that looks.
@@ -54,6 +56,7 @@ class ViewerRobot:
     def __init__(
         self,
         node: Node,
+        requests: Node,
         buffer: Buffer,
         head_parameters: HeadParameters,
         pointing_frame: str,
@@ -72,16 +75,20 @@ class ViewerRobot:
         self._placer: TargetPlacer | None = None
         self._target: tuple[float, Target, Vector3] | None = None
         self._free: dict[str, float] = {}
-        self._services = RunningServices(node)
-        self._parameters = RunningParameters(node, ["/run_monitor"])
+        self._services = RunningServices(requests)
+        self._parameters = RunningParameters(
+            requests, [node.get_fully_qualified_name(), "/run_monitor"]
+        )
         self._topics = RunningTopics(node)
         self._sender = TargetSender(node)
         self._commands = node.create_publisher(JointStateMsg, "joint_commands", 10)
         self._joint_states = node.create_publisher(JointStateMsg, "joint_states", 10)
         self._others_send_joints = True
         node.create_subscription(PointStamped, "target_point", self._on_target, 10)
-        node.create_timer(_LOOK_PERIOD, self._look)
-        node.create_timer(_JOINTS_PERIOD, self._send_free_joints)
+        requests.create_timer(_LOOK_PERIOD, self._look)
+        node.create_timer(_LOOK_PERIOD, self._topics.look)
+        self._free_joints_timer = node.create_timer(_JOINTS_PERIOD, self._send_free_joints)
+        self._free_joints_timer.cancel()
 
     # what it is
 
@@ -262,6 +269,7 @@ class ViewerRobot:
         """Moves a servo's joint; without hardware, says itself where the joint is."""
         if self.free_joints():
             self._free[joint] = position
+            self._free_joints_timer.reset()
             return Outcome(True, "")
         said = ""
         if self.tracking() and self.mode() is not Mode.POINT:
@@ -363,7 +371,6 @@ class ViewerRobot:
         """Finds out what is there now."""
         self._services.look(lambda name: name.endswith(_ENDINGS))
         self._parameters.look()
-        self._topics.look()
         publishers = self._node.get_publishers_info_by_topic("joint_states")
         own = self._node.get_fully_qualified_name()
         self._others_send_joints = any(
@@ -371,7 +378,8 @@ class ViewerRobot:
         )
 
     def _send_free_joints(self) -> None:
-        if not self._free or self._model is None or self._others_send_joints:
+        if self._model is None or self._others_send_joints:
+            self._free_joints_timer.cancel()
             return
         states = JointStates(self._model, {}, default_positions=True).complete(
             {name: JointState(position) for name, position in self._free.items()}

@@ -106,7 +106,8 @@ class Page:
         """Ends the page; the robot goes on as it is."""
         self._ended.set()
         self._thread.join()
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye
+            self._server.stop()
 
     def _make_panels(self) -> None:
         server, robot = self._server, self._robot
@@ -201,7 +202,7 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     with contextlib.redirect_stdout(io.StringIO()):  # viser greets
         server = viser.ViserServer(host=host, port=port, label="head_tracking", verbose=False)
     server.gui.configure_theme(
-        show_logo=False, show_share_button=False, control_width="medium", brand_color=(40, 110, 180)
+        show_logo=False, show_share_button=False, control_width="large", brand_color=(40, 110, 180)
     )
     # any page could ask for a tunnel through which the whole world steers the robot
     server.request_share_url = lambda verbose=True: None

@@ -122,7 +122,7 @@ def _line(live: Observation) -> str:
     target = live.target_text or "none"
     state = live.state or "nothing heard of the node that turns the head"
     return (
-        '<div style="padding:0 0.8em;font-size:0.85em">'
+        '<div style="padding:0 0.8em 1em;font-size:0.85em">'  # viser's tabs begin a little higher
         f'<div id="state">{html.escape(state)}</div>'
         f'<div>error <b id="error">{error}</b>, target {html.escape(target)}</div></div>'
     )

@@ -26,6 +26,7 @@ class TuningPanel:
         self._gui = server.gui
         self._robot = robot
         self._refusal = self._gui.add_html("")
+        self._box = self._gui.add_folder(None)
         self._folders: dict[str, Any] = {}
         self._inputs: dict[tuple[str, str], Any] = {}
         self._touched: dict[tuple[str, str], float] = {}
@@ -48,9 +49,10 @@ class TuningPanel:
         folder = self._folders.get(setting.node)
         if folder is None:
             name = setting.node.removeprefix("/")
-            folder = self._folders[setting.node] = self._gui.add_folder(
-                name, expand_by_default=name in ("head_tracker", "point_head")
-            )
+            with self._box:
+                folder = self._folders[setting.node] = self._gui.add_folder(
+                    name, expand_by_default=name in ("head_tracker", "point_head")
+                )
         with folder:
             made = make_input(self._gui, setting)
 
