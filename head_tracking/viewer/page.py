@@ -208,5 +208,6 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     server.request_share_url = lambda verbose=True: None
     server.initial_camera.position = (1.6, 1.2, 1.1)
     server.initial_camera.look_at = (0.15, 0.0, 0.35)
+    server.scene.configure_default_lights(cast_shadow=False)  # too much without a graphics card
     server.scene.add_grid("/floor", 4.0, 4.0, cell_size=0.25, section_size=1.0)
     return server

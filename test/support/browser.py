@@ -1,0 +1,81 @@
+"""Debian's Chromium without a window, driven by Playwright."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+PATIENCE = 180.0
+"""Without a graphics card on a loaded machine a page takes its time [s]."""
+
+# WebGL is computed; everything else is drawn without it, which is faster
+_ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
+
+
+def chromium() -> str:
+    """The path of Chromium; skips the test where it, or what drives it, is missing."""
+    pytest.importorskip("viser", reason="viser is missing: pip install -r requirements/viewer.txt")
+    pytest.importorskip(
+        "playwright.sync_api", reason="playwright is missing: pip install playwright"
+    )
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("there is no Chromium here: apt install chromium")
+    return path
+
+
+@contextmanager
+def open_browser() -> Iterator[Any]:
+    """A browser; pages are opened with `open_page`."""
+    path = chromium()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def open_page(browser: Any, port: int, width: int = 900, height: int = 700) -> Any:
+    """The viewer's page, once its control panel is there."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(1e3 * PATIENCE)
+    page.goto(f"http://127.0.0.1:{port}/?fixedDpr=0.5")
+    page.get_by_role("tab", name="Joints").wait_for()
+    return page
+
+
+def press(page: Any, name: str) -> None:
+    """Clicks a button or a tab, wherever it is scrolled to."""
+    control = page.get_by_role("button", name=name).or_(page.get_by_role("tab", name=name))
+    control.first.dispatch_event("click")
+
+
+def row(page: Any, label: str) -> Any:
+    """The line of the control panel with this label."""
+    return page.locator(f"label:text-is('{label}')").locator("xpath=ancestor::*[.//input][1]").first
+
+
+def type_number(page: Any, label: str, *values: float) -> None:
+    """Types into the number fields of a line, and leaves each."""
+    fields = row(page, label).locator("input:visible")
+    for field, value in zip(fields.all(), values, strict=False):
+        field.fill(str(value))
+        field.press("Enter")
+
+
+def pixels(page: Any) -> npt.NDArray[np.uint8]:
+    """The page as it looks, shape (height, width, 3)."""
+    import io
+
+    import imageio.v3 as iio
+
+    return np.asarray(iio.imread(io.BytesIO(page.screenshot())))[..., :3]
