@@ -102,7 +102,9 @@ def transforms() -> str:
         worker.close()
     title = "| work (links) | ours, us | others, us, and how much slower they are | asked for |"
     note = f"| 10 s of history of 2 joints at 100 Hz | {memory(small):.0f} kB | | under 1 MB |"
-    run_by = f"Ours with Python {platform.python_version()}; tf2: {workers['15'].name or 'none here'}."
+    run_by = (
+        f"Ours with Python {platform.python_version()}; tf2: {workers['15'].name or 'none here'}."
+    )
     table = [title, "|---|---|---|---|", *(row.text() for row in rows), note, "", run_by]
     return "\n".join(table)
 

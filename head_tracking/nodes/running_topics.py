@@ -20,6 +20,8 @@ from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.viewer.robot import Health, Level
 
 _ERRORS = ("/tracking_error", "/pointing_error")
+_TURNS_THE_HEAD = ("head_tracker", "point_head")
+_COMPLAINT_AGE = 5.0  # s
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
 _UNWATCHED = 3.0  # s
@@ -47,7 +49,7 @@ class RunningTopics:
         self._heard: dict[str, Heard] = {}
         self._subscriptions: dict[str, Any] = {}
         self._diagnostics: dict[str, Heard] = {}
-        self._log: deque[tuple[str, int, str]] = deque(maxlen=30)
+        self._log: deque[tuple[float, str, int, str]] = deque(maxlen=100)
         self._watched: dict[str, float] = {}
         self._images: tuple[str, ...] = ()
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
@@ -98,15 +100,24 @@ class RunningTopics:
         ]
         if states:
             return "; ".join(states)
-        for logger, _, text in reversed(tuple(self._log)):
-            if logger in ("head_tracker", "point_head"):
-                return f"{logger}: {text}"
-        return ""
+        return self._logged_state()
+
+    def _logged_state(self) -> str:
+        """What a node that publishes no state said last, and what it complained of lately."""
+        now = time.monotonic()
+        said = complaint = ""
+        for at, logger, level, text in tuple(self._log):
+            if logger in _TURNS_THE_HEAD:
+                if level < _WARN:
+                    said, complaint = f"{logger}: {text}", ""
+                elif now - at < _COMPLAINT_AGE:
+                    complaint = f" ({text})"
+        return said + complaint
 
     def warnings(self) -> tuple[str, ...]:
         """What nodes warned of, newest last."""
         return tuple(
-            f"{logger}: {text}" for logger, level, text in tuple(self._log) if level >= _WARN
+            f"{logger}: {text}" for _, logger, level, text in tuple(self._log) if level >= _WARN
         )
 
     def health(self) -> tuple[Health, ...]:
@@ -150,7 +161,7 @@ class RunningTopics:
             )
 
     def _on_log(self, message: Log) -> None:
-        self._log.append((message.name, message.level, message.msg))
+        self._log.append((time.monotonic(), message.name, message.level, message.msg))
 
 
 def picture(message: Image) -> npt.NDArray[np.uint8] | None:

@@ -60,11 +60,11 @@ class ViewerNode(Node):
             buffer = Buffer()
             TransformListener(buffer, self)
         self._requests = Node("viewer_requests", start_parameter_services=False)
+        self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link, start)
+        x, y, z = head.pointing_axis
+        self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
         self._threads = NodeThreads()
         self._threads.start(self._requests)
-        robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link, start)
-        x, y, z = head.pointing_axis
-        self.page = Page(robot, page, view, (x, y, z), find_package, self._complain)
         self._say_where(page.host)
 
     def destroy_node(self) -> None:

@@ -206,8 +206,8 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     )
     # any page could ask for a tunnel through which the whole world steers the robot
     server.request_share_url = lambda verbose=True: None
-    server.initial_camera.position = (1.6, 1.2, 1.1)
-    server.initial_camera.look_at = (0.15, 0.0, 0.35)
+    server.initial_camera.position = (1.15, 0.85, 0.85)
+    server.initial_camera.look_at = (0.1, 0.15, 0.3)
     server.scene.configure_default_lights(cast_shadow=False)  # too much without a graphics card
     server.scene.add_grid("/floor", 4.0, 4.0, cell_size=0.25, section_size=1.0)
     return server

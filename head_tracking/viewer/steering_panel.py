@@ -39,7 +39,7 @@ class SteeringPanel:
         )
         self._refusal = gui.add_html("")
         self._gizmo = server.scene.add_transform_controls(
-            "/gizmo", 0.25, disable_rotations=True, disable_sliders=True, depth_test=False,
+            "/gizmo", 0.18, disable_rotations=True, disable_sliders=True, depth_test=False,
             position=(1.0, 0.0, 0.5),
         )  # fmt: skip
         point.on_click(lambda event: self._tell(event, self._on_point(), "Point head"))

@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import PATIENCE, chromium, open_browser, open_page, pixels, press, row, type_number
+from browser import (
+    PATIENCE,
+    NoBrowser,
+    chromium,
+    open_browser,
+    open_page,
+    pixels,
+    press,
+    row,
+    type_number,
+)
 from robot_under_test import Robot, wait_for
 
 from head_tracking.transforms import Rotation, Transform
@@ -16,7 +26,10 @@ DEGREE = math.radians(1)
 
 @pytest.fixture(scope="module")
 def robot(make_module_robot) -> Iterator[Robot]:
-    chromium()  # skips
+    try:
+        chromium()
+    except NoBrowser as missing:
+        pytest.skip(str(missing))
     yield make_module_robot("--mode", "point", "--viewer", "--params", "config/head.yaml")
 
 
@@ -43,4 +56,98 @@ def test_point_head_moves_the_simulated_servo(robot, page):
     press(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 1.0, 0.5)
     press(page, "Point head")
-    wait_for(lambda: abs(robot.true("head_pan_joint") - math.atan2(1, 1 - 0.0115)) < 2 * DEGREE, PATIENCE)
+    wait_for(
+        lambda: abs(robot.true("head_pan_joint") - math.atan2(1, 1 - 0.0115)) < 2 * DEGREE, PATIENCE
+    )
+
+
+def test_a_refused_target_says_why_and_moves_nothing(robot, page):
+    press(page, "Steer")
+    type_number(page, "x y z (m)", -1.0, 0.0, 0.5)
+    before = robot.at_rest()
+    robot.forget_log()
+    press(page, "Point head")
+    robot.logged("out of reach")
+    page.get_by_text("out of reach").first.wait_for()
+    assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
+
+
+def test_the_menu_lists_a_frame_that_appears_later(robot, page):
+    press(page, "Steer")
+    core = robot.composition.buffer.core
+    core.set_transform(
+        0, "base_link", "late_gripper", Transform((0.4, 0.2, 0.6), Rotation.identity()), static=True
+    )
+    menu = row(page, "Frame").locator("input").first
+    menu.click(force=True)
+    page.get_by_role("option", name="late_gripper").wait_for()
+    page.get_by_role("option", name="late_gripper").click(force=True)
+    type_number(page, "x y z (m)", 0.0, 0.0, 0.0)
+    press(page, "Point head")
+    wait_for(
+        lambda: abs(robot.true("head_pan_joint") - math.atan2(0.2, 0.4 - 0.0115)) < 3 * DEGREE,
+        PATIENCE,
+    )
+
+
+def test_centre_turns_the_head_to_the_middle(robot, page):
+    press(page, "Steer")
+    press(page, "Centre")
+    wait_for(lambda: abs(robot.true("head_pan_joint")) < 2 * DEGREE, PATIENCE)
+
+
+def test_a_slider_changes_the_parameter(robot, page):
+    press(page, "Tune")
+    node = robot.composition.nodes["point_head"]
+    number = row(page, "max_velocity").locator("input:visible").last
+    number.wait_for()
+    number.fill("1.25")
+    number.press("Enter")
+    wait_for(lambda: node.get_parameter("max_velocity").value == pytest.approx(1.25), PATIENCE)
+
+
+def test_a_parameter_changed_elsewhere_shows_on_the_page(robot, page):
+    from rclpy.parameter import Parameter
+
+    press(page, "Tune")
+    robot.composition.nodes["point_head"].set_parameters([Parameter("max_velocity", value=0.75)])
+    number = row(page, "max_velocity").locator("input:visible").last
+    wait_for(lambda: number.input_value() == "0.75", PATIENCE)
+
+
+def test_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
+    node = robot.composition.nodes["servo_bus"]
+    before = node.get_parameter("head_pan_controller.joint_speed").value
+    outcome = robot.composition.nodes["viewer"].robot.set_value(
+        "/servo_bus", "head_pan_controller.joint_speed", -3.0
+    )
+    assert not outcome.done
+    assert "0.02" in outcome.text
+    assert node.get_parameter("head_pan_controller.joint_speed").value == before
+
+
+def test_stop_relaxes_everything(robot, page):
+    press(page, "Steer")
+    type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
+    press(page, "Point head")
+    wait_for(lambda: robot.true("head_pan_joint") > 0.2, PATIENCE)
+    press(page, "STOP: relax everything")
+    bus = robot.composition.nodes["servo_bus"]
+    wait_for(lambda: not any(s.torque for s in bus.status().states.values()), PATIENCE)
+
+
+def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
+    press(page, "Joints")
+    robot.simulated.lead("head_pan_joint", -0.7, 0.5)
+    number = row(page, "head_pan_joint").locator("input:visible").last
+    wait_for(lambda: abs(float(number.input_value()) + 0.7) < 0.06, PATIENCE)
+
+
+def test_closing_the_page_changes_nothing_and_others_stay(robot, browser, page):
+    viewer = robot.composition.nodes["viewer"].page
+    second = open_page(browser, viewer.port)
+    wait_for(lambda: viewer.browsers == 2, PATIENCE)
+    before = robot.at_rest()
+    second.close()
+    wait_for(lambda: viewer.browsers == 1, PATIENCE)
+    assert robot.at_rest() == pytest.approx(before, abs=DEGREE)

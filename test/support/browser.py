@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import io
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 PATIENCE = 180.0
 """Without a graphics card on a loaded machine a page takes its time [s]."""
@@ -18,15 +19,28 @@ PATIENCE = 180.0
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
 
 
+_NEEDED = {
+    "viser": "pip install -r requirements/viewer.txt",
+    "playwright": "pip install playwright",
+}
+
+
+class NoBrowser(Exception):
+    """Something is missing; says what, and how to get it."""
+
+
 def chromium() -> str:
-    """The path of Chromium; skips the test where it, or what drives it, is missing."""
-    pytest.importorskip("viser", reason="viser is missing: pip install -r requirements/viewer.txt")
-    pytest.importorskip(
-        "playwright.sync_api", reason="playwright is missing: pip install playwright"
-    )
+    """The path of Chromium.
+
+    Raises:
+        NoBrowser: it, or what drives it or serves the page, is missing.
+    """
+    for library, remedy in _NEEDED.items():
+        if importlib.util.find_spec(library) is None:
+            raise NoBrowser(f"{library} is missing: {remedy}")
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     if path is None:
-        pytest.skip("there is no Chromium here: apt install chromium")
+        raise NoBrowser("there is no Chromium here: apt install chromium")
     return path
 
 
@@ -44,11 +58,13 @@ def open_browser() -> Iterator[Any]:
             browser.close()
 
 
-def open_page(browser: Any, port: int, width: int = 900, height: int = 700) -> Any:
+def open_page(
+    browser: Any, port: int, width: int = 900, height: int = 700, sharpness: float = 0.5
+) -> Any:
     """The viewer's page, once its control panel is there."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(1e3 * PATIENCE)
-    page.goto(f"http://127.0.0.1:{port}/?fixedDpr=0.5")
+    page.goto(f"http://127.0.0.1:{port}/?fixedDpr={sharpness}")
     page.get_by_role("tab", name="Joints").wait_for()
     return page
 
@@ -56,7 +72,8 @@ def open_page(browser: Any, port: int, width: int = 900, height: int = 700) -> A
 def press(page: Any, name: str) -> None:
     """Clicks a button or a tab, wherever it is scrolled to."""
     control = page.get_by_role("button", name=name).or_(page.get_by_role("tab", name=name))
-    control.first.dispatch_event("click")
+    # not waiting for it to stand still, which takes ages where every picture does
+    control.first.click(force=True)
 
 
 def row(page: Any, label: str) -> Any:
@@ -74,8 +91,6 @@ def type_number(page: Any, label: str, *values: float) -> None:
 
 def pixels(page: Any) -> npt.NDArray[np.uint8]:
     """The page as it looks, shape (height, width, 3)."""
-    import io
-
     import imageio.v3 as iio
 
     return np.asarray(iio.imread(io.BytesIO(page.screenshot())))[..., :3]
