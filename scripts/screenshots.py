@@ -16,7 +16,7 @@ from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
-from browser import PATIENCE, open_browser, open_page, press  # noqa: E402
+from browser import PATIENCE, open_browser, open_page, open_tab
 
 SIZE = (1200, 760)
 SETTLING = 6.0  # s: trails and plots need something to show
@@ -47,7 +47,7 @@ def tour(page: Any, folder: Path) -> None:
         button.dispatch_event("click")
     take(page, folder / "viewer.png")
     for tab in ("Joints", "Tune", "Health", "View", "Record"):
-        press(page, tab)
+        open_tab(page, tab)
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 

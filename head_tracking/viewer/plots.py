@@ -40,5 +40,6 @@ class ErrorPlot:
         while now - samples[0][0] > _SECONDS:
             samples.popleft()
         if len(samples) > 1:
-            times, errors = np.array(samples).T
-            self._plot.data = (times - now, errors)
+            # arrays of their own: viser sends the memory as it lies there
+            times = np.array([time - now for time, _ in samples])
+            self._plot.data = (times, np.array([error for _, error in samples]))

@@ -99,7 +99,9 @@ class Recording:
             raise RecordingError(f"the file is no {_FORMAT!r}; save one with the button above")
         try:
             return Recording(tuple(_observation(one) for one in document["seen"]))
-        except (KeyError, TypeError, AttributeError, TransformException) as error:
+        except RecordingError:
+            raise
+        except (KeyError, TypeError, AttributeError, ValueError, TransformException) as error:
             raise RecordingError(f"the recording is damaged: {error!r}") from error
 
 

@@ -12,6 +12,7 @@ from browser import (
     chromium,
     open_browser,
     open_page,
+    open_tab,
     pixels,
     press,
     row,
@@ -53,7 +54,7 @@ def test_the_page_shows_the_robot(page):
 
 
 def test_point_head_moves_the_simulated_servo(robot, page):
-    press(page, "Steer")
+    open_tab(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 1.0, 0.5)
     press(page, "Point head")
     wait_for(
@@ -62,7 +63,7 @@ def test_point_head_moves_the_simulated_servo(robot, page):
 
 
 def test_a_refused_target_says_why_and_moves_nothing(robot, page):
-    press(page, "Steer")
+    open_tab(page, "Steer")
     type_number(page, "x y z (m)", -1.0, 0.0, 0.5)
     before = robot.at_rest()
     robot.forget_log()
@@ -73,7 +74,7 @@ def test_a_refused_target_says_why_and_moves_nothing(robot, page):
 
 
 def test_the_menu_lists_a_frame_that_appears_later(robot, page):
-    press(page, "Steer")
+    open_tab(page, "Steer")
     core = robot.composition.buffer.core
     core.set_transform(
         0, "base_link", "late_gripper", Transform((0.4, 0.2, 0.6), Rotation.identity()), static=True
@@ -91,13 +92,13 @@ def test_the_menu_lists_a_frame_that_appears_later(robot, page):
 
 
 def test_centre_turns_the_head_to_the_middle(robot, page):
-    press(page, "Steer")
+    open_tab(page, "Steer")
     press(page, "Centre")
     wait_for(lambda: abs(robot.true("head_pan_joint")) < 2 * DEGREE, PATIENCE)
 
 
 def test_a_slider_changes_the_parameter(robot, page):
-    press(page, "Tune")
+    open_tab(page, "Tune")
     node = robot.composition.nodes["point_head"]
     number = row(page, "max_velocity").locator("input:visible").last
     number.wait_for()
@@ -109,7 +110,7 @@ def test_a_slider_changes_the_parameter(robot, page):
 def test_a_parameter_changed_elsewhere_shows_on_the_page(robot, page):
     from rclpy.parameter import Parameter
 
-    press(page, "Tune")
+    open_tab(page, "Tune")
     robot.composition.nodes["point_head"].set_parameters([Parameter("max_velocity", value=0.75)])
     number = row(page, "max_velocity").locator("input:visible").last
     wait_for(lambda: number.input_value() == "0.75", PATIENCE)
@@ -127,7 +128,7 @@ def test_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
 
 
 def test_stop_relaxes_everything(robot, page):
-    press(page, "Steer")
+    open_tab(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
     press(page, "Point head")
     wait_for(lambda: robot.true("head_pan_joint") > 0.2, PATIENCE)
@@ -137,7 +138,7 @@ def test_stop_relaxes_everything(robot, page):
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
-    press(page, "Joints")
+    open_tab(page, "Joints")
     robot.simulated.lead("head_pan_joint", -0.7, 0.5)
     number = row(page, "head_pan_joint").locator("input:visible").last
     wait_for(lambda: abs(float(number.input_value()) + 0.7) < 0.06, PATIENCE)

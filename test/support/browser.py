@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-PATIENCE = 180.0
+PATIENCE = 60.0
 """Without a graphics card on a loaded machine a page takes its time [s]."""
 
 # WebGL is computed; everything else is drawn without it, which is faster
@@ -70,15 +72,25 @@ def open_page(
 
 
 def press(page: Any, name: str) -> None:
-    """Clicks a button or a tab, wherever it is scrolled to."""
-    control = page.get_by_role("button", name=name).or_(page.get_by_role("tab", name=name))
+    """Clicks a button, wherever it is scrolled to."""
     # not waiting for it to stand still, which takes ages where every picture does
-    control.first.click(force=True)
+    page.get_by_role("button", name=name).first.click(force=True)
+
+
+def open_tab(page: Any, name: str) -> None:
+    """Brings a tab of the control panel to the front."""
+    tab = page.get_by_role("tab", name=name)
+    deadline = time.monotonic() + PATIENCE
+    while tab.get_attribute("aria-selected") != "true":
+        assert time.monotonic() < deadline, f"the tab {name} does not open"
+        tab.click(force=True)
+        page.wait_for_timeout(200)
 
 
 def row(page: Any, label: str) -> Any:
     """The line of the control panel with this label."""
-    return page.locator(f"label:text-is('{label}')").locator("xpath=ancestor::*[.//input][1]").first
+    labels = page.locator("label").filter(has_text=re.compile(f"^{re.escape(label)}$"))
+    return labels.locator("xpath=ancestor::*[.//input][1]").first
 
 
 def type_number(page: Any, label: str, *values: float) -> None:
