@@ -104,6 +104,15 @@ make_environment() {
 
 has_wheels() { compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; }
 
+# add_library MODULE LIST TEXT: installs a list of requirements unless its module is there already.
+add_library() {
+  "$venv/bin/python" -c "import importlib.util as u, sys; sys.exit(u.find_spec('$1') is None)" ||
+    step "$3" install -r "$root/requirements/$2.txt" \
+      -c <("$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)')
+}
+
+add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
+
 add_test_tools() {
   local lists=(-r "$root/requirements/test.txt" -r "$root/requirements/tools.txt")
   if has_wheels; then lists+=(-r "$root/requirements/ros-build.txt"); fi
@@ -111,6 +120,11 @@ add_test_tools() {
   trap "$unfinished" EXIT
   say "adding the test tools to .venv, once (35 MB to download, 130 MB on disk, half a minute)"
   step "installing pytest, ruff, mypy and colcon" install "${lists[@]}"
+  add_viewer
+  add_library playwright browser "installing playwright for the viewer's tests (55 MB to download)" ||
+    say "  not installed: the viewer's tests in a browser will be skipped"
+  type -P chromium >/dev/null ||
+    say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"
 }
 
 # select_environment run|test
@@ -142,7 +156,7 @@ select_environment() {
     { read -r seen && read -r made; } <"$venv/head_tracking.base" || true
   fi
   if [[ $1 == test ]]; then
-    tests=$(checksum requirements/{test,tools,ros-build}.txt)
+    tests=$(checksum requirements/{test,tools,ros-build,viewer,browser}.txt)
     if [[ -e $venv/head_tracking.test && $(<"$venv/head_tracking.test") != "$tests" ]]; then
       seen="" made=""
     fi

@@ -25,6 +25,7 @@ EXECUTABLES = {
     "servo_bus",
     "simulated_bus",
     "transforms",
+    "viewer",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """

@@ -25,6 +25,7 @@ MODULES = {
     "head_tracker": "head_tracking.nodes.head_tracker",
     "fictitious_target": "head_tracking.nodes.fictitious_target",
     "transforms": "head_tracking.nodes.transforms",
+    "viewer": "head_tracking.nodes.viewer",
 }
 
 
