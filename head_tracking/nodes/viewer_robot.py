@@ -183,10 +183,9 @@ class ViewerRobot:
         """What decides where the head looks, as it was set here or as the nodes suggest."""
         if self._mode is not None:
             return self._mode
-        nodes = {name.rsplit("/", 1)[-1] for name in self._parameters.nodes()}
-        if TRACKER in nodes:
-            return Mode.FICTITIOUS if FICTITIOUS in nodes else Mode.TRACK
-        return Mode.POINT if POINTER in nodes else None
+        if self._is_there(TRACKER):
+            return Mode.FICTITIOUS if self._is_there(FICTITIOUS) else Mode.TRACK
+        return Mode.POINT if self._is_there(POINTER) else None
 
     def tracking(self) -> bool | None:
         """Whether the tracker turns the head."""
@@ -318,7 +317,9 @@ class ViewerRobot:
         )
 
     def _is_there(self, name: str) -> bool:
-        return any(one.rsplit("/", 1)[-1] == name for one in self._parameters.nodes())
+        return self._offers_enable(name) or any(
+            one.rsplit("/", 1)[-1] == name for one in self._parameters.nodes()
+        )
 
     def _offers_enable(self, name: str) -> bool:
         return bool(self._services.names(f"/{name}/enable"))

@@ -117,14 +117,15 @@ def test_a_parameter_changed_elsewhere_shows_on_the_page(robot, page):
 
 
 def test_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
-    node = robot.composition.nodes["servo_bus"]
-    before = node.get_parameter("head_pan_controller.joint_speed").value
-    outcome = robot.composition.nodes["viewer"].robot.set_value(
-        "/servo_bus", "head_pan_controller.joint_speed", -3.0
-    )
-    assert not outcome.done
-    assert "0.02" in outcome.text
-    assert node.get_parameter("head_pan_controller.joint_speed").value == before
+    open_tab(page, "Tune")
+    page.get_by_text("robot_state_publisher").first.click(force=True)
+    field = row(page, "robot_description").locator("input:visible").last
+    field.fill("no model")
+    field.press("Enter")
+    page.get_by_text("not well-formed").first.wait_for()
+    node = robot.composition.nodes["robot_state_publisher"]
+    assert node.get_parameter("robot_description").value == ""
+    wait_for(lambda: field.input_value() == "", PATIENCE)
 
 
 def test_stop_relaxes_everything(robot, page):
