@@ -1,0 +1,228 @@
+"""The page on a robot that is not there: what it sends, and that it does not grow."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from viewer_client import ReadingClient
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+from head_tracking.viewer.gaze_scene import ViewParameters
+from head_tracking.viewer.page import Page, PageParameters
+from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
+
+PATIENCE = 60.0
+
+
+class FakeRobot:
+    """A robot that moves all its joints all the time, and remembers what it was asked."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        try:
+            self._head: Any = PanTiltHead(model, "head_pan_joint", "head_tilt_joint", "camera_link")
+        except Exception:
+            self._head = None
+        self.seen = 0
+        self.asked: list[Any] = []
+        self.broken = False
+
+    def model(self) -> RobotModel:
+        return self._model
+
+    def head(self) -> Any:
+        return self._head
+
+    def observe(self) -> Observation:
+        self.seen += 1
+        if self.broken:
+            raise RuntimeError("the robot is broken")
+        t = 0.04 * self.seen
+        return Observation(
+            1 + round(t * 1e9),
+            dict.fromkeys(self._model.independent_joints, 0.5 * math.sin(t)),
+            {"other": Transform((math.sin(t), 1.0, 0.5), Rotation.identity())},
+            (1.0, math.sin(t), 0.5),
+            "somewhere",
+            abs(0.01 * math.sin(t)),
+            f"tracking for {t:.2f} s",
+        )
+
+    def notices(self) -> tuple[str, ...]:
+        return ()
+
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(f"warning {number}" for number in range(self.seen % 7))
+
+    def frames(self) -> tuple[str, ...]:
+        # one comes and goes
+        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+
+    def health(self) -> tuple[Health, ...]:
+        level = Level.ERROR if self.seen % 40 > 20 else Level.OK
+        return (Health("servo_bus: pan", level, f"message {self.seen}", {"torque": "on"}),)
+
+    def servos(self) -> tuple[Servo, ...]:
+        return (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),)
+
+    def settings(self) -> tuple[Setting, ...]:
+        k = Setting("/head_tracker", "k_pan", 1.0 + self.seen % 10, "Speed per error.", 0.1, 20.0)
+        extra = Setting("/late", "center", [0.0, 0.0, 0.1 * (self.seen % 5)], "", -1e3, 1e3)
+        return (k, extra) if self.seen % 80 > 40 else (k,)
+
+    def images(self) -> tuple[str, ...]:
+        return ()
+
+    def picture(self, topic: str) -> None:
+        return None
+
+    def mode(self) -> Mode:
+        return Mode.TRACK
+
+    def tracking(self) -> bool:
+        return True
+
+    def free_joints(self) -> bool:
+        return False
+
+    def can_recover(self) -> bool:
+        return False
+
+    def __getattr__(self, name: str) -> Callable[..., Outcome]:
+        def ask(*arguments: Any) -> Outcome:
+            self.asked.append((name, *arguments))
+            return Outcome(True, "done")
+
+        return ask
+
+
+def long_arm(links: int) -> RobotModel:
+    """A chain of so many links that all turn."""
+    parts = ['<robot name="arm"><link name="l0"/>']
+    for number in range(1, links):
+        parts.append(
+            f'<link name="l{number}"><visual><geometry><box size="0.02 0.02 0.05"/></geometry>'
+            f'</visual></link><joint name="j{number}" type="revolute">'
+            f'<parent link="l{number - 1}"/>'
+            f'<child link="l{number}"/><origin xyz="0 0 0.05"/><axis xyz="1 0 0"/>'
+            '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        )
+    return parse_robot_model("".join([*parts, "</robot>"]))
+
+
+@pytest.fixture
+def show() -> Iterator[Callable[[FakeRobot], Page]]:
+    pages: list[Page] = []
+
+    def open_page(robot: FakeRobot, complaints: list[str] | None = None) -> Page:
+        said: list[str] = [] if complaints is None else complaints
+        parameters = PageParameters(rate=60.0)
+        page = Page(robot, parameters, ViewParameters(), None, lambda _: None, said.append)
+        pages.append(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+def wait_for(what: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def messages(page: Page) -> int:
+    """How many messages a browser that comes now would be sent."""
+    return len(page._server._websock_server._broadcast_buffer.message_from_id)
+
+
+def test_a_page_left_open_does_not_grow(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: robot.seen > 400)
+        most = 0
+        while robot.seen < 800:
+            most = max(most, messages(page))
+            time.sleep(0.01)
+        later = 0
+        while robot.seen < 1200:
+            later = max(later, messages(page))
+            time.sleep(0.01)
+    finally:
+        client.close()
+    assert client.received > 100_000
+    # nodes and inputs that come and go leave a mark until the next browser comes
+    assert later < most + 40
+    assert not complaints
+
+
+def test_browsers_that_come_and_go_leave_nothing_behind(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+
+    def visit() -> None:
+        client = ReadingClient(page.port)
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: client.received > 10_000)
+        client.close()
+        wait_for(lambda: page.browsers == 0)
+
+    visit()
+    threads = threading.active_count()
+    for _ in range(15):
+        visit()
+    assert threading.active_count() <= threads + 32  # viser's pool grows to 32 and stays
+
+
+def test_a_robot_with_60_links_is_one_message_a_joint(show):
+    robot = FakeRobot(long_arm(60))
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: client.received > 50_000)
+        start, seen = client.received, robot.seen
+        wait_for(lambda: robot.seen > seen + 200)
+        a_step = (client.received - start) / (robot.seen - seen)
+    finally:
+        client.close()
+    assert a_step < 59 * 250
+
+
+def test_without_a_browser_nothing_is_drawn(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: robot.seen > 50)
+    before = messages(page)
+    wait_for(lambda: robot.seen > 150)
+    assert messages(page) == before
+
+
+def test_the_page_outlives_what_goes_wrong(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    robot.broken = True
+    show(robot, complaints)
+    wait_for(lambda: complaints)
+    assert "the robot is broken" in complaints[0]
+    robot.broken = False
+    wait_for(lambda: robot.seen > 60)
+
+
+def test_the_page_listens_on_this_machine_only(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    assert page._server.get_host() == "127.0.0.1"
+
+
+def test_nobody_can_open_a_tunnel_to_the_world(kinectbot, show):
+    assert show(FakeRobot(kinectbot))._server.request_share_url() is None
