@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmark_transforms import transforms
+from benchmark_viewer import viewer
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
@@ -129,6 +130,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "pointing": pointing,
     "tracking": tracking,
     "transforms": transforms,
+    "viewer": viewer,
 }
 
 
