@@ -11,10 +11,10 @@ from rclpy.node import Node
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
+from head_tracking.nodes.node_starter import NodeStarterNode
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.servo_bus import ServoBusNode
-from head_tracking.nodes.viewer import ViewerNode
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,8 @@ class NodeSpec:
         name: the node's name.
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
-            "connect", the port of simulated servos, or None; "start", to start more nodes.
+            "connect", the port of simulated servos, or None; "start", to start more nodes;
+            "startable", their names.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -54,7 +55,7 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode),),
 }
 
-VIEWER = NodeSpec("viewer", ViewerNode, takes=("buffer", "start"))
+STARTER = NodeSpec("node_starter", NodeStarterNode, takes=("start", "startable"))
 
 STARTED_ON_REQUEST: Mapping[str, NodeSpec] = {
     spec.name: spec for spec in (*MODES.values(), *TARGETS["fictitious"])

@@ -20,9 +20,9 @@ from head_tracking.node_sets import (
     MODES,
     ROBOT,
     SIMULATED_PORT,
+    STARTER,
     STARTED_ON_REQUEST,
     TARGETS,
-    VIEWER,
     NodeSpec,
     fixed_target,
 )
@@ -34,6 +34,7 @@ from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer
+from head_tracking.viewer_process import viewer_process
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,7 @@ class Run:
         simulated: the servos are simulated.
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
+        viewer: show it in a browser.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -53,6 +55,7 @@ class Run:
     simulated: bool
     parameter_files: tuple[Path, ...]
     duration: float | None
+    viewer: bool
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -109,17 +112,17 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "servo_bus": SIMULATED_PORT if options.sim else port,
     }
     head = MODES[options.mode]
-    # first, because importing it would hold up whatever runs already
-    viewer = [VIEWER] if options.viewer else []
+    starter = [STARTER] if options.viewer else []
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*viewer, *ROBOT, head, *options.target)
+            for node in (*ROBOT, head, *options.target, *starter)
         ),
         head.name,
         options.sim,
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
+        options.viewer,
     )
 
 
@@ -172,6 +175,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         "buffer": buffer,
         "connect": simulate if plan.simulated else None,
         "start": start_on_request,
+        "startable": tuple(STARTED_ON_REQUEST),
     }
     for spec in plan.nodes:
         start(spec)
@@ -192,6 +196,8 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
             bus_status=head.nodes["servo_bus"].status,
             true_position=None if head.simulated is None else head.simulated.true_position,
         )
+        if plan.viewer:
+            resources.enter_context(viewer_process(ros_arguments(plan)))
         monitor = RunMonitorNode(head.buffer, sources, line)
         threads.start(monitor)
         try:

@@ -12,6 +12,7 @@ from typing import Any
 import rclpy
 
 from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
@@ -59,7 +60,9 @@ def main() -> None:
     rclpy.init(args=ros_arguments(plan))
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources)
-        viewer = head.nodes["viewer"].page
+        node = ViewerNode(head.buffer)
+        threads.start(node)
+        viewer = node.page
         with open_browser() as browser:
             page = open_page(browser, viewer.port, *SIZE, sharpness=1.0)
             wait_for(lambda: viewer.browsers)

@@ -30,7 +30,8 @@ ALLOWED = {
     "simulated_bus": {"simulation"},
     "node_sets": {"nodes"},
     "__main__": {"nodes", "runner"},
-    "runner": CORE | {"tf", "nodes", "share", "node_sets"},
+    "viewer_process": set(),
+    "runner": CORE | {"tf", "nodes", "share", "node_sets", "viewer_process"},
 }
 """Which rooms a room may look into, besides itself."""
 

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from head_tracking.nodes.head_interface import HeadParameters
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import NodeThreads, run_node
-from head_tracking.nodes.viewer_robot import StartNode, ViewerRobot
+from head_tracking.nodes.viewer_robot import ViewerRobot
 from head_tracking.parameters import parameter
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, TransformListener
@@ -37,15 +37,12 @@ class ViewerNode(Node):
 
     Args:
         buffer: fed by another node of this process; None: this node listens itself.
-        start: starts nodes that a person asks for; None: only what runs can be used.
 
     Raises:
         ValueError: viser is missing, or the address can't be listened on; says what to do.
     """
 
-    def __init__(
-        self, buffer: Buffer | None = None, start: StartNode | None = None, **options: Any
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         if not installed():
             raise ValueError(MISSING)
         from head_tracking.viewer.gaze_scene import ViewParameters
@@ -60,7 +57,7 @@ class ViewerNode(Node):
             buffer = Buffer()
             TransformListener(buffer, self)
         self._requests = Node("viewer_requests", start_parameter_services=False)
-        self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link, start)
+        self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link)
         x, y, z = head.pointing_axis
         self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
         self._threads = NodeThreads()

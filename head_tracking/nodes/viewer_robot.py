@@ -31,13 +31,13 @@ from head_tracking.transforms import (
 from head_tracking.viewer.robot import Health, Mode, Observation, Outcome, Servo, Setting
 
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
-StartNode = Callable[[str], None]
-"""Starts a node of the run by its name if it is not there."""
-
 _LOOK_PERIOD = 1.0  # s
 _JOINTS_PERIOD = 0.05  # s
 _TARGET_AGE = 2.0  # s
-_ENDINGS = ("/torque_enable", "/relax", "/recenter", "/enable", "/recover")
+_ENDINGS = (
+    *("/torque_enable", "/relax", "/recenter", "/enable", "/recover"),
+    *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS)),
+)
 
 
 class ViewerRobot:
@@ -50,7 +50,6 @@ class ViewerRobot:
         buffer: the robot's frames.
         head_parameters: which joints make up the head.
         pointing_frame: the frame that looks.
-        start: starts nodes that a mode needs; None: they must be there already.
     """
 
     def __init__(
@@ -60,13 +59,11 @@ class ViewerRobot:
         buffer: Buffer,
         head_parameters: HeadParameters,
         pointing_frame: str,
-        start: StartNode | None,
     ) -> None:
         self._node = node
         self._buffer = buffer.core
         self._head_parameters = head_parameters
         self._pointing_frame = pointing_frame
-        self._start = start
         self._model: RobotModel | None = None
         self._head: PanTiltHead | None = None
         self._no_head = ""
@@ -77,7 +74,7 @@ class ViewerRobot:
         self._free: dict[str, float] = {}
         self._services = RunningServices(requests)
         self._parameters = RunningParameters(
-            requests, [node.get_fully_qualified_name(), "/run_monitor"]
+            requests, [node.get_fully_qualified_name(), "/run_monitor", "/node_starter"]
         )
         self._topics = RunningTopics(node)
         self._sender = TargetSender(node)
@@ -238,9 +235,9 @@ class ViewerRobot:
         needed = [turns] + ([FICTITIOUS] if mode is Mode.FICTITIOUS else [])
         for name in needed:
             if not self._is_there(name):
-                if self._start is None:
-                    return Outcome(False, f"{name} is not running; start it for this mode")
-                self._start(name)
+                outcome = self._start(name)
+                if not outcome.done:
+                    return outcome
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             return Outcome(False, f"there is no frame {frame!r} to follow")
         for name in (TRACKER, POINTER, FICTITIOUS):
@@ -315,6 +312,13 @@ class ViewerRobot:
         return Outcome(
             all(outcome.done for outcome in outcomes), "; ".join(one.text for one in outcomes)
         )
+
+    def _start(self, name: str) -> Outcome:
+        """Starts a node of the run, if whoever runs it can."""
+        services = self._services.names(f"/node_starter/{name}")
+        if not services:
+            return Outcome(False, f"{name} is not running; start it for this mode")
+        return self._services.trigger(services[0])
 
     def _is_there(self, name: str) -> bool:
         return self._offers_enable(name) or any(

@@ -31,7 +31,17 @@ def robot(make_module_robot) -> Iterator[Robot]:
         chromium()
     except NoBrowser as missing:
         pytest.skip(str(missing))
-    yield make_module_robot("--mode", "point", "--viewer", "--params", "config/head.yaml")
+    yield make_module_robot("--mode", "point", "--viewer")
+
+
+@pytest.fixture(scope="module")
+def viewer(robot) -> Any:
+    """The viewer in this process."""
+    from head_tracking.nodes.viewer import ViewerNode
+
+    node = ViewerNode(robot.composition.buffer)
+    robot.threads.start(node)
+    return node
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +51,8 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def page(robot, browser) -> Any:
-    return open_page(browser, robot.composition.nodes["viewer"].page.port)
+def page(viewer, browser) -> Any:
+    return open_page(browser, viewer.page.port)
 
 
 def test_the_page_shows_the_robot(page):
@@ -145,11 +155,10 @@ def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     wait_for(lambda: abs(float(number.input_value()) + 0.7) < 0.06, PATIENCE)
 
 
-def test_closing_the_page_changes_nothing_and_others_stay(robot, browser, page):
-    viewer = robot.composition.nodes["viewer"].page
-    second = open_page(browser, viewer.port)
-    wait_for(lambda: viewer.browsers == 2, PATIENCE)
+def test_closing_the_page_changes_nothing_and_others_stay(robot, viewer, browser, page):
+    second = open_page(browser, viewer.page.port)
+    wait_for(lambda: viewer.page.browsers == 2, PATIENCE)
     before = robot.at_rest()
     second.close()
-    wait_for(lambda: viewer.browsers == 1, PATIENCE)
+    wait_for(lambda: viewer.page.browsers == 1, PATIENCE)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)

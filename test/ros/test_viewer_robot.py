@@ -8,6 +8,7 @@ import pytest
 from robot_under_test import Robot, wait_for
 from std_msgs.msg import String
 
+from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.robot import Mode
 
@@ -27,7 +28,9 @@ def robot(make_robot) -> Robot:
 @pytest.fixture
 def seen(robot) -> Any:
     """The robot as the page sees it, once it has found out what is there."""
-    seen = robot.composition.nodes["viewer"].robot
+    node = ViewerNode(robot.composition.buffer)
+    robot.threads.start(node)
+    seen = node.robot
     wait_for(lambda: seen.tracking() is not None and len(seen.servos()) == 2)
     wait_for(lambda: all(servo.joint for servo in seen.servos()))
     wait_for(lambda: any(setting.name == "k_pan" for setting in seen.settings()))
