@@ -135,6 +135,7 @@ def viewer() -> str:
             statistics.median(column) for column in zip(*runs, strict=True)
         )
         rows.append(
-            f"| {name} | {rate:.1f} | {rms:.2f}° | {largest:.1f}° | {100 * processor:.0f} % of a core |"
+            f"| {name} | {rate:.1f} | {rms:.2f}° | {largest:.1f}° | "
+            f"{100 * processor:.0f} % of a core |"
         )
     return "\n".join(rows)

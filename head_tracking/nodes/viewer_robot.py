@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.conversions import target_from_message
 from head_tracking.nodes.head_interface import HeadParameters
+from head_tracking.nodes.head_modes import FICTITIOUS, POINTER, TRACKER, HeadModes
 from head_tracking.nodes.running_parameters import RunningParameters
 from head_tracking.nodes.running_services import RunningServices
 from head_tracking.nodes.running_topics import RunningTopics
-from head_tracking.nodes.target_sender import TargetSender
 from head_tracking.tf import Buffer
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import (
@@ -30,7 +30,6 @@ from head_tracking.transforms import (
 )
 from head_tracking.viewer.robot import Health, Mode, Observation, Outcome, Servo, Setting
 
-TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
 _LOOK_PERIOD = 1.0  # s
 _JOINTS_PERIOD = 0.05  # s
 _TARGET_AGE = 2.0  # s
@@ -67,8 +66,6 @@ class ViewerRobot:
         self._model: RobotModel | None = None
         self._head: PanTiltHead | None = None
         self._no_head = ""
-        self._mode: Mode | None = None
-        self._switched: dict[str, bool] = {}
         self._placer: TargetPlacer | None = None
         self._target: tuple[float, Target, Vector3] | None = None
         self._free: dict[str, float] = {}
@@ -77,7 +74,7 @@ class ViewerRobot:
             requests, [node.get_fully_qualified_name(), "/run_monitor", "/node_starter"]
         )
         self._topics = RunningTopics(node)
-        self._sender = TargetSender(node)
+        self._modes = HeadModes(node, self._services, self._buffer, self._parameters.nodes)
         self._commands = node.create_publisher(JointStateMsg, "joint_commands", 10)
         self._joint_states = node.create_publisher(JointStateMsg, "joint_states", 10)
         self._others_send_joints = True
@@ -177,16 +174,12 @@ class ViewerRobot:
         return self._topics.picture(topic)
 
     def mode(self) -> Mode | None:
-        """What decides where the head looks, as it was set here or as the nodes suggest."""
-        if self._mode is not None:
-            return self._mode
-        if self._is_there(TRACKER):
-            return Mode.FICTITIOUS if self._is_there(FICTITIOUS) else Mode.TRACK
-        return Mode.POINT if self._is_there(POINTER) else None
+        """What decides where the head looks."""
+        return self._modes.mode()
 
     def tracking(self) -> bool | None:
         """Whether the tracker turns the head."""
-        return self._switched.get(TRACKER, True) if self._offers_enable(TRACKER) else None
+        return self._modes.tracking()
 
     def free_joints(self) -> bool:
         """Whether nobody but this node sends joint states."""
@@ -196,66 +189,19 @@ class ViewerRobot:
 
     def look_at(self, frame: str, point: Vector3) -> Outcome:
         """Sends a target once, or again and again where a tracker needs that."""
-        if not all(map(math.isfinite, point)):
-            return Outcome(False, "the target is refused: x, y and z must be numbers in metres")
-        if frame not in self._buffer.frames():
-            return Outcome(False, f"the target is refused: there is no frame {frame!r}")
-        mode, said = self.mode(), ""
-        if mode in (Mode.FICTITIOUS, Mode.FOLLOW):
-            outcome = self.set_mode(Mode.TRACK, "")
-            if not outcome.done:
-                return outcome
-            said = f"; the mode is {Mode.TRACK} now"
-        text = f"target {Target(0, frame, point)} sent{said}"
-        if self.mode() is Mode.POINT or self._model is None:
-            self._sender.send_once(frame, point)
-            return Outcome(True, text)
-        root = self._model.root
-        try:
-            placed = self._buffer.transform_point(point, root, frame)
-        except TransformException as error:
-            return Outcome(False, f"the target is refused: {error}")
-        self._sender.keep_sending(root, placed)
-        return Outcome(True, text)
+        return self._modes.look_at(frame, point)
 
     def centre(self) -> Outcome:
         """Recentres with the node that turns the head now."""
-        self._sender.stop()
-        wanted = POINTER if self.mode() is Mode.POINT else TRACKER
-        services = self._services.names(f"/{wanted}/recenter") or self._services.names("/recenter")
-        if not services:
-            return Outcome(False, "nobody recentres the head: start point_head or head_tracker")
-        if wanted == TRACKER and self.mode() is Mode.FICTITIOUS:
-            self.set_mode(Mode.TRACK, "")
-        return self._services.trigger(services[0])
+        return self._modes.centre()
 
     def set_mode(self, mode: Mode, frame: str) -> Outcome:
         """Switches the nodes that send targets and turn the head; starts those it needs."""
-        turns = POINTER if mode is Mode.POINT else TRACKER
-        needed = [turns] + ([FICTITIOUS] if mode is Mode.FICTITIOUS else [])
-        for name in needed:
-            if not self._is_there(name):
-                outcome = self._start(name)
-                if not outcome.done:
-                    return outcome
-        if mode is Mode.FOLLOW and frame not in self._buffer.frames():
-            return Outcome(False, f"there is no frame {frame!r} to follow")
-        for name in (TRACKER, POINTER, FICTITIOUS):
-            outcome = self._enable(name, name in needed)
-            if not outcome.done:
-                return outcome
-        self._mode = mode
-        if mode is Mode.FOLLOW:
-            self._sender.keep_sending(frame, (0.0, 0.0, 0.0))
-        else:
-            self._sender.stop()
-        return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
+        return self._modes.set_mode(mode, frame)
 
     def set_tracking(self, on: bool) -> Outcome:
         """Switches the tracker on or off."""
-        if not self._offers_enable(TRACKER):
-            return Outcome(False, f"{TRACKER} is not running")
-        return self._enable(TRACKER, on)
+        return self._modes.set_tracking(on)
 
     def set_value(self, node: str, name: str, value: Any) -> Outcome:
         """Sets a parameter."""
@@ -296,7 +242,7 @@ class ViewerRobot:
 
     def stop(self) -> Outcome:
         """Relaxes all servos of all buses, and sends no more targets."""
-        self._sender.stop()
+        self._modes.stop_sending()
         return self._all(self._services.names("/relax"), self._services.trigger, "relax")
 
     # inside
@@ -312,31 +258,6 @@ class ViewerRobot:
         return Outcome(
             all(outcome.done for outcome in outcomes), "; ".join(one.text for one in outcomes)
         )
-
-    def _start(self, name: str) -> Outcome:
-        """Starts a node of the run, if whoever runs it can."""
-        services = self._services.names(f"/node_starter/{name}")
-        if not services:
-            return Outcome(False, f"{name} is not running; start it for this mode")
-        return self._services.trigger(services[0])
-
-    def _is_there(self, name: str) -> bool:
-        return self._offers_enable(name) or any(
-            one.rsplit("/", 1)[-1] == name for one in self._parameters.nodes()
-        )
-
-    def _offers_enable(self, name: str) -> bool:
-        return bool(self._services.names(f"/{name}/enable"))
-
-    def _enable(self, name: str, on: bool) -> Outcome:
-        """Switches a node on or off, if that can be switched and is not so already."""
-        services = self._services.names(f"/{name}/enable")
-        if not services or self._switched.get(name, True) is on:
-            return Outcome(True, "")
-        outcome = self._services.switch(services[0], on)
-        if outcome.done:
-            self._switched[name] = on
-        return outcome
 
     def _outer_frames(self, model: RobotModel) -> Mapping[str, Transform]:
         found = {}
