@@ -17,7 +17,7 @@ from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
-from browser import PATIENCE, open_browser, open_page, open_tab
+from browser import PATIENCE, choose, open_browser, open_page, open_tab, row
 
 SIZE = (1200, 760)
 SETTLING = 6.0  # s: trails and plots need something to show
@@ -47,8 +47,11 @@ def tour(page: Any, folder: Path) -> None:
     for button in close.all():
         button.dispatch_event("click")
     take(page, folder / "viewer.png")
-    for tab in ("Joints", "Tune", "Health", "View", "Record"):
+    for tab in ("Joints", "Tune", "Health", "View"):
         open_tab(page, tab)
+        if tab == "View":
+            choose(page, "Frames", "all frames")
+            row(page, "Reachable field").locator("input").first.click(force=True)
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 

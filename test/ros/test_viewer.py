@@ -9,6 +9,7 @@ import pytest
 from browser import (
     PATIENCE,
     NoBrowser,
+    choose,
     chromium,
     open_browser,
     open_page,
@@ -83,16 +84,14 @@ def test_a_refused_target_says_why_and_moves_nothing(robot, page):
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
 
 
-def test_the_menu_lists_a_frame_that_appears_later(robot, page):
+def test_the_menu_lists_a_frame_that_appears_later(robot, viewer, page):
     open_tab(page, "Steer")
     core = robot.composition.buffer.core
     core.set_transform(
         0, "base_link", "late_gripper", Transform((0.4, 0.2, 0.6), Rotation.identity()), static=True
     )
-    menu = row(page, "Frame").locator("input").first
-    menu.click(force=True)
-    page.get_by_role("option", name="late_gripper").wait_for()
-    page.get_by_role("option", name="late_gripper").click(force=True)
+    wait_for(lambda: "late_gripper" in viewer.robot.frames())
+    choose(page, "Frame", "late_gripper")
     type_number(page, "x y z (m)", 0.0, 0.0, 0.0)
     press(page, "Point head")
     wait_for(

@@ -93,6 +93,14 @@ def row(page: Any, label: str) -> Any:
     return labels.locator("xpath=ancestor::*[.//input][1]").first
 
 
+def choose(page: Any, label: str, option: str) -> None:
+    """Chooses from a menu."""
+    row(page, label).locator("input").first.click(force=True)
+    entry = page.get_by_role("option", name=option)
+    entry.wait_for()
+    entry.click(force=True)
+
+
 def type_number(page: Any, label: str, *values: float) -> None:
     """Types into the number fields of a line, and leaves each."""
     fields = row(page, label).locator("input:visible")
