@@ -50,7 +50,10 @@ class HeadModes:
 
     def tracking(self) -> bool | None:
         """Whether the tracker turns the head."""
-        return self._switched.get(TRACKER, True) if self._offers_enable(TRACKER) else None
+        if not self._offers_enable(TRACKER):
+            self._switched.pop(TRACKER, None)  # it is on when it comes back
+            return None
+        return self._switched.get(TRACKER, True)
 
     def look_at(self, frame: str, point: Vector3) -> Outcome:
         """Sends a target once, or again and again where a tracker needs that."""

@@ -26,7 +26,8 @@ class ErrorPlot:
                 {"label": "seconds"},
                 {"label": "error (degrees)", "stroke": "#c2255c", "width": 2},
             ),
-            scales={"x": {"time": False}, "y": {"auto": True}},
+            # a fixed axis: the client loses one that has to follow negative times
+            scales={"x": {"time": False, "range": (-_SECONDS, 0.0)}, "y": {"auto": True}},
             title="Error (degrees) over the last seconds",
             aspect=1.9,
         )

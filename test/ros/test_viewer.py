@@ -137,6 +137,16 @@ def test_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
     wait_for(lambda: field.input_value() == "", PATIENCE)
 
 
+def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
+    open_tab(page, "Health")
+    page.get_by_text("update rate reached (Hz)").first.wait_for()
+    page.get_by_role("cell", name="head_tilt_joint").wait_for()
+    robot.look_at(1.0, 0.2, 0.5, "base_link")
+    plot = "Object.values(window.__viserTestpoints.uplots)[0].chart"
+    wait_for(lambda: page.evaluate(f"{plot}.data[1].filter(Number.isFinite).length") > 3, PATIENCE)
+    assert page.evaluate(f"[{plot}.scales.x.min, {plot}.scales.x.max]") == [-30, 0]
+
+
 def test_stop_relaxes_everything(robot, page):
     open_tab(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)

@@ -1,14 +1,21 @@
 """What the page asks of the robot, over real topics and the simulated bus; without a browser."""
 
 import math
+from contextlib import closing
 from importlib.util import find_spec
 from typing import Any
 
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot, wait_for
 from std_msgs.msg import String
 
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.runner import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.robot import Mode
 
@@ -156,3 +163,43 @@ def test_diagnostics_that_fall_silent_are_stale(seen):
     ]._replace(at=-10.0)
     (gone,) = [one for one in seen.health() if "nothing heard" in one.message]
     assert gone.level == 3
+
+
+def test_without_hardware_the_page_says_where_the_joints_are():
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(NodeThreads()) as threads:
+            threads.start(RobotStatePublisherNode())
+            node = ViewerNode()
+            threads.start(node)
+            seen = node.robot
+            wait_for(lambda: seen.model() is not None and seen.free_joints())
+            assert "head_pan_joint" not in seen.observe().joints
+            assert seen.move_joint("head_pan_joint", 0.4).done
+            wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
+            assert seen.observe().joints["head_tilt_joint"] == 0.0
+            assert not seen.stop().done
+            assert not seen.centre().done
+            assert "not running" in seen.set_mode(Mode.TRACK, "").text
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
+    monkeypatch.setattr("head_tracking.runner.installed", lambda: False)
+    with pytest.raises(SystemExit) as ended:
+        parse_arguments(["--sim", "--viewer"])
+    assert ended.value.code == 2
+    assert "pip install 'head_tracking[viewer]'" in capsys.readouterr().err
+    monkeypatch.setattr("head_tracking.nodes.viewer.installed", lambda: False)
+    with pytest.raises(ValueError, match="pip install"):
+        ViewerNode()
+
+
+def test_a_page_for_the_network_is_warned_of(robot):
+    robot.forget_log()
+    node = ViewerNode(
+        robot.composition.buffer, parameter_overrides=[Parameter("host", value="0.0.0.0")]
+    )
+    robot.threads.start(node)
+    robot.logged("everybody who reaches this machine there can steer the robot")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Without a graphics card on a loaded machine a page takes its time [s]."""
 
 # WebGL is computed; everything else is drawn without it, which is faster

@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.page import Page, PageParameters
+from head_tracking.viewer.recording import Recording
 from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
 
 PATIENCE = 60.0
@@ -197,6 +199,90 @@ def test_a_robot_with_60_links_is_one_message_a_joint(show):
     finally:
         client.close()
     assert a_step < 59 * 250
+
+
+def test_everything_can_be_drawn_and_taken_away_again(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    scene = page._server.scene
+
+    def label() -> Any:
+        return scene.get_handle_by_name(f"{page._scene.path('torso_link')}/label")
+
+    try:
+        wait_for(lambda: page._views._parts and page._scene is not None)
+        page._views._frames.value = "all frames"
+        wait_for(lambda: label() and scene.get_handle_by_name("/frames/other"))
+        page._views._frames.value = "none"
+        wait_for(lambda: label() is None and scene.get_handle_by_name("/frames/other") is None)
+        for part in ("target", "trail", "prediction", "line of sight", "reachable field"):
+            page._gaze.want(part, not page._gaze.wanted(part))
+        seen = robot.seen
+        wait_for(lambda: robot.seen > seen + 20)
+        assert not page._gaze._target.visible
+        assert page._gaze._of_head["reachable field"].visible
+    finally:
+        client.close()
+    assert not complaints
+
+
+def test_another_model_takes_the_place_of_the_first(kinectbot, turtlebot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers and page._scene is not None)
+        robot._head, robot._model = None, turtlebot
+        wait_for(lambda: page._scene.model is turtlebot)
+        robot._head = PanTiltHead(turtlebot, "head_pan_joint", "head_tilt_joint", "camera_link")
+        wait_for(lambda: page._head is robot._head)
+        wait_for(lambda: "left_wheel_joint" in page._joints._sliders)
+    finally:
+        client.close()
+    assert page._server.scene.get_handle_by_name(f"{page._scene.path('plate_3_link')}") is not None
+    assert not complaints
+
+
+def test_the_banner_comes_and_goes_with_the_trouble(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page._status._banner.visible)
+        assert "pan: message" in page._status._banner.content
+        wait_for(lambda: not page._status._banner.visible)
+    finally:
+        client.close()
+
+
+def test_the_gizmo_sends_where_it_is_dragged_to(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: page._steering._root)
+    page._steering._gizmo.position = (1.0, 0.5, 0.25)
+    for phase in ("start", "update", "update", "end"):
+        page._steering._on_drag(SimpleNamespace(phase=phase))
+    # those that come too fast are left out; where it is dropped is always sent
+    assert robot.asked == [("look_at", "base_link", (1.0, 0.5, 0.25))] * 2
+
+
+def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: len(page._recorder._seen) > 60)
+    panel = page._recording
+    nobody = SimpleNamespace(client=None)
+    panel._open(nobody, lambda: Recording.from_bytes(page._recorder.recording().to_bytes()))
+    start = panel.replayed()
+    panel._time.value = panel._time.max
+    assert panel.replayed().stamp > start.stamp
+    panel._close()
+    assert panel.replayed() is None
+    panel._open(nobody, lambda: Recording.from_bytes(b"no recording"))
+    assert panel.replayed() is None
 
 
 def test_without_a_browser_nothing_is_drawn(kinectbot, show):
