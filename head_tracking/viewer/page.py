@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -61,7 +62,7 @@ class Page:
         complain: told of errors of the page itself.
 
     Raises:
-        OSError: the address can't be listened on.
+        ValueError: the address can't be listened on.
     """
 
     def __init__(
@@ -198,7 +199,21 @@ class Page:
             self._views.set_head(self._scene.model, head, axis)
 
 
+def _check_address(host: str) -> None:
+    """Refuses an address that viser would wait for without end."""
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as attempt:
+            attempt.bind(address)
+    except OSError as error:
+        raise ValueError(
+            f"the page can't listen on {host!r}: {error}; give 127.0.0.1, 0.0.0.0 or an address of "
+            "this machine"
+        ) from error
+
+
 def _serve(host: str, port: int) -> viser.ViserServer:
+    _check_address(host)
     with contextlib.redirect_stdout(io.StringIO()):  # viser greets
         server = viser.ViserServer(host=host, port=port, label="head_tracking", verbose=False)
     server.gui.configure_theme(

@@ -310,5 +310,18 @@ def test_the_page_listens_on_this_machine_only(kinectbot, show):
     assert page._server.get_host() == "127.0.0.1"
 
 
+@pytest.mark.parametrize("host", ["192.0.2.1", "nowhere.invalid"])
+def test_an_address_of_another_machine_is_refused(kinectbot, host):
+    with pytest.raises(ValueError, match="can't listen on"):
+        Page(
+            FakeRobot(kinectbot),
+            PageParameters(host=host),
+            ViewParameters(),
+            None,
+            lambda _: None,
+            print,
+        )
+
+
 def test_nobody_can_open_a_tunnel_to_the_world(kinectbot, show):
     assert show(FakeRobot(kinectbot))._server.request_share_url() is None
