@@ -22,6 +22,7 @@ from browser import (
 from robot_under_test import Robot, wait_for
 
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.viewer.recording import Recording
 
 DEGREE = math.radians(1)
 
@@ -162,6 +163,21 @@ def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     robot.simulated.lead("head_pan_joint", -0.7, 0.5)
     number = row(page, "head_pan_joint").locator("input:visible").last
     wait_for(lambda: abs(float(number.input_value()) + 0.7) < 0.06, PATIENCE)
+
+
+def test_the_last_minute_is_saved_loaded_and_left_again(robot, viewer, page, tmp_path):
+    open_tab(page, "Record")
+    with page.expect_download() as saved:
+        press(page, "Save the last minute")
+    file = tmp_path / "head.json.gz"
+    saved.value.save_as(file)
+    assert Recording.from_bytes(file.read_bytes()).duration > 5.0
+    with page.expect_file_chooser() as chooser:
+        press(page, "Load a recording")
+    chooser.value.set_files(file)
+    wait_for(lambda: viewer.page._recording.replayed() is not None, PATIENCE)
+    press(page, "Back to the robot")
+    wait_for(lambda: viewer.page._recording.replayed() is None, PATIENCE)
 
 
 def test_closing_the_page_changes_nothing_and_others_stay(robot, viewer, browser, page):
