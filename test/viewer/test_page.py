@@ -269,6 +269,28 @@ def test_the_gizmo_sends_where_it_is_dragged_to(kinectbot, show):
     assert robot.asked == [("look_at", "base_link", (1.0, 0.5, 0.25))] * 2
 
 
+def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers and page._views._camera._camera)
+        (browser,) = page._server.get_clients().values()
+        own = browser.camera.position
+        view = page._views._camera
+        view._on_click(SimpleNamespace(client=browser))
+        wait_for(lambda: 0.5 < browser.camera.position[2] < 0.75)  # the camera's height
+        x, y, z, w = browser.camera.wxyz[[1, 2, 3, 0]]
+        positions = robot.observe().joints
+        view._on_click(SimpleNamespace(client=browser))
+        assert browser.camera.position == pytest.approx(own)
+        assert positions["head_pan_joint"] != 0.0
+        looks_along = Rotation(x, y, z, w) @ (0.0, 0.0, 1.0)
+        assert looks_along[0] > 0.5  # ahead, give or take half a radian of pan and tilt
+    finally:
+        client.close()
+
+
 def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
     robot = FakeRobot(kinectbot)
     page = show(robot)
