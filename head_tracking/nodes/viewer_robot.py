@@ -150,7 +150,7 @@ class ViewerRobot:
             for name, joint in self._parameters.fixed(owner, "_controller.joint_name").items():
                 joints[name.removesuffix(".joint_name")] = str(joint)
         torque = {
-            one.name.rsplit(" ", 1)[-1]: one.values["torque"] == "on"
+            one.name.rsplit(" ", 1)[-1]: one.values["torque"].endswith("on")
             for one in self.health()
             if "torque" in one.values
         }
