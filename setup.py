@@ -24,6 +24,7 @@ NODES = (
     "relax",
     "transforms",
     "track_report",
+    "viewer",
 )
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
@@ -88,7 +89,7 @@ setup(
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
-    extras_require={name: requirements(name) for name in ("ros", "vision", "test")},
+    extras_require={name: requirements(name) for name in ("ros", "vision", "viewer", "test")},
     cmdclass={"install_data": InstallData},
     zip_safe=False,
 )

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
+from head_tracking.nodes.node_starter import NodeStarterNode
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.servo_bus import ServoBusNode
@@ -28,7 +29,7 @@ class NodeSpec:
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
             "connect", the port of simulated servos, or None; "true_position", where a simulated
-            joint really is [rad], or None.
+            joint really is [rad], or None; "start", to start more nodes; "startable", their names.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -87,6 +88,14 @@ def simulated_camera(scene: str) -> NodeSpec:
         takes=("buffer", "true_position"),
         parameters={"scene": scene, "width": 320, "height": 240},
     )
+
+
+STARTER = NodeSpec("node_starter", NodeStarterNode, takes=("start", "startable"))
+
+STARTED_ON_REQUEST: Mapping[str, NodeSpec] = {
+    spec.name: spec for spec in (*MODES.values(), *TARGETS["fictitious"])
+}
+"""What a person can start on the viewer's page."""
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

@@ -21,6 +21,8 @@ from head_tracking.node_sets import (
     ROBOT,
     SCENES,
     SIMULATED_PORT,
+    STARTED_ON_REQUEST,
+    STARTER,
     TARGETS,
     NodeSpec,
     fixed_target,
@@ -30,9 +32,11 @@ from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.spinning import NodeThreads, describe
 from head_tracking.nodes.status_line import StatusLine
 from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer
+from head_tracking.viewer_process import viewer_process
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Run:
         simulated: the servos are simulated.
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
+        viewer: show it in a browser.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -52,6 +57,7 @@ class Run:
     simulated: bool
     parameter_files: tuple[Path, ...]
     duration: float | None
+    viewer: bool
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -92,7 +98,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="parameters in YAML, over the robot's own; can be given several times",
     )
     parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds")
+    parser.add_argument(
+        "--viewer", action="store_true", help="show the head in a browser, and steer it there"
+    )
     options = parser.parse_args(arguments)
+    if options.viewer and not installed():
+        parser.error(MISSING)
     if options.target is None:
         options.target = _target(
             "fictitious" if options.sim and options.mode == "track" else "none"
@@ -106,15 +117,17 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "servo_bus": SIMULATED_PORT if options.sim else port,
     }
     head = MODES[options.mode]
+    starter = [STARTER] if options.viewer else []
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*ROBOT, head, *targets)
+            for node in (*ROBOT, head, *targets, *starter)
         ),
         head.name,
         options.sim,
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
+        options.viewer,
     )
 
 
@@ -154,17 +167,27 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     def true_position(joint: str) -> float:
         return simulated[0].true_position(joint)
 
-    shared = {
-        "buffer": buffer,
-        "connect": simulate if plan.simulated else None,
-        "true_position": true_position if plan.simulated else None,
-    }
     nodes: dict[str, Any] = {}
-    for spec in plan.nodes:
+
+    def start(spec: NodeSpec) -> None:
         overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
         handed = {name: shared[name] for name in spec.takes}
         nodes[spec.name] = spec.make(parameter_overrides=overrides, **handed)
         threads.start(nodes[spec.name])
+
+    def start_on_request(name: str) -> None:
+        if name not in nodes:
+            start(STARTED_ON_REQUEST[name])
+
+    shared: dict[str, Any] = {
+        "buffer": buffer,
+        "connect": simulate if plan.simulated else None,
+        "start": start_on_request,
+        "startable": tuple(STARTED_ON_REQUEST),
+        "true_position": true_position if plan.simulated else None,
+    }
+    for spec in plan.nodes:
+        start(spec)
     return Composition(nodes, buffer, simulated[0] if simulated else None)
 
 
@@ -182,6 +205,8 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
             bus_status=head.nodes["servo_bus"].status,
             true_position=None if head.simulated is None else head.simulated.true_position,
         )
+        if plan.viewer:
+            resources.enter_context(viewer_process(ros_arguments(plan)))
         monitor = RunMonitorNode(head.buffer, sources, line)
         threads.start(monitor)
         try:

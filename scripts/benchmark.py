@@ -19,6 +19,7 @@ from benchmark_bus import bus
 from benchmark_soak import soak
 from benchmark_tracking import tracking
 from benchmark_transforms import transforms
+from benchmark_viewer import viewer
 from benchmark_vision import vision
 
 from head_tracking.gaze import PanTiltHead
@@ -135,6 +136,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "run": run,
     "tracking": tracking,
     "transforms": transforms,
+    "viewer": viewer,
     "vision": vision,
 }
 

@@ -105,23 +105,35 @@ make_environment() {
 # What is added later must not replace the numpy that ROS's C extensions are built on.
 same_numpy() { "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)'; }
 
-# OpenCV is big, and most runs have no camera.
-add_opencv() {
-  if "$venv/bin/python" -c 'import cv2' 2>/dev/null; then return; fi
-  say "adding OpenCV to .venv, once (62 MB to download, 165 MB on disk)"
-  step "installing OpenCV" install -r "$root/requirements/vision.txt" -c <(same_numpy)
+has_wheels() { compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; }
+
+# add_library MODULE LIST TEXT: installs a list of requirements unless its module is there already.
+add_library() {
+  "$venv/bin/python" -c "import importlib.util as u, sys; sys.exit(u.find_spec('$1') is None)" ||
+    step "$3" install -r "$root/requirements/$2.txt" \
+      -c <(same_numpy)
 }
 
-has_wheels() { compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; }
+# OpenCV is big, and most runs have no camera.
+add_opencv() {
+  add_library cv2 vision "installing OpenCV for cameras (62 MB to download, 165 MB on disk)"
+}
+
+add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
 
 add_test_tools() {
   local lists=(-r "$root/requirements/test.txt" -r "$root/requirements/tools.txt")
   if has_wheels; then lists+=(-r "$root/requirements/ros-build.txt"); fi
   : >"$venv/head_tracking.test"
   trap "$unfinished" EXIT
-  say "adding the test tools to .venv, once (97 MB to download, 295 MB on disk, half a minute)"
+  say "adding the test tools to .venv, once (160 MB to download, half a GB on disk, a minute)"
   step "installing pytest, ruff, mypy, colcon and OpenCV" \
     install "${lists[@]}" -c <(same_numpy)
+  add_viewer
+  add_library playwright browser "installing playwright for the viewer's tests (55 MB to download)" ||
+    say "  not installed: the viewer's tests in a browser will be skipped"
+  type -P chromium >/dev/null ||
+    say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"
 }
 
 # select_environment run|test
@@ -153,7 +165,7 @@ select_environment() {
     { read -r seen && read -r made; } <"$venv/head_tracking.base" || true
   fi
   if [[ $1 == test ]]; then
-    tests=$(checksum requirements/{test,tools,ros-build}.txt)
+    tests=$(checksum requirements/{test,tools,ros-build,viewer,browser}.txt)
     if [[ -e $venv/head_tracking.test && $(<"$venv/head_tracking.test") != "$tests" ]]; then
       seen="" made=""
     fi

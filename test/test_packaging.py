@@ -30,6 +30,7 @@ EXECUTABLES = {
     "simulated_camera",
     "target_mux",
     "transforms",
+    "viewer",
     "visual_target",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.

@@ -7,6 +7,7 @@ from typing import Any
 
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
+from std_srvs.srv import SetBool
 
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
@@ -43,12 +44,22 @@ class FictitiousTargetNode(Node):
         self._marker_publisher = (
             self.create_publisher(Marker, "target_point_marker", 1) if Marker else None
         )
+        self._enabled = True
+        self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_timer(1.0 / p.rate, self._publish)
 
     def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
         self._target.parameters = parameters
 
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._enabled = request.data
+        response.success = True
+        response.message = f"the target is {'sent' if request.data else 'not sent any more'}"
+        return response
+
     def _publish(self) -> None:
+        if not self._enabled:
+            return
         x, y, z = self._target.advance()
         message = PointStamped()
         message.header.frame_id = self._frame_id

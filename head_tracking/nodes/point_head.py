@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
 from head_tracking.nodes.head_interface import HeadInterface
@@ -39,6 +39,8 @@ class PointHeadNode(Node):
         self._interface = HeadInterface(
             self, p.pointing_frame, "~/pointing_error", buffer, self._on_head, self._step
         )
+        self._enabled = True
+        self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         self.create_timer(1.0 / p.rate, self._step)
 
@@ -76,7 +78,7 @@ class PointHeadNode(Node):
         placed = self._interface.take_newest_target(
             {head.pan_joint: start[0], head.tilt_joint: start[1]}
         )
-        if placed is None:
+        if placed is None or not self._enabled:
             return
         target, point = placed
         gaze, command = pointing.point_at(point, present, self._interface.now)
@@ -87,6 +89,12 @@ class PointHeadNode(Node):
         elif not gaze.reached:
             self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
         self._interface.send(command)
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._enabled = request.data
+        response.success = True
+        response.message = f"pointing is {'on' if request.data else 'off; targets are not taken'}"
+        return response
 
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         present = self._interface.positions() if self._interface.ready() else None

@@ -30,6 +30,7 @@ MODULES = {
     "look": "head_tracking.nodes.look",
     "visual_target": "head_tracking.nodes.visual_target",
     "simulated_camera": "head_tracking.nodes.simulated_camera",
+    "viewer": "head_tracking.nodes.viewer",
 }
 
 

@@ -1,0 +1,198 @@
+"""The parameters of other nodes: found, described, followed and set at run time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from head_tracking.nodes.running_services import wait_for_answer
+from head_tracking.viewer.robot import Outcome, Setting
+
+_SERVICES = {
+    "list_parameters": ListParameters,
+    "describe_parameters": DescribeParameters,
+    "get_parameters": GetParameters,
+    "set_parameters": SetParameters,
+}
+_HUGE = 1e9
+"""Bounds beyond this are none: `a or more` comes as the largest number that there is."""
+
+_SHOWN = {
+    ParameterType.PARAMETER_BOOL,
+    ParameterType.PARAMETER_INTEGER,
+    ParameterType.PARAMETER_DOUBLE,
+    ParameterType.PARAMETER_STRING,
+    ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
+_LONGEST_TEXT = 80
+_WORDS = "one of: "
+
+
+class RunningParameters:
+    """What can be changed in nodes while they run.
+
+    All but `set` and `settings` must be called in the node's thread.
+
+    Args:
+        node: asks the other nodes.
+        ignored: nodes to leave alone.
+    """
+
+    def __init__(self, node: Node, ignored: Sequence[str]) -> None:
+        self._node = node
+        self._ignored = {node.get_fully_qualified_name(), *ignored}
+        self._clients: dict[str, dict[str, Any]] = {}
+        self._settings: dict[str, dict[str, Setting]] = {}
+        self._fixed: dict[str, dict[str, Any]] = {}
+        node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
+
+    def look(self) -> None:
+        """Asks nodes that came, and forgets nodes that went."""
+        suffix = "/list_parameters"
+        found = {
+            name.removesuffix(suffix)
+            for name, _ in self._node.get_service_names_and_types()
+            if name.endswith(suffix)
+        } - self._ignored
+        for owner in self._clients.keys() - found:
+            for client in self._clients.pop(owner).values():
+                self._node.destroy_client(client)
+            self._settings.pop(owner, None)
+            self._fixed.pop(owner, None)
+        for owner in found - self._clients.keys():
+            self._clients[owner] = {
+                name: self._node.create_client(kind, f"{owner}/{name}")
+                for name, kind in _SERVICES.items()
+            }
+        for owner in found - self._settings.keys():
+            self._ask(owner)
+
+    def settings(self) -> tuple[Setting, ...]:
+        """All parameters that can be changed, by node."""
+        owners = dict(self._settings)
+        return tuple(
+            setting for owner in sorted(owners) for setting in list(owners[owner].values())
+        )
+
+    def fixed(self, owner: str, ending: str) -> dict[str, Any]:
+        """The parameters of a node that can't be changed and whose names end so."""
+        values = self._fixed.get(owner, {})
+        return {name: value for name, value in values.items() if name.endswith(ending)}
+
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes that answered."""
+        return tuple(sorted(self._settings))
+
+    def set(self, owner: str, name: str, value: Any) -> Outcome:
+        """Sets a parameter; says what its node answered."""
+        clients = self._clients.get(owner)
+        if clients is None:
+            return Outcome(False, f"{owner} is not there any more")
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        answer = wait_for_answer(clients["set_parameters"], request)
+        if answer is None:
+            return Outcome(False, f"{owner} did not answer")
+        result = answer.results[0]
+        if not result.successful:
+            return Outcome(False, result.reason or f"{owner} refuses {name} = {value}")
+        return Outcome(True, f"{name} = {value}")
+
+    def _ask(self, owner: str) -> None:
+        clients = self._clients[owner]
+        if not all(client.service_is_ready() for client in clients.values()):
+            return
+        self._settings[owner] = {}
+        clients["list_parameters"].call_async(ListParameters.Request()).add_done_callback(
+            lambda future: self._on_names(owner, future.result().result.names)
+        )
+
+    def _on_names(self, owner: str, names: Sequence[str]) -> None:
+        if owner not in self._clients:
+            return
+        names = [name for name in names if not _of_every_node(name)]
+        clients = self._clients[owner]
+        described = clients["describe_parameters"].call_async(
+            DescribeParameters.Request(names=names)
+        )
+        got = clients["get_parameters"].call_async(GetParameters.Request(names=names))
+
+        def on_answer(_: Any) -> None:
+            if described.done() and got.done() and owner in self._clients:
+                self._take(owner, names, described.result().descriptors, got.result().values)
+
+        described.add_done_callback(on_answer)
+        got.add_done_callback(on_answer)
+
+    def _take(
+        self,
+        owner: str,
+        names: Sequence[str],
+        descriptors: Sequence[ParameterDescriptor],
+        values: Sequence[Any],
+    ) -> None:
+        settings, fixed = {}, {}
+        for name, descriptor, value in zip(names, descriptors, values, strict=True):
+            plain = parameter_value_to_python(value)
+            if descriptor.read_only:
+                fixed[name] = plain
+            elif value.type in _SHOWN and not _is_long(plain):
+                settings[name] = _setting(owner, name, plain, descriptor)
+        self._fixed[owner] = fixed
+        self._settings[owner] = settings
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        settings = self._settings.get(event.node)
+        if settings is None:
+            return
+        for changed in event.changed_parameters:
+            old = settings.get(changed.name)
+            if old is not None:
+                settings[changed.name] = Setting(
+                    old.node,
+                    old.name,
+                    _plain(parameter_value_to_python(changed.value)),
+                    old.description,
+                    old.minimum,
+                    old.maximum,
+                    old.choices,
+                )
+
+
+def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor) -> Setting:
+    minimum, maximum = -math.inf, math.inf
+    for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
+        minimum, maximum = float(bounds.from_value), float(bounds.to_value)
+    constraints = descriptor.additional_constraints
+    return Setting(
+        owner,
+        name,
+        _plain(value),
+        descriptor.description,
+        minimum if minimum > -_HUGE else -math.inf,
+        maximum if maximum < _HUGE else math.inf,
+        tuple(constraints.removeprefix(_WORDS).split(", "))
+        if constraints.startswith(_WORDS) and isinstance(value, str)
+        else (),
+    )
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else [float(v) for v in value]
+
+
+def _is_long(value: Any) -> bool:
+    return isinstance(value, str) and len(value) > _LONGEST_TEXT
+
+
+def _of_every_node(name: str) -> bool:
+    return name in ("use_sim_time", "start_type_description_service") or name.startswith(
+        "qos_overrides."
+    )

@@ -1,0 +1,111 @@
+"""viewer: the robot in a browser, shown and steered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from rclpy.node import Node
+
+from head_tracking.nodes.head_interface import HeadParameters
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import NodeThreads, run_node
+from head_tracking.nodes.viewer_robot import ViewerRobot
+from head_tracking.parameters import parameter
+from head_tracking.share import PACKAGE, share_directory
+from head_tracking.tf import Buffer, TransformListener
+
+MISSING = (
+    "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "
+    "pip install viser"
+)
+_HERE = ("127.0.0.1", "localhost", "::1")
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerParameters:
+    """Which frame looks."""
+
+    camera_link: str = parameter("camera_link", "The frame that looks.", fixed=True)
+
+
+class ViewerNode(Node):
+    """Serves the page; nothing of the robot waits for it.
+
+    Args:
+        buffer: fed by another node of this process; None: this node listens itself.
+
+    Raises:
+        ValueError: viser is missing, or the address can't be listened on; says what to do.
+    """
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        if not installed():
+            raise ValueError(MISSING)
+        from head_tracking.viewer.gaze_scene import ViewParameters
+        from head_tracking.viewer.page import Page, PageParameters
+
+        super().__init__("viewer", **options)
+        p = NodeParameters(self, ViewerParameters).value
+        head = NodeParameters(self, HeadParameters).value
+        page = NodeParameters(self, PageParameters).value
+        view = NodeParameters(self, ViewParameters).value
+        if buffer is None:
+            buffer = Buffer()
+            TransformListener(buffer, self)
+        self._requests = Node("viewer_requests", start_parameter_services=False)
+        self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link)
+        x, y, z = head.pointing_axis
+        self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
+        self._threads = NodeThreads()
+        self._threads.start(self._requests)
+        self._say_where(page.host)
+
+    def destroy_node(self) -> None:
+        """Ends the page; the robot goes on as it is."""
+        self.page.close()
+        self._threads.close()
+        super().destroy_node()
+
+    def _complain(self, text: str) -> None:
+        self.get_logger().error(f"the page has a problem: {text}", throttle_duration_sec=5.0)
+
+    def _say_where(self, host: str) -> None:
+        self.get_logger().info(f"the robot is at http://{_reachable(host)}:{self.page.port}")
+        if host not in _HERE:
+            self.get_logger().warning(
+                f"the page listens on {host}: everybody who reaches this machine there can steer "
+                "the robot"
+            )
+
+
+def installed() -> bool:
+    """Whether viser, which the viewer needs, is there."""
+    return find_spec("viser") is not None
+
+
+def find_package(name: str) -> Path | None:
+    """Where a ROS package keeps its shared files; None if it is not installed."""
+    if name == PACKAGE:
+        return share_directory()
+    try:
+        return Path(get_package_share_directory(name))
+    except (LookupError, OSError, ValueError):
+        # not in the index; no index at all; or no possible name
+        return None
+
+
+def _reachable(host: str) -> str:
+    return "localhost" if host in ("0.0.0.0", "127.0.0.1") else host
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(ViewerNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

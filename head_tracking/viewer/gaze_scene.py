@@ -1,0 +1,164 @@
+"""The head's gaze in the 3D scene: target, trail, prediction, line of sight, view cone, field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.parameters import parameter
+from head_tracking.transforms import Vector3
+from head_tracking.viewer.reachable_field import reachable_field, with_axis_forward
+from head_tracking.viewer.robot_scene import RobotScene, wxyz
+from head_tracking.viewer.target_path import TargetPath
+
+_TARGET_COLOUR = (230, 80, 200)
+_PREDICTION_COLOUR = (250, 160, 40)
+_SIGHT_COLOUR = (40, 160, 80)
+_FIELD_COLOUR = (120, 150, 220)
+
+
+@dataclass(frozen=True, slots=True)
+class ViewParameters:
+    """What is drawn around the head."""
+
+    horizontal_view: float = parameter(
+        1.0, "Angle of the view cone from side to side.", unit="rad", minimum=0.05, maximum=3.0
+    )
+    aspect_ratio: float = parameter(
+        4 / 3, "Width of the camera's picture over its height.", minimum=0.1, maximum=10.0
+    )
+    sight_length: float = parameter(
+        3.0, "Length of the line of sight.", unit="m", minimum=0.1, maximum=100.0
+    )
+    field_radius: float = parameter(
+        1.0, "Distance at which the reachable field is drawn.", unit="m", minimum=0.1, maximum=50.0
+    )
+    trail_seconds: float = parameter(
+        5.0, "How long the target's trail stays.", unit="s", minimum=0.1, maximum=60.0
+    )
+    prediction_seconds: float = parameter(
+        0.5, "How far ahead the target's path is drawn.", unit="s", minimum=0.05, maximum=5.0
+    )
+
+    @property
+    def vertical_view(self) -> float:
+        """Angle of the view cone from top to bottom [rad]."""
+        return 2.0 * math.atan(math.tan(self.horizontal_view / 2.0) / self.aspect_ratio)
+
+
+class GazeScene:
+    """What the head looks at and could look at. Parts are drawn when they are wanted.
+
+    Args:
+        scene: gets the nodes.
+        robot: the robot; parts that move with the camera are put below its link.
+        parameters: sizes.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, robot: RobotScene, parameters: ViewParameters
+    ) -> None:
+        self._scene = scene
+        self._robot = robot
+        self._p = parameters
+        self._path = TargetPath(parameters.trail_seconds, parameters.prediction_seconds)
+        self._wanted = {"target": True, "trail": True, "prediction": True}
+        self._target = scene.add_icosphere(
+            "/target", 0.035, _TARGET_COLOUR, subdivisions=2, visible=False
+        )
+        self._trail = _line(scene, "/trail", _TARGET_COLOUR)
+        self._prediction = _line(scene, "/prediction", _PREDICTION_COLOUR)
+        self._of_head: dict[str, Any] = {}
+
+    def set_head(self, head: PanTiltHead, axis: Vector3) -> None:
+        """Draws what belongs to this head.
+
+        Args:
+            head: the head.
+            axis: the direction in its pointing frame that it points, of length 1.
+        """
+        for node in self._of_head.values():
+            node.remove()
+        camera = self._robot.path(head.pointing_frame)
+        p = self._p
+        self._of_head = {
+            "line of sight": self._scene.add_line_segments(
+                f"{camera}/sight",
+                np.array([[(0.0, 0.0, 0.0), [p.sight_length * a for a in axis]]]),
+                _SIGHT_COLOUR,
+                thickness=2.0,
+                thickness_units="screen",
+            ),
+            "view cone": self._scene.add_camera_frustum(
+                f"{camera}/view",
+                p.vertical_view,
+                p.aspect_ratio,
+                scale=0.25,
+                thickness=1.5,
+                thickness_units="screen",
+                color=_SIGHT_COLOUR,
+                wxyz=wxyz(with_axis_forward(axis)),
+            ),
+            "reachable field": _line(
+                self._scene, f"{self._robot.path(head.base_frame)}/field", _FIELD_COLOUR
+            ),
+        }
+        field = reachable_field(self._robot.model, head, axis, p.field_radius)
+        self._of_head["reachable field"].points = field.astype(np.float32)
+        for part, node in self._of_head.items():
+            node.visible = self.wanted(part)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What can be switched on and off."""
+        return ("target", "trail", "prediction", *self._of_head)
+
+    def wanted(self, part: str) -> bool:
+        """Whether a part is switched on."""
+        return self._wanted.get(part, part != "reachable field")
+
+    def want(self, part: str, on: bool) -> None:
+        """Switches a part on or off."""
+        self._wanted[part] = on
+        node = self._of_head.get(part)
+        if node is not None:
+            node.visible = on
+
+    def remove(self) -> None:
+        """Takes everything out of the scene."""
+        for node in (self._target, self._trail, self._prediction, *self._of_head.values()):
+            node.remove()
+
+    def show(self, stamp: int, target: Vector3 | None) -> None:
+        """Draws the target as it is at `stamp` [ns], in the model's root [m]."""
+        self._path.add(stamp, target)
+        self._target.visible = target is not None and self._wanted["target"]
+        if target is not None:
+            self._target.position = target
+        _draw(self._trail, self._path.trail() if self._wanted["trail"] else [])
+        _draw(self._prediction, self._path.predicted() if self._wanted["prediction"] else [])
+
+
+def _line(scene: viser.SceneApi, name: str, colour: tuple[int, int, int]) -> Any:
+    return scene.add_line_segments(
+        name,
+        np.zeros((1, 2, 3), np.float32),
+        colour,
+        thickness=2.0,
+        thickness_units="screen",
+        visible=False,
+    )
+
+
+def _draw(line: Any, points: Sequence[Vector3]) -> None:
+    """Draws a line through points, or none at all."""
+    line.visible = len(points) > 1
+    if len(points) > 1:
+        ends = np.asarray(points, np.float32)
+        line.points = np.stack([ends[:-1], ends[1:]], axis=1)

@@ -1,0 +1,155 @@
+"""Joints by hand: sliders with limits, centre, randomise, and a torque switch per servo."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from typing import Any
+
+import viser
+
+from head_tracking.transforms import Joint, RobotModel
+from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.robot import Observation, Outcome, Robot, Servo
+
+_HELD = 1.5
+"""A slider that a person moved stays put for so long [s], then follows the joint again."""
+
+_STEP = 0.001
+_FOLLOWED = 0.004  # rad or m: smaller motion of a joint is not worth a message
+
+
+class JointsPanel:
+    """Sliders for joints that somebody can move; those of others only show where they are."""
+
+    def __init__(
+        self, server: viser.ViserServer, robot: Robot, rnd: random.Random | None = None
+    ) -> None:
+        gui = server.gui
+        self._gui = gui
+        self._robot = robot
+        self._random = rnd or random.Random()
+        self._hint = gui.add_html("")
+        centre = gui.add_button("Centre all joints", icon=viser.Icon.FOCUS_CENTERED)
+        randomise = gui.add_button("Randomise", icon=viser.Icon.ARROWS_SHUFFLE)
+        on = gui.add_button("Torque on, all", hint="Holds where the servos stand; nothing moves.")
+        on.on_click(lambda event: notify(event, robot.set_torque("", True), "Torque"))
+        centre.on_click(lambda event: self._set_all(event, _middle))
+        randomise.on_click(lambda event: self._set_all(event, self._anywhere))
+        self._switches_box = gui.add_folder("Torque", visible=False)
+        self._sliders_box = gui.add_folder("Positions (rad or m)")
+        self._sliders: dict[str, Any] = {}
+        self._switches: dict[str, Any] = {}
+        self._touched: dict[str, float] = {}
+        self._joints: dict[str, Joint] = {}
+
+    def set_model(self, model: RobotModel) -> None:
+        """Makes sliders for the joints of a model."""
+        for slider in self._sliders.values():
+            slider.remove()
+        self._joints = {name: model.joints[name] for name in model.independent_joints}
+        with self._sliders_box:
+            self._sliders = {name: self._slider(joint) for name, joint in self._joints.items()}
+
+    def refresh(self, live: Observation) -> None:
+        """Lets sliders and switches follow the robot."""
+        now = time.monotonic()
+        servos = self._robot.servos()
+        movable = self._movable(servos)
+        for name, slider in self._sliders.items():
+            slider.disabled = name not in movable
+            position = live.joints.get(name)
+            if position is None or now - self._touched.get(name, -math.inf) < _HELD:
+                continue
+            position = min(max(position, slider.min), slider.max)
+            if abs(position - slider.value) > _FOLLOWED:
+                slider.value = round(position, 4)
+        self._show_hint(servos, movable)
+        self._refresh_switches(servos, now)
+
+    def _movable(self, servos: tuple[Servo, ...]) -> set[str]:
+        if self._robot.free_joints():
+            return set(self._joints)
+        return {servo.joint for servo in servos} & set(self._joints)
+
+    def _show_hint(self, servos: tuple[Servo, ...], movable: set[str]) -> None:
+        if self._robot.free_joints():
+            text = "No hardware: the sliders say where the joints are (joint_states)."
+        elif not movable:
+            text = "No servo bus is known yet: the sliders only show the joints."
+        else:
+            loose = [servo.joint for servo in servos if servo.torque is False]
+            text = f"Relaxed, move by hand: {', '.join(loose)}." if loose else ""
+        self._hint.content = (
+            f'<div style="padding:0 0.8em;font-size:0.85em">{text}</div>' if text else ""
+        )
+
+    def _refresh_switches(self, servos: tuple[Servo, ...], now: float) -> None:
+        self._switches_box.visible = bool(servos)
+        there = {servo.controller for servo in servos}
+        for controller in self._switches.keys() - there:
+            self._switches.pop(controller).remove()
+        for servo in servos:
+            switch = self._switches.get(servo.controller)
+            if switch is None:
+                with self._switches_box:
+                    switch = self._switch(servo)
+                self._switches[servo.controller] = switch
+            if servo.torque is not None and now - self._touched.get(servo.controller, 0) > _HELD:
+                switch.value = servo.torque
+
+    def _switch(self, servo: Servo) -> Any:
+        switch = self._gui.add_checkbox(
+            servo.controller.removesuffix("_controller"),
+            bool(servo.torque),
+            hint="On: holds where it stands, or turns. Off: can be moved by hand.",
+        )
+
+        def on_update(event: viser.GuiEvent[Any]) -> None:
+            if by_person(event):
+                self._touched[servo.controller] = time.monotonic()
+                notify(event, self._robot.set_torque(servo.controller, switch.value), "Torque")
+
+        switch.on_update(on_update)
+        return switch
+
+    def _slider(self, joint: Joint) -> Any:
+        lower, upper = _range(joint)
+        slider = self._gui.add_slider(
+            joint.name, lower, upper, _STEP, min(max(_middle(joint), lower), upper)
+        )
+
+        def on_update(event: viser.GuiEvent[Any]) -> None:
+            if by_person(event):
+                notify(event, self._move(joint.name, slider.value), joint.name)
+
+        slider.on_update(on_update)
+        return slider
+
+    def _move(self, joint: str, position: float) -> Outcome:
+        self._touched[joint] = time.monotonic()
+        return self._robot.move_joint(joint, float(position))
+
+    def _set_all(self, event: viser.GuiEvent[Any], where: Any) -> None:
+        movable = self._movable(self._robot.servos())
+        if not movable:
+            notify(event, Outcome(False, "no joint can be moved from here"), "Joints")
+        for name in sorted(movable):
+            position = where(self._joints[name])
+            outcome = self._move(name, position)
+            self._sliders[name].value = position
+            notify(event, outcome, name)
+
+    def _anywhere(self, joint: Joint) -> float:
+        return round(self._random.uniform(*_range(joint)), 3)
+
+
+def _range(joint: Joint) -> tuple[float, float]:
+    lower, upper = max(joint.limits.lower, -math.pi), min(joint.limits.upper, math.pi)
+    return round(math.ceil(lower * 1e3) / 1e3, 3), round(math.floor(upper * 1e3) / 1e3, 3)
+
+
+def _middle(joint: Joint) -> float:
+    lower, upper = _range(joint)
+    return 0.0 if lower <= 0.0 <= upper else round(0.5 * (lower + upper), 3)

@@ -1,0 +1,228 @@
+"""The page: one thread that shows the newest state of the robot to all browsers."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from head_tracking.parameters import parameter
+from head_tracking.transforms import Vector3
+from head_tracking.viewer.frames_scene import FramesScene
+from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
+from head_tracking.viewer.joints_panel import JointsPanel
+from head_tracking.viewer.reachable_field import pointing_axis
+from head_tracking.viewer.recording import Recorder
+from head_tracking.viewer.recording_panel import RecordingPanel
+from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.robot_scene import RobotScene
+from head_tracking.viewer.shapes import FindPackage, robot_look
+from head_tracking.viewer.status_panel import StatusPanel
+from head_tracking.viewer.steering_panel import SteeringPanel
+from head_tracking.viewer.tuning_panel import TuningPanel
+from head_tracking.viewer.view_panel import ViewPanel
+
+_SLOW = 0.25  # s: text and sliders need no more
+_RECORDED = 60.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class PageParameters:
+    """Where the page is, and how often it is brought up to date."""
+
+    host: str = parameter(
+        "127.0.0.1",
+        "Address to listen on; 0.0.0.0 lets the whole network steer the robot.",
+        fixed=True,
+    )
+    port: int = parameter(8080, "Port to listen on.", minimum=0, maximum=65535, fixed=True)
+    rate: float = parameter(
+        25.0, "Pictures per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
+    )
+
+
+class Page:
+    """Serves the page from threads of its own until it is closed.
+
+    It only ever looks at the newest state: a slow browser, or none, changes nothing.
+
+    Args:
+        robot: shown and steered.
+        parameters: where and how often.
+        view: what is drawn around the head.
+        axis: the direction that the head points in its frame; None: by REP 103.
+        find_package: for meshes at package:// addresses.
+        complain: told of errors of the page itself.
+
+    Raises:
+        ValueError: the address can't be listened on.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        parameters: PageParameters,
+        view: ViewParameters,
+        axis: Vector3 | None,
+        find_package: FindPackage,
+        complain: Callable[[str], None],
+    ) -> None:
+        self._robot = robot
+        self._period = 1.0 / parameters.rate
+        self._view = view
+        self._axis = axis
+        self._find_package = find_package
+        self._complain = complain
+        self._server = _serve(parameters.host, parameters.port)
+        self._scene: RobotScene | None = None
+        self._gaze: GazeScene | None = None
+        self._frames: FramesScene | None = None
+        self._head: Any = None
+        self._look_notices: tuple[str, ...] = ()
+        self._recorder = Recorder(_RECORDED)
+        self._make_panels()
+        self._next_slow = 0.0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """The port that the page is at."""
+        return int(self._server.get_port())
+
+    @property
+    def browsers(self) -> int:
+        """How many browsers show the page now."""
+        return len(self._server.get_clients())
+
+    def close(self) -> None:
+        """Ends the page; the robot goes on as it is."""
+        self._ended.set()
+        self._thread.join()
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye
+            self._server.stop()
+
+    def _make_panels(self) -> None:
+        server, robot = self._server, self._robot
+        self._status = StatusPanel(server, robot)
+        tabs = server.gui.add_tab_group()
+        with tabs.add_tab("Steer"):
+            self._steering = SteeringPanel(server, robot)
+        with tabs.add_tab("Joints"):
+            self._joints = JointsPanel(server, robot)
+        with tabs.add_tab("Tune"):
+            self._tuning = TuningPanel(server, robot)
+        with tabs.add_tab("Health"):
+            self._status.add_details()
+        with tabs.add_tab("View"):
+            self._views = ViewPanel(server, robot, self._view)
+        with tabs.add_tab("Record"):
+            self._recording = RecordingPanel(server, self._recorder)
+
+    def _run(self) -> None:
+        while not self._ended.wait(self._period):
+            try:
+                self._step()
+            except Exception as error:
+                # the page must outlive whatever goes wrong on it
+                self._complain(f"{type(error).__name__}: {error}")
+                self._ended.wait(1.0)
+
+    def _step(self) -> None:
+        self._follow_model()
+        live = self._robot.observe()
+        if self._scene is not None:
+            self._recorder.add(live)
+        if not self.browsers:
+            return
+        replayed = self._recording.replayed()
+        with self._server.atomic():
+            self._show(replayed or live)
+        now = time.monotonic()
+        if now >= self._next_slow:
+            self._next_slow = now + _SLOW
+            self._show_slowly(live, replayed)
+
+    def _show(self, shown: Observation) -> None:
+        if self._scene is None or self._gaze is None or self._frames is None:
+            return
+        self._scene.show(shown.joints)
+        self._gaze.show(shown.stamp, shown.target)
+        self._frames.show(shown.frames)
+        self._steering.show(shown)
+        self._views.show(shown)
+
+    def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
+        notices = [*self._look_notices, *self._robot.notices()]
+        if self._scene is None:
+            notices.append("waiting for robot_description")
+        elif unknown := self._scene.unknown_joints():
+            notices.append(f"shown at 0, because nobody tells where they are: {', '.join(unknown)}")
+        if replayed is not None:
+            notices.append("a recording is shown; the robot may be doing something else")
+        self._status.refresh(live, notices)
+        self._steering.refresh()
+        self._joints.refresh(live)
+        self._tuning.refresh()
+        self._views.refresh()
+        self._recording.refresh()
+
+    def _follow_model(self) -> None:
+        model = self._robot.model()
+        if model is not None and (self._scene is None or self._scene.model is not model):
+            if self._scene is not None and self._frames is not None and self._gaze is not None:
+                self._frames.remove()
+                self._gaze.remove()
+                self._scene.remove()
+            look = robot_look(model.urdf, self._find_package)
+            self._look_notices = look.notices
+            self._scene = RobotScene(self._server.scene, model, look)
+            self._gaze = GazeScene(self._server.scene, self._scene, self._view)
+            self._frames = FramesScene(self._server.scene, self._scene)
+            self._head = None
+            self._joints.set_model(model)
+            self._steering.set_root(model.root)
+            self._views.set_scenes(self._gaze, self._frames)
+        head = self._robot.head()
+        if head is not None and head is not self._head and self._gaze and self._scene:
+            self._head = head
+            axis = pointing_axis(head.pointing_frame, self._axis)
+            self._gaze.set_head(head, axis)
+            self._views.set_head(self._scene.model, head, axis)
+
+
+def _check_address(host: str) -> None:
+    """Refuses an address that viser would wait for without end."""
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as attempt:
+            attempt.bind(address)
+    except OSError as error:
+        raise ValueError(
+            f"the page can't listen on {host!r}: {error}; give 127.0.0.1, 0.0.0.0 or an address of "
+            "this machine"
+        ) from error
+
+
+def _serve(host: str, port: int) -> viser.ViserServer:
+    _check_address(host)
+    with contextlib.redirect_stdout(io.StringIO()):  # viser greets
+        server = viser.ViserServer(host=host, port=port, label="head_tracking", verbose=False)
+    server.gui.configure_theme(
+        show_logo=False, show_share_button=False, control_width="large", brand_color=(40, 110, 180)
+    )
+    # any page could ask for a tunnel through which the whole world steers the robot
+    server.request_share_url = lambda verbose=True: None
+    server.initial_camera.position = (1.15, 0.85, 0.85)
+    server.initial_camera.look_at = (0.1, 0.15, 0.3)
+    server.scene.configure_default_lights(cast_shadow=False)  # too much without a graphics card
+    server.scene.add_grid("/floor", 4.0, 4.0, cell_size=0.25, section_size=1.0)
+    return server

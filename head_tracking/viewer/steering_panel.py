@@ -1,0 +1,119 @@
+"""Where the head looks: a point, a frame, a mode; and the gizmo that drags the target."""
+
+from __future__ import annotations
+
+import html
+import time
+
+import viser
+
+from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.robot import Mode, Observation, Outcome, Robot
+
+_NOT_YET = "(no frame yet)"
+_DRAG_PERIOD = 0.05  # s
+_AFTER_DRAG = 1.0
+"""So long after a drag the gizmo stays where it was put, before it follows the target."""
+
+
+class SteeringPanel:
+    """Frame menu, x y z, "Point head", "Centre", mode, tracking, gizmo."""
+
+    def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
+        gui = server.gui
+        self._robot = robot
+        self._root = ""
+        self._dragged = 0.0
+        self._mode = gui.add_dropdown(
+            "Mode", [str(mode) for mode in Mode],
+            hint="point: turn to each point once. track: stay on it. fictitious target: follow "
+            "the tutorial's moving point. follow a frame: look at the frame chosen below.",
+        )  # fmt: skip
+        self._tracking = gui.add_checkbox("Tracking", False, hint="Off: the head is left alone.")
+        self._frame = gui.add_dropdown("Frame", [_NOT_YET], hint="The frame of x, y and z.")
+        self._point = gui.add_vector3("x y z (m)", (1.0, 0.0, 0.0), step=0.05)
+        point = gui.add_button("Point head", icon=viser.Icon.TARGET)
+        centre = gui.add_button("Centre", icon=viser.Icon.FOCUS_CENTERED)
+        self._gizmo_wanted = gui.add_checkbox(
+            "Drag the target", True, hint="Shows the handles that drag the target in the scene."
+        )
+        self._refusal = gui.add_html("")
+        self._gizmo = server.scene.add_transform_controls(
+            "/gizmo", 0.18, disable_rotations=True, disable_sliders=True, depth_test=False,
+            position=(1.0, 0.0, 0.5),
+        )  # fmt: skip
+        point.on_click(lambda event: self._tell(event, self._on_point(), "Point head"))
+        centre.on_click(lambda event: self._tell(event, robot.centre(), "Centre"))
+        self._mode.on_update(self._on_mode)
+        self._tracking.on_update(self._on_tracking)
+        self._frame.on_update(self._on_frame)
+        self._gizmo_wanted.on_update(lambda _: self._show_gizmo())
+        self._gizmo.on_update(self._on_drag)
+
+    def set_root(self, root: str) -> None:
+        """The frame that the scene is drawn in."""
+        self._root = root
+
+    def show(self, shown: Observation) -> None:
+        """Lets the gizmo follow the target, unless somebody holds it."""
+        if shown.target is not None and time.monotonic() - self._dragged > _AFTER_DRAG:
+            self._gizmo.position = shown.target
+
+    def refresh(self) -> None:
+        """Brings the menus and switches up to date."""
+        frames = self._robot.frames() or (_NOT_YET,)
+        if self._frame.options != frames:
+            chosen = self._frame.value
+            self._frame.options = frames
+            self._frame.value = chosen if chosen in frames else self._first(frames)
+        mode, tracking = self._robot.mode(), self._robot.tracking()
+        if mode is not None:
+            self._mode.value = str(mode)
+        self._tracking.disabled = tracking is None
+        self._tracking.value = bool(tracking) and mode is not Mode.POINT
+
+    def _first(self, frames: tuple[str, ...]) -> str:
+        return "base_link" if "base_link" in frames else frames[0]
+
+    def _on_point(self) -> Outcome:
+        return self._robot.look_at(self._frame.value, self._point.value)
+
+    def _on_mode(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+        if by_person(event):
+            mode = Mode(self._mode.value)
+            self._tell(event, self._robot.set_mode(mode, self._frame.value), "Mode")
+
+    def _on_frame(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+        if by_person(event) and self._robot.mode() is Mode.FOLLOW:
+            self._tell(event, self._robot.set_mode(Mode.FOLLOW, self._frame.value), "Mode")
+
+    def _on_tracking(self, event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+        if by_person(event):
+            self._tell(event, self._robot.set_tracking(self._tracking.value), "Tracking")
+
+    def _on_drag(self, event: viser.TransformControlsEvent) -> None:
+        now = time.monotonic()
+        if self._root and (event.phase == "end" or now - self._dragged >= _DRAG_PERIOD):
+            self._dragged = now
+            self._send_gizmo()
+
+    def _send_gizmo(self) -> None:
+        x, y, z = map(float, self._gizmo.position)
+        outcome = self._robot.look_at(self._root, (x, y, z))
+        if not outcome.done:
+            self._refusal.content = refusal(outcome.text)
+
+    def _show_gizmo(self) -> None:
+        self._gizmo.visible = self._gizmo_wanted.value
+
+    def _tell(self, event: viser.GuiEvent, outcome: Outcome, title: str) -> None:
+        self._refusal.content = "" if outcome.done else refusal(outcome.text)
+        notify(event, outcome, title)
+
+
+def refusal(text: str) -> str:
+    """A refusal as HTML."""
+    return (
+        '<div style="padding:0.2em 0.8em;font-size:0.85em;color:#c92a2a">'
+        f"<b>refused:</b> {html.escape(text)}</div>"
+    )

@@ -1,0 +1,141 @@
+"""What the viewer costs the control loop: with and without three browsers that watch."""
+
+from __future__ import annotations
+
+import os
+import re
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+SUPPORT = Path(__file__).parents[1] / "test" / "support"
+SECONDS = 20
+ROUNDS = 3
+BROWSERS = 3
+PATIENCE = 60.0
+
+READERS = """
+import sys, threading
+sys.path.insert(0, {support!r})
+from viewer_client import ReadingClient
+clients = [ReadingClient({port}) for _ in range({count})]
+print("watching", flush=True)
+sys.stdin.read()
+for client in clients:
+    client.close()
+"""
+CHROMIUM = """
+import sys
+sys.path.insert(0, {support!r})
+from browser import open_browser, open_page
+with open_browser() as browser:
+    for _ in range({count}):
+        open_page(browser, {port})
+    print("watching", flush=True)
+    sys.stdin.read()
+"""
+
+
+class Measured(NamedTuple):
+    """One run."""
+
+    rate: float
+    rms: float
+    largest: float
+    processor: float
+
+
+@contextmanager
+def watching(script: str, port: int) -> Iterator[None]:
+    """Browsers, or what takes their place, in a process that the others go before."""
+    code = script.format(support=str(SUPPORT), port=port, count=BROWSERS)
+    process = subprocess.Popen(
+        ["nice", "-n", "19", sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdin is not None
+    try:
+        if "watching" not in process.stdout.readline():
+            raise SystemExit("the browsers did not start; see above")
+        yield
+    finally:
+        process.stdin.close()
+        process.wait()
+
+
+def measure(arguments: list[str], script: str | None) -> Measured:
+    """Runs a simulated head for a while, and counts from when everybody watches."""
+    with ExitStack() as resources:
+        run = subprocess.Popen(
+            [sys.executable, "-u", "-m", "head_tracking", "--sim", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        resources.callback(run.wait)
+        resources.callback(run.terminate)
+        assert run.stdout is not None
+        port = 0
+        for line in run.stdout:
+            if found := re.search(r"the robot is at http://\S+:(\d+)", line):
+                port = int(found[1])
+            if re.search(r"\d° \| bus ", line) and (port or "--viewer" not in arguments):
+                break
+        if script is not None:
+            resources.enter_context(watching(script, port))
+        errors, rates = [], []
+        start, before = time.monotonic(), _processor_time(run.pid)
+        for line in run.stdout:
+            if found := re.search(r"error +([\d.]+)° \| bus (\d+) Hz", line):
+                errors.append(float(found[1]))
+                rates.append(int(found[2]))
+            if time.monotonic() - start > SECONDS:
+                break
+        used = _processor_time(run.pid) - before
+        seconds = time.monotonic() - start
+    rms = (sum(error**2 for error in errors) / len(errors)) ** 0.5
+    return Measured(statistics.mean(rates), rms, max(errors), used / seconds)
+
+
+def _processor_time(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+VARIANTS: tuple[tuple[str, list[str], str | None], ...] = (
+    ("without the viewer", [], None),
+    ("with the viewer, nobody watches", ["--viewer"], None),
+    (f"{BROWSERS} clients that read all and draw nothing", ["--viewer"], READERS),
+    (f"{BROWSERS} pages in Chromium on the same two cores", ["--viewer"], CHROMIUM),
+)
+
+
+def viewer() -> str:
+    """The table: medians of several rounds in which all variants take turns."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    found: dict[str, list[Measured]] = {name: [] for name, _, _ in VARIANTS}
+    for _ in range(ROUNDS):
+        for name, arguments, script in VARIANTS:
+            found[name].append(measure(arguments, script))
+            print(name, found[name][-1], file=sys.stderr, flush=True)
+    rows = [
+        "| who watches | bus cycles a second | error rms | error max | the robot's process |",
+        "|---|---|---|---|---|",
+    ]
+    for name, runs in found.items():
+        rate, rms, largest, processor = (
+            statistics.median(column) for column in zip(*runs, strict=True)
+        )
+        rows.append(
+            f"| {name} | {rate:.1f} | {rms:.2f}° | {largest:.1f}° | "
+            f"{100 * processor:.0f} % of a core |"
+        )
+    return "\n".join(rows)

@@ -1,0 +1,116 @@
+"""Debian's Chromium without a window, driven by Playwright."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+PATIENCE = 120.0
+"""Without a graphics card on a loaded machine a page takes its time [s]."""
+
+# WebGL is computed; everything else is drawn without it, which is faster
+_ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
+
+
+_NEEDED = {
+    "viser": "pip install -r requirements/viewer.txt",
+    "playwright": "pip install playwright",
+}
+
+
+class NoBrowser(Exception):
+    """Something is missing; says what, and how to get it."""
+
+
+def chromium() -> str:
+    """The path of Chromium.
+
+    Raises:
+        NoBrowser: it, or what drives it or serves the page, is missing.
+    """
+    for library, remedy in _NEEDED.items():
+        if importlib.util.find_spec(library) is None:
+            raise NoBrowser(f"{library} is missing: {remedy}")
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        raise NoBrowser("there is no Chromium here: apt install chromium")
+    return path
+
+
+@contextmanager
+def open_browser() -> Iterator[Any]:
+    """A browser; pages are opened with `open_page`."""
+    path = chromium()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def open_page(
+    browser: Any, port: int, width: int = 900, height: int = 700, sharpness: float = 0.5
+) -> Any:
+    """The viewer's page, once its control panel is there."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(1e3 * PATIENCE)
+    page.goto(f"http://127.0.0.1:{port}/?fixedDpr={sharpness}")
+    page.get_by_role("tab", name="Joints").wait_for()
+    return page
+
+
+def press(page: Any, name: str) -> None:
+    """Clicks a button, wherever it is scrolled to."""
+    # not waiting for it to stand still, which takes ages where every picture does
+    page.get_by_role("button", name=name).first.click(force=True)
+
+
+def open_tab(page: Any, name: str) -> None:
+    """Brings a tab of the control panel to the front."""
+    tab = page.get_by_role("tab", name=name)
+    deadline = time.monotonic() + PATIENCE
+    while tab.get_attribute("aria-selected") != "true":
+        assert time.monotonic() < deadline, f"the tab {name} does not open"
+        tab.click(force=True)
+        page.wait_for_timeout(200)
+
+
+def row(page: Any, label: str) -> Any:
+    """The line of the control panel with this label."""
+    labels = page.locator("label").filter(has_text=re.compile(f"^{re.escape(label)}$"))
+    return labels.locator("xpath=ancestor::*[.//input][1]").first
+
+
+def choose(page: Any, label: str, option: str) -> None:
+    """Chooses from a menu."""
+    row(page, label).locator("input").first.click(force=True)
+    entry = page.get_by_role("option", name=option)
+    entry.wait_for()
+    entry.click(force=True)
+
+
+def type_number(page: Any, label: str, *values: float) -> None:
+    """Types into the number fields of a line, and leaves each."""
+    fields = row(page, label).locator("input:visible")
+    for field, value in zip(fields.all(), values, strict=False):
+        field.fill(str(value))
+        field.press("Enter")
+
+
+def pixels(page: Any) -> npt.NDArray[np.uint8]:
+    """The page as it looks, shape (height, width, 3)."""
+    import imageio.v3 as iio
+
+    return np.asarray(iio.imread(io.BytesIO(page.screenshot())))[..., :3]

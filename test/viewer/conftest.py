@@ -1,0 +1,3 @@
+import pytest
+
+pytest.importorskip("viser", reason="viser is missing: pip install -r requirements/viewer.txt")

@@ -1,0 +1,349 @@
+"""The page on a robot that is not there: what it sends, and that it does not grow."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from viewer_client import ReadingClient
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+from head_tracking.viewer.gaze_scene import ViewParameters
+from head_tracking.viewer.page import Page, PageParameters
+from head_tracking.viewer.recording import Recording
+from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
+
+PATIENCE = 60.0
+
+
+class FakeRobot:
+    """A robot that moves all its joints all the time, and remembers what it was asked."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        try:
+            self._head: Any = PanTiltHead(model, "head_pan_joint", "head_tilt_joint", "camera_link")
+        except Exception:
+            self._head = None
+        self.seen = 0
+        self.asked: list[Any] = []
+        self.broken = False
+
+    def model(self) -> RobotModel:
+        return self._model
+
+    def head(self) -> Any:
+        return self._head
+
+    def observe(self) -> Observation:
+        self.seen += 1
+        if self.broken:
+            raise RuntimeError("the robot is broken")
+        t = 0.04 * self.seen
+        return Observation(
+            1 + round(t * 1e9),
+            dict.fromkeys(self._model.independent_joints, 0.5 * math.sin(t)),
+            {"other": Transform((math.sin(t), 1.0, 0.5), Rotation.identity())},
+            (1.0, math.sin(t), 0.5),
+            "somewhere",
+            abs(0.01 * math.sin(t)),
+            f"tracking for {t:.2f} s",
+        )
+
+    def notices(self) -> tuple[str, ...]:
+        return ()
+
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(f"warning {number}" for number in range(self.seen % 7))
+
+    def frames(self) -> tuple[str, ...]:
+        # one comes and goes
+        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+
+    def health(self) -> tuple[Health, ...]:
+        level = Level.ERROR if self.seen % 40 > 20 else Level.OK
+        return (Health("servo_bus: pan", level, f"message {self.seen}", {"torque": "on"}),)
+
+    def servos(self) -> tuple[Servo, ...]:
+        return (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),)
+
+    def settings(self) -> tuple[Setting, ...]:
+        k = Setting("/head_tracker", "k_pan", 1.0 + self.seen % 10, "Speed per error.", 0.1, 20.0)
+        extra = Setting("/late", "center", [0.0, 0.0, 0.1 * (self.seen % 5)], "", -1e3, 1e3)
+        return (k, extra) if self.seen % 80 > 40 else (k,)
+
+    def images(self) -> tuple[str, ...]:
+        return ()
+
+    def picture(self, topic: str) -> None:
+        return None
+
+    def mode(self) -> Mode:
+        return Mode.TRACK
+
+    def tracking(self) -> bool:
+        return True
+
+    def free_joints(self) -> bool:
+        return False
+
+    def can_recover(self) -> bool:
+        return False
+
+    def __getattr__(self, name: str) -> Callable[..., Outcome]:
+        def ask(*arguments: Any) -> Outcome:
+            self.asked.append((name, *arguments))
+            return Outcome(True, "done")
+
+        return ask
+
+
+def long_arm(links: int) -> RobotModel:
+    """A chain of so many links that all turn."""
+    parts = ['<robot name="arm"><link name="l0"/>']
+    for number in range(1, links):
+        parts.append(
+            f'<link name="l{number}"><visual><geometry><box size="0.02 0.02 0.05"/></geometry>'
+            f'</visual></link><joint name="j{number}" type="revolute">'
+            f'<parent link="l{number - 1}"/>'
+            f'<child link="l{number}"/><origin xyz="0 0 0.05"/><axis xyz="1 0 0"/>'
+            '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        )
+    return parse_robot_model("".join([*parts, "</robot>"]))
+
+
+@pytest.fixture
+def show() -> Iterator[Callable[[FakeRobot], Page]]:
+    pages: list[Page] = []
+
+    def open_page(robot: FakeRobot, complaints: list[str] | None = None) -> Page:
+        said: list[str] = [] if complaints is None else complaints
+        parameters = PageParameters(rate=60.0)
+        page = Page(robot, parameters, ViewParameters(), None, lambda _: None, said.append)
+        pages.append(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+def wait_for(what: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def messages(page: Page) -> int:
+    """How many messages a browser that comes now would be sent."""
+    return len(page._server._websock_server._broadcast_buffer.message_from_id)
+
+
+def test_a_page_left_open_does_not_grow(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: robot.seen > 400)
+        most = 0
+        while robot.seen < 800:
+            most = max(most, messages(page))
+            time.sleep(0.01)
+        later = 0
+        while robot.seen < 1200:
+            later = max(later, messages(page))
+            time.sleep(0.01)
+    finally:
+        client.close()
+    assert client.received > 100_000
+    # nodes and inputs that come and go leave a mark until the next browser comes
+    assert later < most + 40
+    assert not complaints
+
+
+def test_browsers_that_come_and_go_leave_nothing_behind(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+
+    def visit() -> None:
+        client = ReadingClient(page.port)
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: client.received > 10_000)
+        client.close()
+        wait_for(lambda: page.browsers == 0)
+
+    visit()
+    threads = threading.active_count()
+    for _ in range(15):
+        visit()
+    assert threading.active_count() <= threads + 32  # viser's pool grows to 32 and stays
+
+
+def test_a_robot_with_60_links_is_one_message_a_joint(show):
+    robot = FakeRobot(long_arm(60))
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: client.received > 50_000)
+        start, seen = client.received, robot.seen
+        wait_for(lambda: robot.seen > seen + 200)
+        a_step = (client.received - start) / (robot.seen - seen)
+    finally:
+        client.close()
+    assert a_step < 59 * 250
+
+
+def test_everything_can_be_drawn_and_taken_away_again(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    scene = page._server.scene
+
+    def label() -> Any:
+        return scene.get_handle_by_name(f"{page._scene.path('torso_link')}/label")
+
+    try:
+        wait_for(lambda: page._views._parts and page._scene is not None)
+        page._views._frames.value = "all frames"
+        wait_for(lambda: label() and scene.get_handle_by_name("/frames/other"))
+        page._views._frames.value = "none"
+        wait_for(lambda: label() is None and scene.get_handle_by_name("/frames/other") is None)
+        for part in ("target", "trail", "prediction", "line of sight", "reachable field"):
+            page._gaze.want(part, not page._gaze.wanted(part))
+        seen = robot.seen
+        wait_for(lambda: robot.seen > seen + 20)
+        assert not page._gaze._target.visible
+        assert page._gaze._of_head["reachable field"].visible
+    finally:
+        client.close()
+    assert not complaints
+
+
+def test_another_model_takes_the_place_of_the_first(kinectbot, turtlebot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers and page._scene is not None)
+        robot._head, robot._model = None, turtlebot
+        wait_for(lambda: page._scene.model is turtlebot)
+        robot._head = PanTiltHead(turtlebot, "head_pan_joint", "head_tilt_joint", "camera_link")
+        wait_for(lambda: page._head is robot._head)
+        wait_for(lambda: "left_wheel_joint" in page._joints._sliders)
+    finally:
+        client.close()
+    assert page._server.scene.get_handle_by_name(f"{page._scene.path('plate_3_link')}") is not None
+    assert not complaints
+
+
+def test_the_banner_comes_and_goes_with_the_trouble(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page._status._banner.visible)
+        assert "pan: message" in page._status._banner.content
+        wait_for(lambda: not page._status._banner.visible)
+    finally:
+        client.close()
+
+
+def test_the_gizmo_sends_where_it_is_dragged_to(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: page._steering._root)
+    page._steering._gizmo.position = (1.0, 0.5, 0.25)
+    for phase in ("start", "update", "update", "end"):
+        page._steering._on_drag(SimpleNamespace(phase=phase))
+    # those that come too fast are left out; where it is dropped is always sent
+    assert robot.asked == [("look_at", "base_link", (1.0, 0.5, 0.25))] * 2
+
+
+def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers and page._views._camera._camera)
+        (browser,) = page._server.get_clients().values()
+        own = browser.camera.position
+        view = page._views._camera
+        view._on_click(SimpleNamespace(client=browser))
+        wait_for(lambda: 0.5 < browser.camera.position[2] < 0.75)  # the camera's height
+        x, y, z, w = browser.camera.wxyz[[1, 2, 3, 0]]
+        positions = robot.observe().joints
+        view._on_click(SimpleNamespace(client=browser))
+        assert browser.camera.position == pytest.approx(own)
+        assert positions["head_pan_joint"] != 0.0
+        looks_along = Rotation(x, y, z, w) @ (0.0, 0.0, 1.0)
+        assert looks_along[0] > 0.5  # ahead, give or take half a radian of pan and tilt
+    finally:
+        client.close()
+
+
+def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: len(page._recorder._seen) > 60)
+    panel = page._recording
+    nobody = SimpleNamespace(client=None)
+    panel._open(nobody, lambda: Recording.from_bytes(page._recorder.recording().to_bytes()))
+    start = panel.replayed()
+    panel._time.value = panel._time.max
+    assert panel.replayed().stamp > start.stamp
+    panel._close()
+    assert panel.replayed() is None
+    panel._open(nobody, lambda: Recording.from_bytes(b"no recording"))
+    assert panel.replayed() is None
+
+
+def test_without_a_browser_nothing_is_drawn(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    wait_for(lambda: robot.seen > 50)
+    before = messages(page)
+    wait_for(lambda: robot.seen > 150)
+    assert messages(page) == before
+
+
+def test_the_page_outlives_what_goes_wrong(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    robot.broken = True
+    show(robot, complaints)
+    wait_for(lambda: complaints)
+    assert "the robot is broken" in complaints[0]
+    robot.broken = False
+    wait_for(lambda: robot.seen > 60)
+
+
+def test_the_page_listens_on_this_machine_only(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    assert page._server.get_host() == "127.0.0.1"
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "nowhere.invalid"])
+def test_an_address_of_another_machine_is_refused(kinectbot, host):
+    with pytest.raises(ValueError, match="can't listen on"):
+        Page(
+            FakeRobot(kinectbot),
+            PageParameters(host=host),
+            ViewParameters(),
+            None,
+            lambda _: None,
+            print,
+        )
+
+
+def test_nobody_can_open_a_tunnel_to_the_world(kinectbot, show):
+    assert show(FakeRobot(kinectbot))._server.request_share_url() is None
