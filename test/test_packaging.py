@@ -25,6 +25,7 @@ EXECUTABLES = {
     "servo",
     "servo_bus",
     "simulated_bus",
+    "track_report",
     "transforms",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
