@@ -29,6 +29,7 @@ EXECUTABLES = {
     "simulated_bus",
     "simulated_camera",
     "target_mux",
+    "track_report",
     "transforms",
     "viewer",
     "visual_target",
