@@ -16,6 +16,11 @@ NODES = (
     "point_head",
     "head_tracker",
     "fictitious_target",
+    "frame_target",
+    "target_mux",
+    "visual_target",
+    "simulated_camera",
+    "look",
     "relax",
     "transforms",
     "track_report",
@@ -83,7 +88,7 @@ setup(
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
-    extras_require={"ros": requirements("ros"), "test": requirements("test")},
+    extras_require={name: requirements(name) for name in ("ros", "vision", "test")},
     cmdclass={"install_data": InstallData},
     zip_safe=False,
 )

@@ -14,6 +14,9 @@ from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.servo_bus import ServoBusNode
+from head_tracking.nodes.simulated_camera import SimulatedCameraNode
+from head_tracking.nodes.target_mux import TargetMuxNode
+from head_tracking.nodes.visual_target import VisualTargetNode
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +27,8 @@ class NodeSpec:
         name: the node's name.
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
-            "connect", the port of simulated servos, or None.
+            "connect", the port of simulated servos, or None; "true_position", where a simulated
+            joint really is [rad], or None.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -48,10 +52,41 @@ MODES: Mapping[str, NodeSpec] = {
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
 SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
+
+def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
+    given = {"follow": follow, **parameters}
+    return (NodeSpec("visual_target", VisualTargetNode, takes=("buffer",), parameters=given),)
+
+
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode),),
+    "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer",)),),
+    "face": _visual("face"),
+    "ball": _visual("colour"),
+    "marker": _visual("marker"),
+    "features": _visual("features"),
+    "nearest": _visual("nearest"),
 }
+
+SCENES: Mapping[str, str] = {
+    "face": "faces",
+    "ball": "ball",
+    "marker": "marker",
+    "features": "picture",
+    "nearest": "ball",
+}
+"""What a simulated camera sees if a target is looked for in images."""
+
+
+def simulated_camera(scene: str) -> NodeSpec:
+    """The camera of a simulated head; small images, for it shares a processor with all the rest."""
+    return NodeSpec(
+        "simulated_camera",
+        SimulatedCameraNode,
+        takes=("buffer", "true_position"),
+        parameters={"scene": scene, "width": 320, "height": 240},
+    )
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

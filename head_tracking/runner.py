@@ -16,7 +16,16 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.node_sets import MODES, ROBOT, SIMULATED_PORT, TARGETS, NodeSpec, fixed_target
+from head_tracking.node_sets import (
+    MODES,
+    ROBOT,
+    SCENES,
+    SIMULATED_PORT,
+    TARGETS,
+    NodeSpec,
+    fixed_target,
+    simulated_camera,
+)
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.spinning import NodeThreads, describe
 from head_tracking.nodes.status_line import StatusLine
@@ -70,7 +79,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--target",
         type=_target,
-        metavar="none|fictitious|x,y,z@frame",
+        metavar=f"{'|'.join(TARGETS)}|x,y,z@frame",
         help="what to look at besides what others publish on /target_point "
         "(default: fictitious for --sim --mode track, else none)",
     )
@@ -85,9 +94,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds")
     options = parser.parse_args(arguments)
     if options.target is None:
-        options.target = TARGETS[
+        options.target = _target(
             "fictitious" if options.sim and options.mode == "track" else "none"
-        ]
+        )
+    targets, scene = options.target
+    if options.sim and scene:
+        targets = (simulated_camera(scene), *targets)
     port = {"port_name": options.port} if options.port else {}
     overrides = {
         "robot_state_publisher": {"robot": options.robot},
@@ -97,7 +109,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*ROBOT, head, *options.target)
+            for node in (*ROBOT, head, *targets)
         ),
         head.name,
         options.sim,
@@ -139,7 +151,14 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         simulated.append(resources.enter_context(SimulatedJoints(joints)))
         return simulated[0].port_name
 
-    shared = {"buffer": buffer, "connect": simulate if plan.simulated else None}
+    def true_position(joint: str) -> float:
+        return simulated[0].true_position(joint)
+
+    shared = {
+        "buffer": buffer,
+        "connect": simulate if plan.simulated else None,
+        "true_position": true_position if plan.simulated else None,
+    }
     nodes: dict[str, Any] = {}
     for spec in plan.nodes:
         overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
@@ -195,9 +214,10 @@ def ros_arguments(plan: Run) -> list[str]:
     return ["--ros-args", *(word for words in files for word in words), "--"]
 
 
-def _target(text: str) -> tuple[NodeSpec, ...]:
+def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
+    """The nodes that publish a target, and the scene that a simulated camera needs for it."""
     if text in TARGETS:
-        return TARGETS[text]
+        return TARGETS[text], SCENES.get(text, "")
     point, at, frame_id = text.partition("@")
     try:
         x, y, z = (float(number) for number in point.split(","))
@@ -205,10 +225,10 @@ def _target(text: str) -> tuple[NodeSpec, ...]:
         x = y = z = math.nan
     if not at or not frame_id or not all(map(math.isfinite, (x, y, z))):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no target; give none, fictitious, or a point in metres and its frame "
-            "such as 1,0.5,0@base_link"
+            f"{text!r} is no target; give {', '.join(TARGETS)}, or a point in metres and its "
+            "frame such as 1,0.5,0@base_link"
         )
-    return fixed_target((x, y, z), frame_id)
+    return fixed_target((x, y, z), frame_id), ""
 
 
 def _seconds(text: str) -> float:

@@ -19,6 +19,7 @@ from benchmark_bus import bus
 from benchmark_soak import soak
 from benchmark_tracking import tracking
 from benchmark_transforms import transforms
+from benchmark_vision import vision
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
@@ -134,6 +135,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "run": run,
     "tracking": tracking,
     "transforms": transforms,
+    "vision": vision,
 }
 
 

@@ -102,6 +102,16 @@ make_environment() {
     'import dynamixel_sdk, numpy, rclpy, sensor_msgs.msg, xacro, yaml, yourdfpy'
 }
 
+# What is added later must not replace the numpy that ROS's C extensions are built on.
+same_numpy() { "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)'; }
+
+# OpenCV is big, and most runs have no camera.
+add_opencv() {
+  if "$venv/bin/python" -c 'import cv2' 2>/dev/null; then return; fi
+  say "adding OpenCV to .venv, once (62 MB to download, 165 MB on disk)"
+  step "installing OpenCV" install -r "$root/requirements/vision.txt" -c <(same_numpy)
+}
+
 has_wheels() { compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; }
 
 add_test_tools() {
@@ -109,8 +119,9 @@ add_test_tools() {
   if has_wheels; then lists+=(-r "$root/requirements/ros-build.txt"); fi
   : >"$venv/head_tracking.test"
   trap "$unfinished" EXIT
-  say "adding the test tools to .venv, once (35 MB to download, 130 MB on disk, half a minute)"
-  step "installing pytest, ruff, mypy and colcon" install "${lists[@]}"
+  say "adding the test tools to .venv, once (97 MB to download, 295 MB on disk, half a minute)"
+  step "installing pytest, ruff, mypy, colcon and OpenCV" \
+    install "${lists[@]}" -c <(same_numpy)
 }
 
 # select_environment run|test

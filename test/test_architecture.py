@@ -13,13 +13,19 @@ import pytest
 import head_tracking
 
 PACKAGE = Path(head_tracking.__file__).parent
-CORE = {"transforms", "gaze", "tracking", "dynamixel", "simulation", "parameters", "trial"}
+CORE = {
+    "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
+    "parameters", "trial",
+}  # fmt: skip
 
 ALLOWED = {
     "parameters": set(),
     "transforms": set(),
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
+    "targets": {"tracking", "transforms", "parameters"},
+    "vision": {"transforms", "parameters"},
+    "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
     "trial": {"dynamixel", "simulation", "gaze", "tracking", "transforms"},
@@ -36,6 +42,7 @@ ALLOWED = {
 """Which rooms a room may look into, besides itself."""
 
 ONLY_IN = {
+    "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py"},
     "xacro": {"transforms/urdf.py"},
     "dynamixel_sdk": {"dynamixel/sdk.py"},

@@ -16,17 +16,22 @@ SOURCE = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     "check_model",
     "fictitious_target",
+    "frame_target",
     "head_tracker",
     "head_tracking",
     "joint_state_publisher",
+    "look",
     "point_head",
     "relax",
     "robot_state_publisher",
     "servo",
     "servo_bus",
     "simulated_bus",
+    "simulated_camera",
+    "target_mux",
     "track_report",
     "transforms",
+    "visual_target",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """

@@ -63,3 +63,12 @@ def command_message(
 def target_from_message(message: PointStamped) -> Target:
     """The target of a target_point message."""
     return Target(stamp_to_ns(message.header.stamp), message.header.frame_id, vector(message.point))
+
+
+def target_message(target: Target) -> PointStamped:
+    """A target_point message."""
+    message = PointStamped()
+    message.header.stamp = ns_to_stamp(target.stamp)
+    message.header.frame_id = target.frame_id
+    message.point.x, message.point.y, message.point.z = target.point
+    return message

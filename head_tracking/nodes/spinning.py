@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from head_tracking.dynamixel import DynamixelError
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.transforms import RobotModelError, TransformException
+from head_tracking.vision.opencv import OpenCVMissingError
 
 _POLL = 0.1  # s
 
@@ -26,6 +27,7 @@ EXPLAINED_ERRORS = (
     TransformException,
     ParameterException,
     FileNotFoundError,
+    OpenCVMissingError,
     ValueError,
 )
 """Errors whose message is all that a person needs to know."""

@@ -25,6 +25,11 @@ MODULES = {
     "head_tracker": "head_tracking.nodes.head_tracker",
     "fictitious_target": "head_tracking.nodes.fictitious_target",
     "transforms": "head_tracking.nodes.transforms",
+    "frame_target": "head_tracking.nodes.frame_target",
+    "target_mux": "head_tracking.nodes.target_mux",
+    "look": "head_tracking.nodes.look",
+    "visual_target": "head_tracking.nodes.visual_target",
+    "simulated_camera": "head_tracking.nodes.simulated_camera",
 }
 
 
@@ -320,3 +325,47 @@ def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
     program = start("transforms", *arguments)
     assert program.end() == 2
     assert "usage: transforms" in program.output
+
+
+# targets
+
+
+def test_look_turns_a_running_head_and_says_by_how_much_it_misses(start):
+    run = start("head_tracking", "--sim", "--mode", "point", "--target", "none")
+    run.read_until("ready to point")
+    look = start("look", "1", "1", "0.5", "--frame", "base_link")
+    assert look.end() == 0, look.output
+    assert "arrived: the head misses the target by" in look.output
+    look = start("look", "--centre")
+    assert look.end() == 0, look.output
+
+
+def test_look_without_a_head_says_so(start):
+    look = start("look", "1", "1", "0.5", "--frame", "base_link", "--wait", "1")
+    assert look.end() == 1
+    assert "no robot_description is published" in look.output
+    assert "Traceback" not in look.output
+
+
+def test_targets_of_several_programs_come_together(start):
+    run = start("head_tracking", "--sim", "--target", "mux")
+    run.read_until("ready to keep")
+    frame = start(
+        "frame_target", "--ros-args", "-p", "frame:=left_eye_link", "-p", "offset:=[2.0, 0.0, 0.0]",
+        "-r", "target_point:=frame_target/target_point",
+    )  # fmt: skip
+    run.read_until("looking at frame_target")
+    assert frame.end(signal.SIGINT) == 0, frame.output
+    run.read_until("looking at nothing")
+
+
+def test_camera_and_visual_target_run_alone(start):
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    run = start("head_tracking", "--sim", "--target", "none")
+    run.read_until("ready to keep")
+    size = ("-p", "width:=160", "-p", "height:=120", "-p", "rate:=5.0")
+    camera = start("simulated_camera", "--ros-args", "-p", "scene:=ball", *size)
+    finder = start("visual_target", "--ros-args", "-p", "follow:=colour")
+    run.read_until("target (")
+    for program in (finder, camera):
+        assert program.end(signal.SIGINT) == 0, program.output

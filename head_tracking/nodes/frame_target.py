@@ -1,0 +1,64 @@
+"""frame_target: publishes where a frame is as the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+
+from head_tracking.nodes.conversions import target_message
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
+from head_tracking.tf import Buffer, TransformListener
+from head_tracking.transforms import TransformException
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTargetRate:
+    """How often the frame is looked for."""
+
+    rate: float = parameter(
+        30.0, "Targets per second, at most.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
+    )
+
+
+class FrameTargetNode(Node):
+    """Publishes `target_point` while somebody says where the frame is."""
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("frame_target", **options)
+        rate = NodeParameters(self, FrameTargetRate).value.rate
+        if buffer is None:
+            buffer = Buffer(node=self)
+            TransformListener(buffer, self)
+        self._target = FrameTarget(
+            buffer.core,
+            NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
+        )
+        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self.create_timer(1.0 / rate, self._publish)
+
+    def _on_parameters(self, parameters: FrameTargetParameters) -> None:
+        self._target.parameters = parameters
+
+    def _publish(self) -> None:
+        try:
+            target = self._target.newest(self.get_clock().now().nanoseconds)
+        except (StaleFrameError, TransformException) as error:
+            self.get_logger().warning(f"no target: {error}", throttle_duration_sec=2.0)
+            return
+        if target is not None:
+            self._publisher.publish(target_message(target))
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(FrameTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

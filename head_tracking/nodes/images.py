@@ -1,0 +1,81 @@
+"""Between image messages and the values of the core."""
+
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from head_tracking.vision.camera import Camera
+from head_tracking.vision.images import RawImage
+
+
+def raw_image(message: Image) -> RawImage:
+    """An image message's data, not copied."""
+    return RawImage(
+        message.encoding,
+        message.width,
+        message.height,
+        message.step,
+        message.data,
+        bool(message.is_bigendian),
+    )
+
+
+def image_message(header: Header, encoding: str, pixels: npt.NDArray[Any]) -> Image:
+    """An image message.
+
+    Args:
+        header: its stamp and frame.
+        encoding: what the numbers mean.
+        pixels: shape (height, width) or (height, width, channels), in this machine's byte order.
+    """
+    height, width = pixels.shape[:2]
+    # an array.array is taken as it is; of anything else the setter checks every byte
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(pixels).data.cast("B"))
+    return Image(
+        header=header,
+        height=height,
+        width=width,
+        encoding=encoding,
+        step=pixels.nbytes // height,
+        data=data,
+    )
+
+
+def camera_of(message: CameraInfo) -> Camera:
+    """The camera of a CameraInfo message.
+
+    Raises:
+        CameraError: the calibration makes no sense.
+    """
+    roi = message.roi
+    return Camera.from_calibration(
+        (message.width, message.height),
+        [float(number) for number in message.k],
+        [float(number) for number in message.d],
+        message.distortion_model,
+        binning=(message.binning_x, message.binning_y),
+        region=(roi.x_offset, roi.y_offset, roi.width, roi.height),
+    )
+
+
+def camera_info(header: Header, camera: Camera) -> CameraInfo:
+    """The CameraInfo message of a camera without distortion."""
+    c = camera
+    k = [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]
+    return CameraInfo(
+        header=header,
+        width=c.width,
+        height=c.height,
+        distortion_model="plumb_bob",
+        d=[0.0] * 5,
+        k=k,
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
+    )

@@ -1,0 +1,168 @@
+"""simulated_camera: what the head's camera sees of a drawn scene, with depths."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+from head_tracking.nodes.images import camera_info, image_message
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.scene import SCENES, Renderer, SensorNoise, make_scene
+from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf.messages import header
+from head_tracking.transforms import RobotModel, Transform, TransformException
+from head_tracking.vision.camera import camera_with_view
+from head_tracking.vision.opencv import require_opencv
+
+_PUBLISH_PERIOD = 0.004  # s
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedCameraParameters:
+    """The camera, and what is before it; defaults: a Kinect's."""
+
+    scene: str = parameter("face", "What there is to see.", choices=SCENES, fixed=True)
+    scene_frame: str = parameter("base_link", "The frame of the scene, with z up.", fixed=True)
+    frame_id: str = parameter(
+        "camera_optical_frame", "The camera: z forward, x right, y down.", fixed=True
+    )
+    width: int = parameter(640, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True)
+    height: int = parameter(
+        480, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True
+    )
+    horizontal_view: float = parameter(
+        1.0, "Between left and right edge.", unit="rad", minimum=0.05, maximum=2.8, fixed=True
+    )
+    rate: float = parameter(
+        30.0, "Images per second.", unit="Hz", minimum=0.1, maximum=200.0, fixed=True
+    )
+    delay: float = parameter(
+        0.08, "An image is published so long after its stamp.", unit="s", minimum=0.0, maximum=5.0
+    )
+    noise: float = parameter(
+        4.0, "Standard deviation of a pixel, of 255.", minimum=0.0, maximum=100.0, fixed=True
+    )
+    depth_noise: float = parameter(
+        0.0015,
+        "Standard deviation of a depth at 1 m; it grows with the square of the depth.",
+        unit="m",
+        minimum=0.0,
+        maximum=0.1,
+        fixed=True,
+    )
+    depth_holes: float = parameter(
+        0.01, "Share of the depths that are missing.", minimum=0.0, maximum=1.0, fixed=True
+    )
+    depth_encoding: str = parameter(
+        "16UC1",
+        "Depths in millimetres or in metres; empty: none.",
+        choices=("16UC1", "32FC1", ""),
+    )
+    seed: int = parameter(
+        1, "Chooses the noise and the room.", minimum=0, maximum=2**31 - 1, fixed=True
+    )
+
+
+class SimulatedCameraNode(Node):
+    """Publishes `image`, `depth` (aligned with it) and `camera_info`.
+
+    Args:
+        buffer: fed by another node of this process; None: this node listens itself.
+        true_position: where a simulated joint really is [rad]; None: joint_states tell.
+        options: for the node.
+
+    Attributes:
+        scene: what there is to see.
+        renderer: draws it.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer | None = None,
+        true_position: Callable[[str], float] | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__("simulated_camera", **options)
+        require_opencv()
+        self._settings = NodeParameters(self, SimulatedCameraParameters)
+        p = self._settings.value
+        if buffer is None:
+            buffer = Buffer(node=self)
+            TransformListener(buffer, self)
+        self._buffer = buffer.core
+        self._true_position = true_position
+        self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
+        rng = np.random.default_rng(p.seed)
+        self.scene = make_scene(p.scene, rng)
+        self.renderer = Renderer(self.scene, self._camera)
+        self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
+        self._under_way: deque[tuple[int, tuple[Any, ...]]] = deque()
+        self._image = self.create_publisher(Image, "image", 5)
+        self._depth = self.create_publisher(Image, "depth", 5)
+        self._info = self.create_publisher(CameraInfo, "camera_info", 5)
+        self.create_timer(1.0 / p.rate, self._take)
+        self.create_timer(_PUBLISH_PERIOD, self._publish)
+
+    def _take(self) -> None:
+        model = self._buffer.model
+        if model is None:
+            self.get_logger().info("waiting for robot_description", throttle_duration_sec=2.0)
+            return
+        try:
+            pose = self._pose(model)
+        except TransformException as error:
+            self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
+            return
+        now = self.get_clock().now().nanoseconds
+        seen = self._noise(self.renderer.render(pose, now * 1e-9))
+        p = self._settings.value
+        head = header(now, p.frame_id)
+        depth = None
+        if p.depth_encoding == "16UC1":
+            millimetres = np.nan_to_num(seen.depth * 1000.0, nan=0.0)
+            depth = image_message(head, "16UC1", millimetres.clip(0, 65535).astype(np.uint16))
+        elif p.depth_encoding:
+            depth = image_message(head, "32FC1", seen.depth)
+        due = now + round(p.delay * 1e9)
+        picture = image_message(head, "bgr8", seen.picture)
+        self._under_way.append((due, (camera_info(head, self._camera), depth, picture)))
+
+    def _pose(self, model: RobotModel) -> Transform:
+        """`T_scene_optical` by where the joints are now."""
+        p = self._settings.value
+        chain = model.chain(p.scene_frame, p.frame_id)
+        return chain.transform(*map(self._position, chain.joints))
+
+    def _position(self, joint: str) -> float:
+        if self._true_position is not None:
+            return self._true_position(joint)
+        found = self._buffer.latest_joint_position(joint)
+        if found is None:
+            raise TransformException(f"nobody says where the joint {joint} is")
+        return found[1]
+
+    def _publish(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        while self._under_way and self._under_way[0][0] <= now:
+            info, depth, picture = self._under_way.popleft()[1]
+            self._info.publish(info)
+            if depth is not None:
+                self._depth.publish(depth)
+            self._image.publish(picture)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(SimulatedCameraNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,235 @@
+"""visual_target: the point where a camera sees a face, a colour, features or a marker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from head_tracking.nodes.conversions import target_message
+from head_tracking.nodes.images import camera_of, image_message, raw_image
+from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import run_node
+from head_tracking.parameters import parameter
+from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tracking import Target
+from head_tracking.transforms import LATEST, Transform, TransformException
+from head_tracking.vision import (
+    DETECTORS,
+    Box,
+    Camera,
+    CameraError,
+    DistanceParameters,
+    Frame,
+    IdentityParameters,
+    ImageError,
+    Pairing,
+    Sighting,
+    VisualTracker,
+    annotated,
+    decode_depth,
+    decode_picture,
+    depth_picture,
+    require_opencv,
+)
+
+# an image that nobody had time for is of no use any more
+_NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@dataclass(frozen=True, slots=True)
+class VisualTargetParameters:
+    """What to follow, and by which images."""
+
+    follow: str = parameter(
+        "face",
+        "What to follow: `features` is what a rectangle on ~/select holds, `nearest` needs depths "
+        "only.",
+        choices=tuple(DETECTORS),
+        fixed=True,
+    )
+    use_depth: bool = parameter(
+        True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
+    )
+    depth_tolerance: float = parameter(
+        0.02,
+        "How much the stamps of image and depth image may differ.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+        fixed=True,
+    )
+    fixed_frame: str = parameter(
+        "base_link",
+        "A frame that stands still while the head turns: things are told apart by where they are "
+        "in it; empty: in the camera's own frame.",
+        fixed=True,
+    )
+
+
+class VisualTargetNode(Node):
+    """Publishes `target_point` from `image`, `depth` and `camera_info`."""
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("visual_target", **options)
+        require_opencv()
+        self._settings = NodeParameters(self, VisualTargetParameters).value
+        p = self._settings
+        make, kind = DETECTORS[p.follow]
+        self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
+        self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
+        self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
+        self._tracker = VisualTracker(
+            make(self._detector_parameters.value), self._distances.value, self._identity.value
+        )
+        if buffer is None:
+            buffer = Buffer(node=self)
+            TransformListener(buffer, self)
+        self._buffer = buffer.core
+        self._pairs: Pairing[Image, Image] = Pairing(round(p.depth_tolerance * 1e9))
+        self._camera: Camera | None = None
+        self._frame: Frame | None = None
+        self._placed = False
+        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._confidence = self.create_publisher(Float32, "~/confidence", 10)
+        self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
+        self._annotated = self.create_publisher(Image, "~/image", 2)
+        self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
+        if p.follow != "nearest":
+            self.create_subscription(Image, "image", self._on_image, _NEWEST)
+        if p.use_depth or p.follow == "nearest":
+            self._depth = self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
+        self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+
+    def _on_parameters(self, _: Any) -> None:
+        self._tracker.detector.parameters = self._detector_parameters.value
+        self._tracker.distances = self._distances.value
+        self._tracker.identity.parameters = self._identity.value
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            self._camera = camera_of(message)
+        except CameraError as error:
+            self._camera = None
+            self._complain(str(error))
+
+    def _on_image(self, message: Image) -> None:
+        if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
+            self._look(message, message, None)
+            return
+        pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
+        if pair is not None:
+            self._look(pair[0], *pair)
+        elif self._pairs.dropped > 2:
+            self._complain(
+                f"the depth images do not fit the images: {self._pairs.dropped} images without "
+                f"one within {self._settings.depth_tolerance:g} s (depth_tolerance)"
+            )
+
+    def _on_depth(self, message: Image) -> None:
+        if self._settings.follow == "nearest":
+            self._look(message, None, message)
+            return
+        pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
+        if pair is not None:
+            self._look(pair[0], *pair)
+
+    def _look(self, stamped: Image, image: Image | None, depth: Image | None) -> None:
+        """Looks for the target in one image, and publishes it."""
+        if self._camera is None:
+            self._complain("no image is looked at: there is no usable camera_info yet")
+            return
+        header = stamped.header
+        try:
+            frame = Frame(
+                stamp_to_ns(header.stamp),
+                self._camera,
+                None if image is None else decode_picture(raw_image(image)),
+                None if depth is None else decode_depth(raw_image(depth)),
+            )
+            sighting = self._tracker.step(frame, self._pose(header.frame_id, frame.stamp))
+        except ImageError as error:
+            self._complain(str(error))
+            return
+        self._frame = frame
+        if sighting is not None:
+            target = Target(frame.stamp, header.frame_id, sighting.point)
+            self._publisher.publish(target_message(target))
+            self._region.publish(_region(sighting.candidate.box, frame))
+        elif self._tracker.without_distance:
+            self._complain(
+                "something is seen, but not how far away: there is no depth for it; without a "
+                "depth camera set object_size or distance"
+            )
+        self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+        if self._annotated.get_subscription_count():
+            self._show(frame, sighting, stamped)
+
+    def _pose(self, frame_id: str, stamp: int) -> Transform | None:
+        """The camera in the fixed frame when the image was taken, or as near as is known."""
+        found = None
+        for time in (stamp, LATEST) if self._settings.fixed_frame else ():
+            try:
+                found = self._buffer.lookup_transform(
+                    self._settings.fixed_frame, frame_id, time
+                ).transform
+                break
+            except TransformException:
+                continue
+        if (found is not None) != self._placed:
+            self._placed = found is not None
+            self._tracker.identity.reset()
+        return found
+
+    def _show(self, frame: Frame, sighting: Sighting | None, stamped: Image) -> None:
+        if frame.picture is not None:
+            picture = frame.picture.bgr
+        else:
+            assert frame.depth is not None
+            picture = depth_picture(frame.depth, self._tracker.distances.max_distance)
+        drawn = annotated(picture, self._tracker.tracks, sighting)
+        self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
+
+    def _on_select(self, message: RegionOfInterest) -> None:
+        box = Box(message.x_offset, message.y_offset, message.width, message.height)
+        if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
+            self._complain(
+                "the selection is not used: "
+                + ("no image has come yet" if self._frame is None else f"{box} is empty")
+            )
+            return
+        self._tracker.select(self._frame, box)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._tracker.reset()
+        response.success, response.message = True, "looking for a new target"
+        return response
+
+    def _complain(self, reason: str) -> None:
+        self.get_logger().warning(reason, throttle_duration_sec=2.0)
+
+
+def _size(frame: Frame) -> tuple[int, int]:
+    return frame.camera.width, frame.camera.height
+
+
+def _region(box: Box, frame: Frame) -> RegionOfInterest:
+    x, y, width, height = (round(number) for number in box.clipped(*_size(frame)))
+    return RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(VisualTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

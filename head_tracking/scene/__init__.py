@@ -1,0 +1,21 @@
+"""A small moving scene, drawn for a simulated camera."""
+
+from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing, Wall
+from head_tracking.scene.render import Renderer, Rendering
+from head_tracking.scene.scenes import SCENES, make_scene
+from head_tracking.scene.sensor import SensorNoise
+
+__all__ = [
+    "SCENES",
+    "Ball",
+    "Board",
+    "Path",
+    "Renderer",
+    "Rendering",
+    "Scene",
+    "SensorNoise",
+    "Swing",
+    "Thing",
+    "Wall",
+    "make_scene",
+]

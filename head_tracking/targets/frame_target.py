@@ -1,0 +1,93 @@
+"""A frame as the target: a gripper, what another program publishes on /tf, a person's hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from head_tracking.parameters import parameter
+from head_tracking.targets.skeleton import skeleton_frame
+from head_tracking.tracking import Target
+from head_tracking.transforms import LATEST, TransformBuffer, TransformException
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTargetParameters:
+    """Which frame to look at, and how old it may be."""
+
+    frame: str = parameter(
+        "", "The frame to look at, or a skeleton's joint: head, left_hand, right_knee, ..."
+    )
+    offset: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "The point in that frame: x, y, z.", unit="m", minimum=-1e3, maximum=1e3
+    )
+    reference_frame: str = parameter(
+        "base_link", "The frame in which the target is published; it must not move with the head."
+    )
+    max_age: float = parameter(
+        0.5, "What was seen longer ago is not published.", unit="s", minimum=0.01, maximum=60.0
+    )
+    mirror_skeleton: bool = parameter(
+        False, "Swap left and right of a skeleton's joints, for trackers that see a mirror image."
+    )
+    skeleton_user: int = parameter(
+        0,
+        "Number of the person whose joint is meant; 0: whoever was seen last.",
+        minimum=0,
+        maximum=1000,
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.offset) != 3:
+            raise ValueError(f"offset is {list(self.offset)}; it needs x, y and z")
+
+
+class StaleFrameError(Exception):
+    """The frame is known, but nobody has said for too long where it is."""
+
+
+class FrameTarget:
+    """Looks where the frame is; `parameters` may change on the way."""
+
+    def __init__(self, buffer: TransformBuffer, parameters: FrameTargetParameters) -> None:
+        self._buffer = buffer
+        self.parameters = parameters
+        self._sent = LATEST
+
+    def newest(self, now: int) -> Target | None:
+        """The target, with the time of its newest transform; None if that was given already.
+
+        Where nothing on the way to the frame ever moves, the time is `now` [ns].
+
+        Raises:
+            StaleFrameError: the newest transform is older than `max_age`.
+            TransformException: the frame is not known, or nothing connects it.
+        """
+        p = self.parameters
+        if not p.frame:
+            raise TransformException("no frame is given: set the parameter `frame`")
+        frame = skeleton_frame(
+            p.frame,
+            self._buffer.frames(),
+            self._stamp_of,
+            mirror=p.mirror_skeleton,
+            user=p.skeleton_user,
+        )
+        stamp, x, y, z = self._buffer.locate(p.offset, p.reference_frame, frame)
+        if stamp == LATEST:
+            return Target(now, p.reference_frame, (x, y, z))
+        age = (now - stamp) * 1e-9
+        if age > p.max_age:
+            raise StaleFrameError(
+                f"the newest transform of {frame} is {age:.1f} s old; up to {p.max_age:g} s is "
+                "allowed (max_age)"
+            )
+        if stamp == self._sent:
+            return None
+        self._sent = stamp
+        return Target(stamp, p.reference_frame, (x, y, z))
+
+    def _stamp_of(self, frame: str) -> int:
+        try:
+            return self._buffer.get_latest_common_time(self.parameters.reference_frame, frame)
+        except TransformException:
+            return LATEST

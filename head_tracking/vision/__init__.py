@@ -1,0 +1,73 @@
+"""Finding things in the images of cameras, and where they are. Needs OpenCV to run."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from head_tracking.vision.annotation import annotated, depth_picture
+from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
+from head_tracking.vision.candidate import Candidate, Detector, Frame
+from head_tracking.vision.colour import ColourDetector, ColourParameters
+from head_tracking.vision.faces import FaceDetector, FaceParameters
+from head_tracking.vision.features import FeatureDetector, FeatureParameters
+from head_tracking.vision.identity import Identity, IdentityParameters, Located, Track
+from head_tracking.vision.images import (
+    DepthImage,
+    ImageError,
+    Picture,
+    RawImage,
+    decode_depth,
+    decode_picture,
+)
+from head_tracking.vision.markers import MarkerDetector, MarkerParameters
+from head_tracking.vision.nearest import NearestDetector, NearestParameters
+from head_tracking.vision.opencv import OpenCVMissingError, require_opencv
+from head_tracking.vision.pairing import Pairing
+from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
+
+DETECTORS: Mapping[str, tuple[Callable[[Any], Detector], type[Any]]] = {
+    "face": (FaceDetector, FaceParameters),
+    "colour": (ColourDetector, ColourParameters),
+    "features": (FeatureDetector, FeatureParameters),
+    "marker": (MarkerDetector, MarkerParameters),
+    "nearest": (NearestDetector, NearestParameters),
+}
+"""What can be followed: the detector and its parameters."""
+
+__all__ = [
+    "DETECTORS",
+    "Box",
+    "Camera",
+    "CameraError",
+    "Candidate",
+    "ColourDetector",
+    "ColourParameters",
+    "DepthImage",
+    "Detector",
+    "DistanceParameters",
+    "FaceDetector",
+    "FaceParameters",
+    "FeatureDetector",
+    "FeatureParameters",
+    "Frame",
+    "Identity",
+    "IdentityParameters",
+    "ImageError",
+    "Located",
+    "MarkerDetector",
+    "MarkerParameters",
+    "NearestDetector",
+    "NearestParameters",
+    "OpenCVMissingError",
+    "Pairing",
+    "Picture",
+    "RawImage",
+    "Sighting",
+    "Track",
+    "VisualTracker",
+    "annotated",
+    "camera_with_view",
+    "decode_depth",
+    "decode_picture",
+    "depth_picture",
+    "require_opencv",
+]

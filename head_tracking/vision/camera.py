@@ -1,0 +1,180 @@
+"""The camera of a CameraInfo message: between pixels and directions in its optical frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from head_tracking.transforms import Vector3
+from head_tracking.vision.opencv import cv2
+
+
+class CameraError(ValueError):
+    """The camera's calibration can't be used; the message says why."""
+
+
+class Box(NamedTuple):
+    """A rectangle of an image in pixels; fractions are allowed."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Its middle: column and row."""
+        return self.x + self.width / 2, self.y + self.height / 2
+
+    def clipped(self, width: int, height: int) -> Box:
+        """The part inside an image; its width or height is 0 if there is none."""
+        left, top = min(max(self.x, 0.0), width), min(max(self.y, 0.0), height)
+        right = min(max(self.x + self.width, left), width)
+        bottom = min(max(self.y + self.height, top), height)
+        return Box(left, top, right - left, bottom - top)
+
+    def grown(self, factor: float) -> Box:
+        """A box of another size around the same middle."""
+        x, y = self.centre
+        width, height = self.width * factor, self.height * factor
+        return Box(x - width / 2, y - height / 2, width, height)
+
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns of the pixels inside."""
+        return (
+            slice(math.floor(self.y), math.ceil(self.y + self.height)),
+            slice(math.floor(self.x), math.ceil(self.x + self.width)),
+        )
+
+
+_NO_DISTORTION: tuple[float, ...] = ()
+_MODELS = {"": 8, "plumb_bob": 5, "rational_polynomial": 14, "equidistant": 4}
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole camera; its optical frame looks along z, with x to the right and y down.
+
+    Attributes:
+        width: of its images, in pixels.
+        height: of its images, in pixels.
+        fx: focal length over the width of a pixel.
+        fy: focal length over the height of a pixel.
+        cx: column of the optical axis; the middle of the leftmost pixel is 0.
+        cy: row of the optical axis.
+        distortion: coefficients as in CameraInfo; empty or all 0: none.
+        fisheye: the coefficients are those of the model `equidistant`.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = _NO_DISTORTION
+    fisheye: bool = False
+
+    @staticmethod
+    def from_calibration(
+        size: tuple[int, int],
+        k: Sequence[float],
+        distortion: Sequence[float] = (),
+        model: str = "plumb_bob",
+        *,
+        binning: tuple[int, int] = (1, 1),
+        region: tuple[int, int, int, int] = (0, 0, 0, 0),
+    ) -> Camera:
+        """The camera that a CameraInfo message describes.
+
+        Args:
+            size: width and height of the full image, in pixels.
+            k: the intrinsic matrix, shape (9,), rows one after the other.
+            distortion: the coefficients d.
+            model: the name of the distortion model.
+            binning: how many pixels are taken together, in x and y; 0 counts as 1.
+            region: x, y, width and height of the part that is sent; all 0: everything.
+
+        Raises:
+            CameraError: it makes no sense, such as the zeros of a camera without calibration.
+        """
+        numbers = [*k, *distortion]
+        if len(k) != 9 or not all(map(math.isfinite, numbers)):
+            raise CameraError(f"the matrix K is {list(k)}; it needs nine finite numbers")
+        fx, fy, cx, cy = k[0], k[4], k[2], k[5]
+        if min(*size, fx, fy) <= 0:
+            raise CameraError(
+                f"the camera is not calibrated: its CameraInfo has size {size[0]}x{size[1]} and "
+                f"focal lengths {fx:g} and {fy:g}, which must be above 0"
+            )
+        if any(distortion) and (model not in _MODELS or len(distortion) > _MODELS[model]):
+            raise CameraError(
+                f"distortion model {model!r} with {len(distortion)} coefficients is not known; "
+                "use plumb_bob, rational_polynomial, equidistant, or rectified images"
+            )
+        x, y, width, height = region if region[2] and region[3] else (0, 0, *size)
+        across, down = max(1, binning[0]), max(1, binning[1])
+        return Camera(
+            width // across,
+            height // down,
+            fx / across,
+            fy / down,
+            (cx - x) / across,
+            (cy - y) / down,
+            tuple(distortion) if any(distortion) else _NO_DISTORTION,
+            model == "equidistant",
+        )
+
+    def ray(self, pixel: tuple[float, float]) -> tuple[float, float]:
+        """The direction of a pixel (column, row): x and y at z = 1 in the optical frame."""
+        if self.distortion:
+            undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
+            points = np.array([[pixel]], np.float64)
+            x, y = undistort(points, self.matrix, np.array(self.distortion)).reshape(2).tolist()
+            return x, y
+        return (pixel[0] - self.cx) / self.fx, (pixel[1] - self.cy) / self.fy
+
+    def point(self, pixel: tuple[float, float], depth: float) -> Vector3:
+        """The point [m] in the optical frame that a pixel shows.
+
+        Args:
+            pixel: column and row.
+            depth: its z [m], as in a depth image.
+        """
+        x, y = self.ray(pixel)
+        return x * depth, y * depth, depth
+
+    def pixel(self, point: Sequence[float]) -> tuple[float, float] | None:
+        """Column and row of a point [m] in the optical frame; None behind the camera.
+
+        Distortion is left out: good for drawing and for tests of ideal cameras.
+        """
+        x, y, z = point
+        if z <= 0:
+            return None
+        return self.fx * x / z + self.cx, self.fy * y / z + self.cy
+
+    @property
+    def matrix(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        """The intrinsic matrix, shape (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def focal_length(self) -> float:
+        """The mean of fx and fy."""
+        return (self.fx + self.fy) / 2
+
+
+def camera_with_view(width: int, height: int, horizontal_view: float) -> Camera:
+    """A camera without distortion.
+
+    Args:
+        width: of the image, in pixels.
+        height: of the image, in pixels.
+        horizontal_view: angle between the left and the right edge [rad].
+    """
+    focal = width / 2 / math.tan(horizontal_view / 2)
+    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)

@@ -1,0 +1,109 @@
+"""Things of one colour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.parameters import parameter
+from head_tracking.vision.camera import Box
+from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.opencv import cv2
+
+_MOST = 8
+_OPENING = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class ColourParameters:
+    """Which colour; a rectangle drawn around a thing sets it too."""
+
+    hue: float = parameter(
+        24.0, "Red 0, yellow 60, green 120, blue 240.", unit="deg", minimum=0.0, maximum=360.0
+    )
+    hue_tolerance: float = parameter(
+        14.0, "Hues so far away count too.", unit="deg", minimum=1.0, maximum=180.0
+    )
+    min_saturation: float = parameter(0.55, "Paler pixels do not count.", minimum=0.0, maximum=1.0)
+    min_value: float = parameter(0.25, "Darker pixels do not count.", minimum=0.0, maximum=1.0)
+    min_area: float = parameter(
+        0.0004, "Smallest blob, as a share of the image.", minimum=0.0, maximum=1.0
+    )
+
+
+class ColourDetector:
+    """Finds connected blobs of one colour."""
+
+    def __init__(self, parameters: ColourParameters) -> None:
+        self.parameters = parameters
+        self._selected: ColourParameters | None = None
+
+    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
+        """The largest blobs."""
+        if frame.picture is None:
+            return []
+        p = self._selected or self.parameters
+        mask = cv2.morphologyEx(_inside(frame.picture.hsv, p), cv2.MORPH_OPEN, _OPENING)
+        if not cv2.hasNonZero(mask):
+            return []
+        count, labels, stats, centres = cv2.connectedComponentsWithStats(mask)
+        width, height = frame.picture.size
+        least = max(4.0, p.min_area * width * height)
+        found = []
+        for i in np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:_MOST] + 1:
+            x, y, w, h, area = stats[i].tolist()
+            if area < least:
+                break
+            u, v = centres[i].tolist()
+            # a thing fills much of its box; scattered pixels of the colour do not
+            fill = area / (w * h)
+            found.append(
+                Candidate(
+                    Box(x, y, w, h),
+                    (u, v),
+                    min(1.0, fill / 0.6) * min(1.0, 0.5 + area / (8 * least)),
+                    mask=labels[y : y + h, x : x + w] == i,
+                )
+            )
+        return found
+
+    def select(self, frame: Frame, box: Box) -> None:
+        """Takes the colour that is in the middle of a rectangle."""
+        if frame.picture is None:
+            return
+        width, height = frame.picture.size
+        part = frame.picture.hsv[box.grown(0.6).clipped(width, height).slices()].reshape(-1, 3)
+        colourful = part[part[:, 1] > 60]
+        if not len(colourful):
+            return
+        angles = np.deg2rad(colourful[:, 0] * 2.0)
+        hue = float(np.rad2deg(np.arctan2(np.sin(angles).sum(), np.cos(angles).sum()))) % 360.0
+        saturation, value = np.percentile(colourful[:, 1:], 10, axis=0) / 255.0
+        self._selected = replace(
+            self.parameters,
+            hue=hue,
+            min_saturation=max(0.15, 0.7 * float(saturation)),
+            min_value=max(0.1, 0.6 * float(value)),
+        )
+
+    def reset(self) -> None:
+        """Back to the colour of the parameters."""
+        self._selected = None
+
+
+def _inside(hsv: npt.NDArray[np.uint8], p: ColourParameters) -> npt.NDArray[np.uint8]:
+    """255 where the colour is right, shape (height, width)."""
+    low, high = (p.hue - p.hue_tolerance) / 2, (p.hue + p.hue_tolerance) / 2
+    least = (round(255 * p.min_saturation), round(255 * p.min_value))
+    if high - low >= 180:
+        return np.asarray(cv2.inRange(hsv, (0, *least), (179, 255, 255)))
+    # hues are a circle of 180: what sticks out on one side continues on the other
+    mask = cv2.inRange(hsv, (max(0, low), *least), (min(179, high), 255, 255))
+    if low < 0:
+        mask |= cv2.inRange(hsv, (180 + low, *least), (179, 255, 255))
+    elif high > 179:
+        mask |= cv2.inRange(hsv, (0, *least), (high - 180, 255, 255))
+    return np.asarray(mask)

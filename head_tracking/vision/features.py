@@ -1,0 +1,189 @@
+"""A cluster of features inside a rectangle, followed by optical flow and found again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.parameters import parameter
+from head_tracking.vision.camera import Box
+from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.opencv import cv2
+
+Gray: TypeAlias = npt.NDArray[np.uint8]
+Points: TypeAlias = npt.NDArray[np.float32]
+
+_TEMPLATE = 32  # pixels: longer edge of the small picture that things are recognised by
+_MARGIN = 1.5
+_FLOW = {
+    "winSize": (15, 15),
+    "maxLevel": 3,
+    "criteria": (3, 12, 0.03),
+}
+_SMALLEST_BOX = 8  # pixels
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureParameters:
+    """How a cluster is followed."""
+
+    max_features: int = parameter(60, "Features to follow, at most.", minimum=8, maximum=1000)
+    min_features: int = parameter(
+        15, "With fewer, new ones are looked for in the cluster.", minimum=3, maximum=1000
+    )
+    match: float = parameter(
+        0.6,
+        "How much the cluster has to look as it was selected: below it is lost, above found again.",
+        minimum=0.1,
+        maximum=1.0,
+    )
+
+
+class FeatureDetector:
+    """Follows what a person has drawn a rectangle around.
+
+    Lucas-Kanade flow leads the features from image to image, forth and back; those that do not
+    come back to where they were, or leave the cluster, are dropped. The cluster is compared with
+    how it looked when it was selected: that keeps it from drifting, and finds it again.
+    """
+
+    def __init__(self, parameters: FeatureParameters) -> None:
+        self.parameters = parameters
+        self._template: Gray | None = None
+        self._before: Gray | None = None
+        self._points: Points = np.zeros((0, 2), np.float32)
+        self._box = Box(0, 0, 0, 0)
+
+    def select(self, frame: Frame, box: Box) -> None:
+        """Takes what is in a rectangle, if there is enough of it."""
+        self.reset()
+        if frame.picture is None:
+            return
+        box = box.clipped(*frame.picture.size)
+        if min(box.width, box.height) < _SMALLEST_BOX:
+            return
+        gray = frame.picture.gray
+        scale = _TEMPLATE / max(box.width, box.height)
+        size = (max(4, round(box.width * scale)), max(4, round(box.height * scale)))
+        template = cv2.resize(gray[box.slices()], size, interpolation=cv2.INTER_AREA)
+        if float(template.std()) < 4.0:
+            return  # nothing to hold on to
+        self._template = template
+        self._begin(gray, box)
+
+    def reset(self) -> None:
+        """Follows nothing."""
+        self._template = self._before = None
+        self._points = np.zeros((0, 2), np.float32)
+
+    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
+        """The cluster, if it was selected and is seen."""
+        if self._template is None or frame.picture is None:
+            return []
+        gray = frame.picture.gray
+        followed = self._flow(gray)
+        match = self._compare(gray, self._template) if followed else 0.0
+        if match < self.parameters.match:
+            match = self._find(gray, self._template)
+        self._before = gray
+        if match < self.parameters.match:
+            self._points = np.zeros((0, 2), np.float32)
+            return []
+        if len(self._points) < self.parameters.min_features:
+            self._begin(gray, self._box)
+        return [Candidate(self._box, self._box.centre, match, points=self._points)]
+
+    def _begin(self, gray: Gray, box: Box) -> None:
+        """Looks for features in a box."""
+        inside = box.clipped(gray.shape[1], gray.shape[0])
+        rows, columns = inside.slices()
+        part = gray[rows, columns]
+        self._box, self._before = box, gray
+        self._points = np.zeros((0, 2), np.float32)
+        if min(part.shape) < _SMALLEST_BOX:
+            return
+        found = cv2.goodFeaturesToTrack(part, self.parameters.max_features, 0.02, 4)
+        if found is not None:
+            self._points = found.reshape(-1, 2) + np.array([columns.start, rows.start], np.float32)
+
+    def _flow(self, gray: Gray) -> bool:
+        """Moves features and box along with the picture; whether enough of them came along."""
+        before, points = self._before, self._points
+        if before is None or before.shape != gray.shape or len(points) < 3:
+            return False
+        after, there, _ = cv2.calcOpticalFlowPyrLK(before, gray, points, None, **_FLOW)
+        back, here, _ = cv2.calcOpticalFlowPyrLK(gray, before, after, None, **_FLOW)
+        steady = (there.ravel() > 0) & (here.ravel() > 0)
+        steady &= np.abs(back - points).max(axis=1) < 1.0
+        if steady.sum() < 3:
+            return False
+        motion, inliers = cv2.estimateAffinePartial2D(
+            points[steady], after[steady], ransacReprojThreshold=2.0
+        )
+        if motion is None:
+            return False
+        scale = float(np.hypot(motion[0, 0], motion[1, 0]))
+        if not 0.5 < scale < 2.0:
+            return False
+        kept = after[steady][inliers.ravel() > 0]
+        u, v = (motion @ [*self._box.centre, 1.0]).tolist()
+        width, height = self._box.width * scale, self._box.height * scale
+        self._box = Box(u - width / 2, v - height / 2, width, height)
+        around = self._box.grown(1.1)
+        inside = (
+            (kept[:, 0] >= around.x)
+            & (kept[:, 0] <= around.x + around.width)
+            & (kept[:, 1] >= around.y)
+            & (kept[:, 1] <= around.y + around.height)
+        )
+        self._points = kept[inside]
+        return len(self._points) >= 3
+
+    def _compare(self, gray: Gray, template: Gray) -> float:
+        """How much the box looks like the template; moves it to where it looks most like it."""
+        around = self._box.grown(_MARGIN)
+        whole = around.clipped(gray.shape[1], gray.shape[0])
+        if whole.width < 0.75 * around.width or whole.height < 0.75 * around.height:
+            return 0.0
+        rows, columns = whole.slices()
+        scale = template.shape[1] / self._box.width
+        size = (
+            round((columns.stop - columns.start) * scale),
+            round((rows.stop - rows.start) * scale),
+        )
+        if size[0] < template.shape[1] or size[1] < template.shape[0]:
+            return 0.0
+        part = cv2.resize(gray[rows, columns], size, interpolation=cv2.INTER_AREA)
+        _, match, _, (column, row) = cv2.minMaxLoc(
+            cv2.matchTemplate(part, template, cv2.TM_CCOEFF_NORMED)
+        )
+        if match >= self.parameters.match:
+            x, y = columns.start + column / scale, rows.start + row / scale
+            # a pixel of the template is several of the image: only a part of the way is certain
+            self._box = self._box._replace(
+                x=self._box.x + 0.2 * (x - self._box.x), y=self._box.y + 0.2 * (y - self._box.y)
+            )
+        return float(match)
+
+    def _find(self, gray: Gray, template: Gray) -> float:
+        """Looks for the template in the whole image; how well it was found."""
+        best, where = 0.0, self._box
+        for factor in (0.8, 1.0, 1.25):
+            width = self._box.width * factor
+            scale = template.shape[1] / width
+            small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            if small.shape[0] < template.shape[0] or small.shape[1] < template.shape[1]:
+                continue
+            _, match, _, (column, row) = cv2.minMaxLoc(
+                cv2.matchTemplate(small, template, cv2.TM_CCOEFF_NORMED)
+            )
+            if match > best:
+                best = float(match)
+                where = Box(column / scale, row / scale, width, self._box.height * factor)
+        if best >= self.parameters.match:
+            self._begin(gray, where)
+        return best

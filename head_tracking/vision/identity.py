@@ -1,0 +1,230 @@
+"""Who is who from image to image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.parameters import parameter
+from head_tracking.transforms import Transform, Vector3
+from head_tracking.vision.assignment import assign
+from head_tracking.vision.candidate import Candidate
+
+Vector: TypeAlias = npt.NDArray[np.float64]
+Appearance: TypeAlias = npt.NDArray[np.float32]
+
+_ACCELERATION = 2.0  # m/s²: how abruptly people and things change their speed
+_CONFIRMED_OF = 5  # images
+_IMPOSSIBLE = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class IdentityParameters:
+    """When something is the target, and when it is not any more."""
+
+    confirm_images: int = parameter(
+        3,
+        "Something has to be found in so many of five images before it is believed.",
+        minimum=1,
+        maximum=_CONFIRMED_OF,
+    )
+    memory: float = parameter(
+        2.0,
+        "What was not seen for so long is forgotten; until then the target is kept.",
+        unit="s",
+        minimum=0.1,
+        maximum=60.0,
+    )
+    min_confidence: float = parameter(
+        0.3, "What is less certain is not published.", minimum=0.0, maximum=1.0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A candidate with its place.
+
+    Attributes:
+        candidate: what was found.
+        point: where [m], in the optical frame.
+        depth_known: its distance was measured, not assumed.
+        radius: half of the angle that it fills [rad].
+        appearance: histogram of its colours; empty without a picture.
+    """
+
+    candidate: Candidate
+    point: Vector3
+    depth_known: bool
+    radius: float = 0.0
+    appearance: Appearance = field(default_factory=lambda: np.zeros(0, np.float32), compare=False)
+
+
+class Track:
+    """One thing over time: a Kalman filter with constant velocity, in a frame that stands still."""
+
+    def __init__(self, number: int, located: Located, position: Vector, now: float) -> None:
+        self.number = number
+        self.position = position
+        self.velocity = np.zeros(3)
+        self.appearance = located.appearance
+        self.label = located.candidate.label
+        self.seen = now
+        self.now = now
+        self.recent = [True]
+        self.believed = False
+        self.confidence = located.candidate.confidence
+        self.latest = located
+        self.covariance = np.diag([0.05**2, 0.7**2])
+
+    @property
+    def located(self) -> Located | None:
+        """Where it was found in the newest image; None if it was not."""
+        return self.latest if self.seen == self.now else None
+
+    def predict(self, now: float) -> None:
+        """Moves on to the time `now` [s]."""
+        dt, self.now = now - self.now, now
+        # what was not seen for a while has rather stopped than gone on for ever
+        lost = now - self.seen
+        self.position = self.position + self.velocity * dt * math.exp(-lost)
+        advance = np.array([[1.0, dt], [0.0, 1.0]])
+        noise = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * _ACCELERATION**2
+        self.covariance = advance @ self.covariance @ advance.T + noise
+
+    def update(self, located: Located, position: Vector, spread: float) -> None:
+        """Takes what was found of it, with a standard deviation [m]."""
+        gain = self.covariance[:, 0] / (self.covariance[0, 0] + spread**2)
+        change = position - self.position
+        self.position = self.position + gain[0] * change
+        self.velocity = self.velocity + gain[1] * change
+        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+        self.seen, self.latest = self.now, located
+        self.confidence += 0.3 * (located.candidate.confidence - self.confidence)
+        self._remember(True)
+
+    def missed(self) -> None:
+        """It was not found."""
+        self.confidence *= 0.8
+        self._remember(False)
+
+    def confirmed(self, images: int) -> bool:
+        """Whether it was found in so many of the last five images."""
+        return sum(self.recent) >= images
+
+    def _remember(self, found: bool) -> None:
+        self.recent = [*self.recent[-_CONFIRMED_OF + 1 :], found]
+
+
+class Identity:
+    """Tells things apart by place, motion and looks, and keeps to one of them."""
+
+    def __init__(self, parameters: IdentityParameters) -> None:
+        self.parameters = parameters
+        self.tracks: list[Track] = []
+        self.followed: Track | None = None
+        self._number = 0
+
+    def reset(self) -> None:
+        """Forgets everybody."""
+        self.tracks, self.followed = [], None
+
+    def update(self, found: Sequence[Located], T_fixed_optical: Transform, now: float) -> None:
+        """Takes what was found in one image.
+
+        Args:
+            found: in the optical frame.
+            T_fixed_optical: the camera's pose in a frame that stands still.
+            now: the image's time [s].
+        """
+        for track in self.tracks:
+            track.predict(now)
+        T_optical_fixed = T_fixed_optical.inverse()
+        costs = np.array(
+            [[self._cost(track, located, T_optical_fixed) for located in found]
+             for track in self.tracks]
+        ).reshape(len(self.tracks), len(found))  # fmt: skip
+        pairs = assign(costs, _IMPOSSIBLE)
+        taken = set(pairs.values())
+        for i, track in enumerate(self.tracks):
+            if i in pairs:
+                self._take(track, found, pairs[i], T_fixed_optical)
+            else:
+                track.missed()
+        for j, located in enumerate(found):
+            if j not in taken:
+                self._number += 1
+                position = np.array(T_fixed_optical @ located.point)
+                self.tracks.append(Track(self._number, located, position, now))
+        self.tracks = [track for track in self.tracks if self._kept(track, now)]
+        self._choose()
+
+    def follow(self, track: Track) -> None:
+        """Keeps to this one from now on."""
+        self.followed = track
+
+    def _take(
+        self, track: Track, found: Sequence[Located], index: int, T_fixed_optical: Transform
+    ) -> None:
+        located = found[index]
+        distance = math.hypot(*located.point)
+        spread = 0.01 * distance if located.depth_known else 0.03 * distance
+        track.update(located, np.array(T_fixed_optical @ located.point), spread)
+        alone = all(
+            math.dist(located.candidate.centre, other.candidate.centre)
+            > 2.0 * located.candidate.box.width
+            for other in found
+            if other is not located
+        )
+        if alone and located.appearance.size == track.appearance.size:
+            track.appearance = 0.95 * track.appearance + 0.05 * located.appearance
+
+    def _cost(self, track: Track, located: Located, T_optical_fixed: Transform) -> float:
+        """How unlikely it is that they are the same; 1 is about as far as it may go."""
+        if located.candidate.label != track.label:
+            return _IMPOSSIBLE
+        expected = T_optical_fixed @ track.position.tolist()
+        away, distance = math.hypot(*expected), math.hypot(*located.point)
+        if away < 1e-6 or distance < 1e-6:
+            return _IMPOSSIBLE
+        cosine = sum(a * b for a, b in zip(expected, located.point, strict=True)) / away / distance
+        angle = math.acos(max(-1.0, min(1.0, cosine)))
+        reach = 0.03 + located.radius + 3.0 * math.sqrt(track.covariance[0, 0]) / away
+        ratio = abs(math.log(distance / away))
+        looks = appearance_distance(track.appearance, located.appearance)
+        if angle > reach or ratio > 0.7 or looks > 0.75:
+            return _IMPOSSIBLE
+        return angle / reach + 2.0 * ratio + 3.0 * looks
+
+    def _kept(self, track: Track, now: float) -> bool:
+        track.believed = track.believed or track.confirmed(self.parameters.confirm_images)
+        if track.believed:
+            return now - track.seen <= self.parameters.memory
+        return any(track.recent[-3:])
+
+    def _choose(self) -> None:
+        if self.followed is not None and self.followed in self.tracks:
+            return
+        sure = [
+            track
+            for track in self.tracks
+            if track.located is not None
+            and track.confirmed(self.parameters.confirm_images)
+            and track.confidence >= self.parameters.min_confidence
+        ]
+        self.followed = max(
+            sure,
+            key=lambda track: track.latest.candidate.box.width,
+            default=None,
+        )
+
+
+def appearance_distance(a: Appearance, b: Appearance) -> float:
+    """Between two histograms: 0 for equal ones, 1 for those with nothing in common."""
+    if not a.size or a.size != b.size:
+        return 0.0
+    return math.sqrt(max(0.0, 1.0 - float(np.sqrt(a * b).sum())))

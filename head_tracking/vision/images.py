@@ -1,0 +1,223 @@
+"""The data of sensor_msgs/Image messages as arrays: pictures of any usual encoding, and depths."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.vision.camera import Box
+from head_tracking.vision.opencv import cv2
+
+Pixels: TypeAlias = npt.NDArray[np.uint8]
+
+
+class ImageError(ValueError):
+    """An image can't be used; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawImage:
+    """An image as it came.
+
+    Attributes:
+        encoding: by the names of sensor_msgs/image_encodings.
+        width: in pixels.
+        height: in pixels.
+        step: bytes from one row to the next.
+        data: at least height times step bytes; anything with a buffer.
+        is_bigendian: the order of bytes in a number of several bytes.
+    """
+
+    encoding: str
+    width: int
+    height: int
+    step: int
+    data: Any
+    is_bigendian: bool = False
+
+    def rows(self, kind: str, channels: int) -> npt.NDArray[Any]:
+        """The numbers without padding, shape (height, width, channels), in this machine's order.
+
+        Raises:
+            ImageError: there is less data than that.
+        """
+        dtype = np.dtype(kind)
+        row = self.width * channels * dtype.itemsize
+        data = np.frombuffer(self.data, np.uint8)
+        if self.width < 1 or self.height < 1:
+            raise ImageError(f"the image is empty: {self.width}x{self.height} pixels")
+        if self.step < row or data.size < self.step * (self.height - 1) + row:
+            raise ImageError(
+                f"the image of {self.width}x{self.height} {self.encoding} pixels is damaged: step "
+                f"{self.step} (at least {row}) and {data.size} bytes (at least "
+                f"{max(self.step, row) * (self.height - 1) + row})"
+            )
+        strided = np.lib.stride_tricks.as_strided(
+            data, (self.height, row), (self.step, 1), writeable=False
+        )
+        numbers = np.ascontiguousarray(strided).view(dtype)
+        if dtype.itemsize > 1 and self.is_bigendian != (sys.byteorder == "big"):
+            numbers = numbers.byteswap()
+        return numbers.reshape(self.height, self.width, channels)
+
+
+class Picture:
+    """A picture in the forms that detectors want, each made when it is asked for.
+
+    Args:
+        bgr: shape (height, width, 3): blue, green, red.
+    """
+
+    def __init__(self, bgr: Pixels) -> None:
+        self.bgr = bgr
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.bgr.shape[1], self.bgr.shape[0]
+
+    @cached_property
+    def gray(self) -> Pixels:
+        """Brightness, shape (height, width)."""
+        return np.asarray(cv2.cvtColor(self.bgr, cv2.COLOR_BGR2GRAY))
+
+    @cached_property
+    def hsv(self) -> Pixels:
+        """Hue (0 to 179, two degrees each), saturation and value, shape (height, width, 3)."""
+        return np.asarray(cv2.cvtColor(self.bgr, cv2.COLOR_BGR2HSV))
+
+
+class DepthImage:
+    """Distances along the optical axis.
+
+    Args:
+        numbers: shape (height, width), millimetres as integers or metres as floats; 0, negative
+            and not finite: unknown.
+    """
+
+    def __init__(self, numbers: npt.NDArray[Any]) -> None:
+        self._numbers = numbers
+        self._unit = 1.0 if numbers.dtype.kind == "f" else 1e-3
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self._numbers.shape[1], self._numbers.shape[0]
+
+    def metres(
+        self, rows: slice = slice(None), columns: slice = slice(None)
+    ) -> npt.NDArray[np.float32]:
+        """The depths of a part [m]; NaN where they are unknown."""
+        part = self._numbers[rows, columns].astype(np.float32)
+        if self._unit != 1.0:
+            part *= self._unit
+        part[~(np.isfinite(part) & (part > 0.0))] = np.nan
+        return part
+
+    def part(self, box: Box) -> npt.NDArray[np.float32]:
+        """The depths inside a box [m]; empty if it is outside of the image."""
+        return self.metres(*box.clipped(*self.size).slices())
+
+
+def decode_picture(image: RawImage) -> Picture:
+    """The picture of an image in colour or grey.
+
+    Raises:
+        ImageError: the encoding is not one of a picture, or the data does not fit it.
+    """
+    try:
+        decode = _DECODERS[image.encoding.lower()]
+    except KeyError:
+        raise ImageError(
+            f"the encoding {image.encoding!r} is not one of a picture; usable are "
+            f"{', '.join(sorted(_DECODERS))}"
+        ) from None
+    return Picture(decode(image))
+
+
+def decode_depth(image: RawImage) -> DepthImage:
+    """The distances of a depth image: 16UC1 or mono16 in millimetres, or 32FC1 in metres.
+
+    Raises:
+        ImageError: another encoding, or the data does not fit it.
+    """
+    kind = {"16uc1": "u2", "mono16": "u2", "32fc1": "f4"}.get(image.encoding.lower())
+    if kind is None:
+        raise ImageError(
+            f"the encoding {image.encoding!r} is not one of depths; usable are 16UC1 "
+            "(millimetres) and 32FC1 (metres)"
+        )
+    return DepthImage(image.rows(kind, 1)[..., 0])
+
+
+_Decoder: TypeAlias = Callable[[RawImage], Pixels]
+
+
+def _eight_bits(numbers: npt.NDArray[Any]) -> Pixels:
+    return numbers if numbers.dtype == np.uint8 else (numbers >> 8).astype(np.uint8)
+
+
+def _converted(kind: str, channels: int, conversion: str | None) -> _Decoder:
+    def decode(image: RawImage) -> Pixels:
+        pixels = _eight_bits(image.rows(kind, channels))
+        if conversion is None:
+            return pixels
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")))
+
+    return decode
+
+
+def _bayer(kind: str, conversion: str) -> _Decoder:
+    convert = _converted(kind, 1, conversion)
+
+    def decode(image: RawImage) -> Pixels:
+        if image.width < 2 or image.height < 2:
+            raise ImageError(f"a Bayer image of {image.width}x{image.height} pixels has no colours")
+        return convert(image)
+
+    return decode
+
+
+def _packed_yuv(conversion: str) -> _Decoder:
+    convert = _converted("u1", 2, conversion)
+
+    def decode(image: RawImage) -> Pixels:
+        if image.width % 2:
+            raise ImageError(
+                f"the encoding {image.encoding} needs an even width; it is {image.width}"
+            )
+        return convert(image)
+
+    return decode
+
+
+_DECODERS: dict[str, _Decoder] = {
+    name: decoder
+    for bits, kind in (("8", "u1"), ("16", "u2"))
+    for name, decoder in (
+        (f"bgr{bits}", _converted(kind, 3, None)),
+        (f"rgb{bits}", _converted(kind, 3, "RGB2BGR")),
+        (f"bgra{bits}", _converted(kind, 4, "BGRA2BGR")),
+        (f"rgba{bits}", _converted(kind, 4, "RGBA2BGR")),
+        (f"mono{bits}", _converted(kind, 1, "GRAY2BGR")),
+        # OpenCV names a pattern by its second row: rggb is its BayerBG
+        (f"bayer_rggb{bits}", _bayer(kind, "BayerBG2BGR")),
+        (f"bayer_bggr{bits}", _bayer(kind, "BayerRG2BGR")),
+        (f"bayer_gbrg{bits}", _bayer(kind, "BayerGR2BGR")),
+        (f"bayer_grbg{bits}", _bayer(kind, "BayerGB2BGR")),
+        (f"{bits}uc1", _converted(kind, 1, "GRAY2BGR")),
+        (f"{bits}uc3", _converted(kind, 3, None)),
+        (f"{bits}uc4", _converted(kind, 4, "BGRA2BGR")),
+    )
+} | {
+    "yuv422": _packed_yuv("YUV2BGR_UYVY"),
+    "uyvy": _packed_yuv("YUV2BGR_UYVY"),
+    "yuv422_yuy2": _packed_yuv("YUV2BGR_YUY2"),
+    "yuyv": _packed_yuv("YUV2BGR_YUY2"),
+}

@@ -1,0 +1,136 @@
+"""ArUco and AprilTag markers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.parameters import parameter
+from head_tracking.transforms import Vector3
+from head_tracking.vision.camera import Box, Camera
+from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.opencv import cv2
+
+DICTIONARIES = (
+    *(f"{n}X{n}_{count}" for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)),
+    "ARUCO_ORIGINAL",
+    "APRILTAG_16h5",
+    "APRILTAG_25h9",
+    "APRILTAG_36h10",
+    "APRILTAG_36h11",
+)
+"""The families of markers that OpenCV knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerParameters:
+    """Which markers count."""
+
+    dictionary: str = parameter("4X4_50", "The family of markers.", choices=DICTIONARIES)
+    marker_id: int = parameter(
+        -1, "The number of the marker; -1: any.", minimum=-1, maximum=100_000
+    )
+    marker_size: float = parameter(
+        0.0,
+        "Edge of the black square; its pose then gives the distance where there is no depth.",
+        unit="m",
+        minimum=0.0,
+        maximum=100.0,
+    )
+
+
+class MarkerDetector:
+    """Finds markers of one family."""
+
+    def __init__(self, parameters: MarkerParameters) -> None:
+        self._parameters = parameters
+        self._detector = _detector(parameters.dictionary)
+        self._selected: int | None = None
+
+    @property
+    def parameters(self) -> MarkerParameters:
+        """Which markers count; may change on the way."""
+        return self._parameters
+
+    @parameters.setter
+    def parameters(self, parameters: MarkerParameters) -> None:
+        if parameters.dictionary != self._parameters.dictionary:
+            self._detector = _detector(parameters.dictionary)
+        self._parameters = parameters
+
+    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
+        """All markers that count."""
+        wanted = self._parameters.marker_id if self._selected is None else self._selected
+        return [
+            self._candidate(number, corners, frame.camera)
+            for number, corners in self._markers(frame)
+            if wanted in (-1, number)
+        ]
+
+    def select(self, frame: Frame, box: Box) -> None:
+        """Takes the marker in a rectangle."""
+        for number, corners in self._markers(frame):
+            u, v = _middle(corners)
+            if box.x <= u <= box.x + box.width and box.y <= v <= box.y + box.height:
+                self._selected = number
+
+    def reset(self) -> None:
+        """Back to the markers of the parameters."""
+        self._selected = None
+
+    def _markers(self, frame: Frame) -> list[tuple[int, npt.NDArray[np.float32]]]:
+        # smaller than this OpenCV's adaptive threshold has no room
+        if frame.picture is None or min(frame.picture.size) < 16:
+            return []
+        corners, numbers, _ = self._detector.detectMarkers(frame.picture.gray)
+        if numbers is None:
+            return []
+        found = zip(numbers.ravel().tolist(), corners, strict=True)
+        return [(number, quad.reshape(4, 2)) for number, quad in found]
+
+    def _candidate(
+        self, number: int, corners: npt.NDArray[np.float32], camera: Camera
+    ) -> Candidate:
+        x, y, width, height = cv2.boundingRect(corners)
+        size = self._parameters.marker_size
+        mask = np.zeros((height, width), np.uint8)
+        cv2.fillConvexPoly(mask, np.round(corners - [x, y]).astype(np.int32), 1)
+        return Candidate(
+            Box(x, y, width, height),
+            _middle(corners),
+            1.0,
+            str(number),
+            mask > 0,
+            _position(corners, size, camera) if size else None,
+            corners,
+        )
+
+
+def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    return cv2.aruco.ArucoDetector(family, settings)
+
+
+def _middle(corners: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """Where the diagonals meet: the middle of the square, also in perspective."""
+    a, b, c, d = np.column_stack((corners, np.ones(4)))
+    u, v, w = np.cross(np.cross(a, c), np.cross(b, d))
+    return float(u / w), float(v / w)
+
+
+def _position(corners: npt.NDArray[np.float32], size: float, camera: Camera) -> Vector3 | None:
+    half = size / 2
+    square = np.array(
+        [[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]], np.float64
+    )
+    rays = np.array([camera.ray((float(u), float(v))) for u, v in corners])
+    solved, _, shift = cv2.solvePnP(square, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    if not solved or not np.isfinite(shift).all() or shift[2, 0] <= 0:
+        return None
+    x, y, z = shift.ravel().tolist()
+    return x, y, z

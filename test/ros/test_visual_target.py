@@ -1,0 +1,285 @@
+"""visual_target on simulated images, in simulated time: closed loops, and bad input."""
+
+import math
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import rclpy
+
+if find_spec("cv2") is None:
+    pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
+
+from geometry_msgs.msg import PointStamped
+from lockstep import World
+from robot_under_test import wait_for
+from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from visual_pursuit import head_yaml, pursue, tutorial_law
+
+from head_tracking.nodes.images import camera_info, image_message
+from head_tracking.nodes.simulated_camera import SimulatedCameraNode
+from head_tracking.nodes.visual_target import VisualTargetNode
+from head_tracking.tf.messages import header
+from head_tracking.vision import DETECTORS, camera_with_view
+
+DEGREE = math.radians(1)
+SMALL = {"width": 320, "height": 240}
+
+
+# closed loops
+
+
+@pytest.mark.parametrize(("scene", "follow"), [("ball", "colour"), ("marker", "marker")])
+def test_the_head_keeps_what_its_camera_sees_in_the_middle(scene, follow):
+    ours = pursue(scene, scene, {"follow": follow}, head_yaml(), duration=8.0, camera=SMALL)
+    tutorial = pursue(scene, scene, {"follow": follow}, tutorial_law(), duration=8.0, camera=SMALL)
+    assert ours.errors.rms < 7 * DEGREE
+    assert ours.errors.rms < 0.5 * tutorial.errors.rms
+    assert max(ours.misses) < 0.03
+    assert len(ours.misses) > ours.images - 6
+
+
+def test_silence_while_the_target_is_out_of_sight_and_the_same_one_after_it():
+    camera = SMALL | {"delay": 0.0}
+    run = pursue(
+        "ball", "ball", {"follow": "colour"}, head_yaml(), duration=6.0, camera=camera,
+        hide=(3.0, 3.5),
+    )  # fmt: skip
+    assert run.images - len(run.misses) == pytest.approx(15 + 3, abs=2)
+    assert max(run.misses) < 0.03
+
+
+def test_what_is_found_is_drawn_into_the_picture():
+    run = pursue("ball", "ball", {"follow": "colour"}, head_yaml(), duration=1.0, camera=SMALL)
+    assert (run.picture.encoding, run.picture.width, run.picture.height) == ("bgr8", 320, 240)
+    pixels = np.frombuffer(run.picture.data, np.uint8).reshape(240, 320, 3)
+    assert (pixels == (60, 220, 60)).all(axis=2).sum() > 100
+
+
+# bad input
+
+
+@pytest.fixture
+def world(kinectbot):
+    rclpy.init()
+    world = World(kinectbot)
+    world.nodes = []
+    yield world
+    for node in world.nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def look(world):
+    """A node that looks at what is published, with what it says."""
+
+    def look(**parameters):
+        node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
+        world.nodes.append(node)
+        node.said = []
+        node._complain = node.said.append
+        world.run(0.1)  # the joints become known
+        return node
+
+    return look
+
+
+CAMERA = camera_with_view(320, 240, 1.0)
+
+
+def ball(depth="16UC1", size=(320, 240)):
+    """A picture with a ball in the middle, and its depths: 1.5 m, and 3 m behind it."""
+    width, height = size
+    picture = np.full((height, width, 3), 120, np.uint8)
+    v, u = np.mgrid[0:height, 0:width]
+    inside = (u - 160) ** 2 + (v - 120) ** 2 < 30**2
+    picture[inside] = (20, 110, 245)
+    metres = np.where(inside, 1.5, 3.0)
+    depths = metres.astype(np.float32) if depth == "32FC1" else (metres * 1000).astype(np.uint16)
+    return picture, depths
+
+
+def show(world, *, depth="16UC1", info=None, lag=0, size=(320, 240), frames=6, change=None):
+    """Publishes some frames."""
+    if depth:
+        world.publishers["/depth"] = 1
+    picture, depths = ball(depth, size)
+    for _ in range(frames):
+        head = header(world.now, "camera_optical_frame")
+        if info is not False:
+            world.publish("/camera_info", info or camera_info(head, CAMERA))
+        image = image_message(head, "bgr8", picture)
+        distances = image_message(header(world.now + lag, "d"), depth or "16UC1", depths)
+        if change:
+            change(image, distances)
+        if depth:
+            world.publish("/depth", distances)
+        world.publish("/image", image)
+        world.run(1 / 30)
+
+
+@pytest.mark.parametrize("depth", ["16UC1", "32FC1"])
+@pytest.mark.parametrize("lag", [0, 15_000_000])
+def test_the_point_has_the_images_stamp_and_frame(world, look, depth, lag):
+    look(follow="colour")
+    targets = world.record("/target_point")
+    confidences = world.record("/visual_target/confidence")
+    regions = world.record("/visual_target/roi")
+    show(world, depth=depth, lag=lag)
+    assert len(targets) == 4
+    (_, first) = targets[0]
+    assert first.header.frame_id == "camera_optical_frame"
+    assert (first.point.x, first.point.y, first.point.z) == pytest.approx(
+        (0.5 / CAMERA.fx * 1.5, 0.5 / CAMERA.fy * 1.5, 1.5), abs=1e-3
+    )
+    assert [message.data > 0.5 for _, message in confidences] == [False, False] + [True] * 4
+    assert (regions[-1][1].width, regions[-1][1].height) == (59, 59)
+
+
+def damaged(image, depth):
+    image.data = image.data[:-100]
+
+
+def wrong_encoding(image, depth):
+    image.encoding = "jpeg"
+
+
+def other_size(image, depth):
+    image.width -= 2
+
+
+def depth_of_pictures(image, depth):
+    depth.encoding = "bgr8"
+
+
+def no_pixels(image, depth):
+    image.width = image.height = image.step = 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"info": CameraInfo()}, "not calibrated"),
+        ({"info": False}, "no usable camera_info"),
+        ({"change": damaged}, "is damaged"),
+        ({"change": wrong_encoding}, "'jpeg' is not one of a picture"),
+        ({"change": other_size}, "picture, aligned depth and camera_info must agree"),
+        ({"change": depth_of_pictures}, "'bgr8' is not one of depths"),
+        ({"change": no_pixels}, "the image is empty"),
+        ({"lag": 12_000_000}, "the depth images do not fit the images"),
+        ({"depth": ""}, "without a depth camera set object_size or distance"),
+    ],
+)
+def test_bad_input_is_told_and_nothing_is_published(world, look, options, words):
+    node = look(follow="colour", depth_tolerance=0.01)
+    targets = world.record("/target_point")
+    show(world, **options)
+    assert targets == []
+    assert any(words in said for said in node.said), node.said
+    show(world, info=None, depth="16UC1")
+    assert targets, "it recovers"
+
+
+def test_images_of_one_pixel_are_seen_through(world, look):
+    node = look(follow="face")
+    tiny = camera_with_view(1, 1, 1.0)
+
+    def one_pixel(image, depth):
+        for message in (image, depth):
+            message.width = message.height = 1
+
+    show(world, info=camera_info(header(1, "c"), tiny), change=one_pixel)
+    assert not node.said
+
+
+def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
+    from rclpy.parameter import Parameter
+
+    node = look(follow="colour", object_size=0.3)
+    targets = world.record("/target_point")
+    show(world, depth="")
+    assert targets[-1][1].point.z == pytest.approx(0.3 * CAMERA.fx / 59, rel=0.01)
+    assert node.set_parameters([Parameter("object_size", value=0.6)])[0].successful
+    show(world, depth="", frames=2)
+    assert targets[-1][1].point.z == pytest.approx(0.6 * CAMERA.fx / 59, rel=0.01)
+    refused = node.set_parameters([Parameter("min_distance", value=50.0)])[0]
+    assert "the first must be smaller" in refused.reason
+
+
+def test_a_rectangle_is_followed_and_an_impossible_one_is_told(world, look):
+    node = look(follow="features", distance=1.0)
+    targets = world.record("/target_point")
+    world.publish("/visual_target/select", RegionOfInterest(width=10, height=10))
+    world.run(0.01)
+    assert "no image has come yet" in node.said[-1]
+    show(world, depth="")
+    assert not targets
+    world.publish("/visual_target/select", RegionOfInterest(x_offset=400, width=10, height=10))
+    world.run(0.01)
+    assert "is empty" in node.said[-1]
+    choice = RegionOfInterest(x_offset=120, y_offset=80, width=80, height=80)
+    world.publish("/visual_target/select", choice)
+    show(world, depth="")
+    assert targets[-1][1].point.z == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_nearest_thing_needs_depths_only(world, look):
+    look(follow="nearest")
+    targets = world.record("/target_point")
+    pictures = world.record("/visual_target/image")
+    show(world)
+    assert targets[-1][1].point.z == pytest.approx(1.5, abs=0.01)
+    assert targets[-1][1].header.frame_id == "d"
+    assert pictures[-1][1].encoding == "bgr8"
+
+
+@pytest.mark.parametrize("kind", ["16UC1", "32FC1", ""])
+def test_the_simulated_camera_publishes_what_belongs_together_late(world, kind):
+    eye = world.make(
+        SimulatedCameraNode,
+        {"scene": "ball", "depth_encoding": kind, "delay": 0.2, **SMALL},
+        buffer=world.buffer,
+        true_position=world.true_position,
+    )
+    world.nodes.append(eye)
+    topics = ("/image", "/camera_info", "/depth")
+    heard = {topic: world.record(topic) for topic in topics}
+    world.run(1.0)
+    assert len(heard["/image"]) == pytest.approx(24, abs=2)
+    assert len(heard["/depth"]) == (len(heard["/image"]) if kind else 0)
+    for (when, image), (_, info) in zip(heard["/image"], heard["/camera_info"], strict=True):
+        stamp = image.header.stamp.sec * 10**9 + image.header.stamp.nanosec
+        assert 0.2 <= (when - stamp) * 1e-9 < 0.21
+        assert info.header == image.header
+        assert isinstance(image, Image)
+        assert len(image.data) == image.step * image.height == 320 * 240 * 3
+
+
+@pytest.mark.parametrize("follow", DETECTORS)
+def test_every_parameter_is_described(look, follow):
+    node = look(follow=follow)
+    for name in set(node._parameters) - {"use_sim_time", "start_type_description_service"}:
+        assert node.describe_parameter(name).description, name
+
+
+# in one process with everything else
+
+
+def test_a_simulated_head_finds_the_ball_that_its_camera_sees(make_robot):
+    robot = make_robot("--target", "ball")
+    targets = robot.listen("target_point", PointStamped)
+    wait_for(lambda: targets, 30.0)
+    core = robot.composition.buffer.core
+    message = targets[-1]
+    assert message.header.frame_id == "camera_optical_frame"
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    wait_for(lambda: core.can_transform("base_link", "camera_optical_frame", stamp))
+    found = core.transform_point(
+        (message.point.x, message.point.y, message.point.z),
+        "base_link",
+        "camera_optical_frame",
+        stamp,
+    )
+    truth = robot.composition.nodes["simulated_camera"].scene.position("ball", stamp * 1e-9)
+    assert math.dist(found, truth) < 0.15

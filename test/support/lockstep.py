@@ -1,0 +1,192 @@
+"""Nodes in simulated time, one event after the other: the same run every time, on any machine.
+
+The nodes are the real ones. Only what they are connected by is replaced: topics are calls with a
+delay, timers and the clock follow the simulated time, and the servos are simulated servos whose
+registers are read and written 50 times a second.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections import defaultdict
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+
+from head_tracking.dynamixel import JointConfiguration
+from head_tracking.simulation import SimulatedServo
+from head_tracking.tf import Buffer
+from head_tracking.transforms import RobotModel
+
+PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
+TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
+
+_START = 1_000_000_000_000  # ns
+_TOPIC_DELAY = 1_000_000  # ns
+_CYCLE = 20_000_000  # ns
+_READ = 3_000_000  # ns from reading the servos until everybody knows, and until goals are written
+
+
+class World:
+    """The time, the topics and the servos of a run.
+
+    Attributes:
+        now: the time [ns].
+        buffer: the frames of the robot.
+        heard: the messages of topics that `record` was called for.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.now = _START
+        self.buffer = Buffer()
+        self.buffer.core.set_model(model)
+        self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+        self._events: list[tuple[int, int, Callable[[], object]]] = []
+        self._number = itertools.count()
+        self._listeners: dict[str, list[Callable[[Any], object]]] = defaultdict(list)
+        self.publishers: dict[str, int] = defaultdict(int)
+        self._servos = {
+            joint: SimulatedServo(joint.id, joint.model, position=joint.init)
+            for joint in (PAN, TILT)
+        }
+        self._command: Any = None
+        self.listen("/joint_commands", self._on_command)
+        self.every(_CYCLE, self._cycle)
+
+    @property
+    def seconds(self) -> float:
+        """The time since the start."""
+        return (self.now - _START) * 1e-9
+
+    def at(self, when: int, what: Callable[[], object]) -> None:
+        """Does something at a time [ns]."""
+        heapq.heappush(self._events, (when, next(self._number), what))
+
+    def every(self, period: int, what: Callable[[], object]) -> None:
+        """Does something again and again, every `period` [ns], from now on."""
+
+        def step() -> None:
+            self.at(self.now + period, step)
+            what()
+
+        self.at(self.now + period, step)
+
+    def listen(self, topic: str, callback: Callable[[Any], object]) -> None:
+        """Calls back with every message of a topic."""
+        self._listeners[topic].append(callback)
+
+    def listeners(self, topic: str) -> int:
+        return len(self._listeners[topic])
+
+    def record(self, topic: str) -> list[tuple[int, Any]]:
+        """The messages of a topic from now on, with the time they came [ns]."""
+        self.listen(topic, lambda message: self.heard[topic].append((self.now, message)))
+        return self.heard[topic]
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Brings a message to all who listen."""
+        for callback in self._listeners[topic]:
+            self.at(self.now + _TOPIC_DELAY, lambda callback=callback: callback(message))
+
+    def run(self, seconds: float) -> None:
+        """Lets time pass."""
+        end = self.now + round(seconds * 1e9)
+        while self._events and self._events[0][0] <= end:
+            self.now, _, what = heapq.heappop(self._events)
+            what()
+        self.now = end
+
+    def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
+        """A node of this world; needs an rclpy that is initialised."""
+        return _stepped(kind, self)(
+            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
+            start_parameter_services=False,
+            enable_rosout=False,
+            **handed,
+        )
+
+    def true_position(self, joint_name: str) -> float:
+        """Where a joint really is [rad]."""
+        for joint, servo in self._servos.items():
+            if joint.joint_name == joint_name:
+                servo.advance(self.now)
+                return joint.position(servo.true_ticks)
+        raise KeyError(joint_name)
+
+    def _on_command(self, message: Any) -> None:
+        self._command = message
+
+    def _cycle(self) -> None:
+        positions = {}
+        for joint, servo in self._servos.items():
+            servo.advance(self.now)
+            positions[joint.joint_name] = joint.position(servo.register("Present Position"))
+        stamp = self.now
+        self.at(stamp + _READ, lambda: self.buffer.core.set_joint_positions(stamp, positions))
+        self.at(stamp + _READ, self._write)
+
+    def _write(self) -> None:
+        message, self._command = self._command, None
+        if message is None:
+            return
+        for name, position, speed in zip(
+            message.name, message.position, message.velocity, strict=True
+        ):
+            joint, servo = next(
+                (joint, servo) for joint, servo in self._servos.items() if joint.joint_name == name
+            )
+            servo.advance(self.now)
+            servo.set_register("Torque Enable", 1)
+            servo.set_register("Goal Position", joint.ticks(position))
+            servo.set_register("Moving Speed", joint.speed_ticks(speed))
+
+
+class _Clock:
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def now(self) -> Time:
+        return Time(nanoseconds=self._world.now, clock_type=ClockType.ROS_TIME)
+
+
+class _Publisher:
+    def __init__(self, world: World, topic: str) -> None:
+        self._world = world
+        self.topic_name = topic
+        world.publishers[topic] += 1
+
+    def publish(self, message: Any) -> None:
+        self._world.publish(self.topic_name, message)
+
+    def get_subscription_count(self) -> int:
+        return self._world.listeners(self.topic_name)
+
+
+def _stepped(kind: type[Node], world: World) -> type[Node]:
+    class Stepped(kind):  # type: ignore[misc, valid-type]
+        def create_publisher(self, message: type, topic: str, qos: Any, **_: Any) -> Any:
+            return _Publisher(world, self.resolve_topic_name(topic))
+
+        def create_subscription(
+            self, message: type, topic: str, callback: Callable[[Any], object], *_: Any, **__: Any
+        ) -> Any:
+            name = self.resolve_topic_name(topic)
+            world.listen(name, callback)
+            return SimpleNamespace(topic_name=name)
+
+        def create_timer(self, period: float, callback: Callable[[], object], *_: Any) -> Any:
+            world.every(round(period * 1e9), callback)
+
+        def count_publishers(self, topic: str) -> int:
+            return world.publishers[self.resolve_topic_name(topic)]
+
+        def get_clock(self) -> Any:
+            return _Clock(world)
+
+    return Stepped

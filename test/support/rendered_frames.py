@@ -1,0 +1,137 @@
+"""Frames of a scene, as detectors get them, with the truth about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from head_tracking.scene import Renderer, Scene, SensorNoise
+from head_tracking.transforms import RobotModel, Transform
+from head_tracking.vision import (
+    Box,
+    Camera,
+    DepthImage,
+    Frame,
+    Picture,
+    Sighting,
+    VisualTracker,
+    camera_with_view,
+)
+
+PERIOD = 1 / 30  # s
+
+
+@dataclass
+class View:
+    """A camera on a robot's head that turns to and fro.
+
+    Attributes:
+        scene: what it looks at.
+        model: carries it.
+        camera: what it is.
+        swing: amplitude of the pan [rad], at 0.2 Hz.
+        depth: "16UC1", "32FC1" or "" for none.
+        noise: of a pixel.
+        seed: of the noise.
+    """
+
+    scene: Scene
+    model: RobotModel
+    camera: Camera
+    swing: float = 0.4
+    depth: str = "16UC1"
+    noise: float = 4.0
+    seed: int = 1
+
+    def pose(self, time: float) -> Transform:
+        """`T_scene_optical`."""
+        joints = {
+            "head_pan_joint": self.swing * math.sin(math.tau * 0.2 * time),
+            "head_tilt_joint": -0.1,
+        }
+        return self.model.transform("base_link", "camera_optical_frame", joints)
+
+    def frames(self, count: int, start: float = 0.0) -> Iterator[tuple[float, Frame, Transform]]:
+        """Time [s], frame and the camera's pose."""
+        renderer = Renderer(self.scene, self.camera)
+        size = (self.camera.width, self.camera.height)
+        noise = SensorNoise(size, np.random.default_rng(self.seed), self.noise, 0.0015, 0.01)
+        for i in range(count):
+            time = start + i * PERIOD
+            pose = self.pose(time)
+            seen = noise(renderer.render(pose, time))
+            depth: Any = None
+            if self.depth == "16UC1":
+                depth = DepthImage(np.nan_to_num(seen.depth * 1000).astype(np.uint16))
+            elif self.depth:
+                depth = DepthImage(seen.depth)
+            frame = Frame(round((time + 1) * 1e9), self.camera, Picture(seen.picture), depth)
+            yield time, frame, pose
+
+    def box(self, name: str, time: float, width: float) -> Box:
+        """A square around a thing, in pixels."""
+        pixel = self.camera.pixel(self.pose(time).inverse() @ self.scene.position(name, time))
+        assert pixel is not None
+        return Box(pixel[0] - width / 2, pixel[1] - width / 2, width, width)
+
+
+SMALL = camera_with_view(320, 240, 1.0)
+KINECT = camera_with_view(640, 480, 1.0)
+
+
+@dataclass
+class Watched:
+    """What a tracker made of some frames.
+
+    Attributes:
+        sightings: of each frame.
+        misses: how far each sighting's point was from where it should be [m].
+    """
+
+    sightings: list[Sighting | None]
+    misses: list[float]
+
+    @property
+    def numbers(self) -> list[int]:
+        """Whom it followed, one after the other."""
+        found = [s.number for s in self.sightings if s is not None]
+        return [n for i, n in enumerate(found) if i == 0 or found[i - 1] != n]
+
+
+def watch(
+    tracker: VisualTracker,
+    view: View,
+    name: str,
+    count: int,
+    *,
+    select: float = 0.0,
+    centre: bool = False,
+) -> Watched:
+    """Shows frames to a tracker.
+
+    Args:
+        tracker: looks for something.
+        view: gives the frames.
+        name: the thing that it should find.
+        count: how many frames.
+        select: width of a rectangle [pixels] that is drawn around the thing at first; 0: none.
+        centre: the point should be the middle of the thing, not its surface.
+    """
+    result = Watched([], [])
+    for i, (time, frame, pose) in enumerate(view.frames(count)):
+        if select and i == 0:
+            tracker.select(frame, view.box(name, time, select))
+        sighting = tracker.step(frame, pose)
+        result.sightings.append(sighting)
+        if sighting is not None:
+            truth = (
+                view.scene.position(name, time)
+                if centre
+                else view.scene.seen_surface(name, time, pose)
+            )
+            result.misses.append(math.dist(pose @ sighting.point, truth))
+    return result

@@ -1,0 +1,141 @@
+"""A head that follows what its simulated camera sees, in simulated time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+import yaml
+from lockstep import PAN, TILT, World
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.simulated_camera import SimulatedCameraNode
+from head_tracking.nodes.visual_target import VisualTargetNode
+from head_tracking.scene import Wall
+from head_tracking.share import robot_file, share_directory
+from head_tracking.tf.conversions import stamp_to_ns, vector
+from head_tracking.tracking import ErrorStatistics
+from head_tracking.transforms import Transform, load_robot_model
+
+CAMERA = "camera_optical_frame"
+SETTLING = 3.0  # s
+_SAMPLE = 10_000_000  # ns
+
+
+def head_yaml() -> dict[str, Any]:
+    """The values of config/head.yaml for the tracker."""
+    text = (share_directory() / "config" / "head.yaml").read_text()
+    parameters: dict[str, Any] = yaml.safe_load(text)["/**/head_tracker"]["ros__parameters"]
+    return parameters
+
+
+def tutorial_law() -> dict[str, Any]:
+    """The values of tutorial part 2."""
+    gains = {"k_pan": 1.5, "k_tilt": 1.5, "max_joint_speed": 0.5}
+    return head_yaml() | {"law": "speed", "rate": 10.0, **gains}
+
+
+@dataclass
+class Pursuit:
+    """What came of a run.
+
+    Attributes:
+        errors: angle between the camera's axis and the target, by the servos' true angles [rad].
+        misses: how far the published points were from what they should be [m].
+        images: how many the camera took.
+        picture: the last annotated image.
+    """
+
+    errors: ErrorStatistics = field(default_factory=ErrorStatistics)
+    misses: list[float] = field(default_factory=list)
+    images: int = 0
+    picture: Any = None
+
+
+def pursue(
+    scene: str,
+    followed: str,
+    target: dict[str, Any],
+    tracker: dict[str, Any],
+    *,
+    duration: float = 20.0,
+    camera: dict[str, Any] | None = None,
+    hide: tuple[float, float] | None = None,
+) -> Pursuit:
+    """Runs camera, target and tracker of kinectbot together.
+
+    Args:
+        scene: of the simulated camera.
+        followed: the name of the thing in it that should be followed.
+        target: parameters of visual_target.
+        tracker: parameters of head_tracker.
+        duration: [s].
+        camera: parameters of simulated_camera.
+        hide: from and until when [s] all things are out of sight.
+    """
+    model = load_robot_model(robot_file("kinectbot"))
+    world, result = World(model), Pursuit()
+    head = PanTiltHead(model, PAN.joint_name, TILT.joint_name, CAMERA)
+    T_head_scene = model.transform(head.base_frame, "base_link", {})
+    poses: dict[int, Transform] = {}
+    rclpy.init()
+    eye = world.make(
+        SimulatedCameraNode,
+        {"scene": scene, **(camera or {})},
+        buffer=world.buffer,
+        true_position=world.true_position,
+    )
+    nodes = [
+        eye,
+        world.make(VisualTargetNode, target, buffer=world.buffer),
+        world.make(HeadTrackerNode, tracker, buffer=world.buffer),
+    ]
+    seen = eye.scene
+
+    def joints() -> tuple[float, float]:
+        return world.true_position(PAN.joint_name), world.true_position(TILT.joint_name)
+
+    def exposed() -> None:
+        pan, tilt = joints()
+        positions = {PAN.joint_name: pan, TILT.joint_name: tilt}
+        poses[world.now] = model.transform("base_link", CAMERA, positions)
+        result.images += 1
+
+    def on_target(message: Any) -> None:
+        stamp = stamp_to_ns(message.header.stamp)
+        found = poses[stamp] @ vector(message.point)
+        truth = seen.seen_surface(followed, stamp * 1e-9, poses[stamp])
+        result.misses.append(math.dist(found, truth))
+
+    def on_picture(message: Any) -> None:
+        result.picture = message
+
+    def judge() -> None:
+        if world.seconds >= SETTLING:
+            point = T_head_scene @ seen.position(followed, world.now * 1e-9)
+            result.errors.add(head.miss(point, *joints()))
+
+    world.every(round(1e9 / 30.0), exposed)
+    world.every(_SAMPLE, judge)
+    world.listen("/target_point", on_target)
+    world.listen("/visual_target/image", on_picture)
+    if hide is not None:
+        shown = dict(seen.things)
+        walls = {name: thing for name, thing in shown.items() if isinstance(thing, Wall)}
+        for when, things in zip(hide, (walls, shown), strict=True):
+            world.at(world.now + round(when * 1e9), lambda things=things: _show(eye, things))
+    try:
+        world.run(duration)
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return result
+
+
+def _show(eye: SimulatedCameraNode, things: dict[str, Any]) -> None:
+    """Lets the camera see only these; the truth about the others stays known."""
+    eye.renderer.scene = type(eye.scene)(things)

@@ -1,0 +1,88 @@
+import pytest
+
+from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
+from head_tracking.transforms import (
+    LookupException,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    TransformException,
+)
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def buffer(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    return buffer
+
+
+def see(buffer, frame, stamp, x, parent="base_link"):
+    turned = Rotation.from_rpy(0.0, 0.0, 1.5707963267948966)
+    buffer.set_transform(stamp, parent, frame, Transform((x, 0.0, 1.0), turned))
+
+
+def target(buffer, frame, **options):
+    return FrameTarget(buffer, FrameTargetParameters(frame=frame, **options))
+
+
+def test_a_frame_of_another_program_keeps_its_own_stamp(buffer):
+    see(buffer, "ball", 3 * SECOND, 2.0)
+    found = target(buffer, "ball", offset=(0.5, 0.0, 0.0)).newest(3 * SECOND + 1000)
+    assert (found.stamp, found.frame_id) == (3 * SECOND, "base_link")
+    assert found.point == pytest.approx((2.0, 0.5, 1.0))
+
+
+def test_what_was_given_already_is_not_given_again(buffer):
+    see(buffer, "ball", SECOND, 2.0)
+    ball = target(buffer, "ball")
+    assert ball.newest(SECOND) is not None
+    assert ball.newest(SECOND + 1) is None
+    see(buffer, "ball", SECOND + 2, 2.1)
+    assert ball.newest(SECOND + 3).point == pytest.approx((2.1, 0.0, 1.0))
+
+
+def test_silence_when_nobody_sees_it_any_more(buffer):
+    see(buffer, "ball", SECOND, 2.0)
+    with pytest.raises(StaleFrameError, match=r"transform of ball is 0.6 s old; up to 0.5 s"):
+        target(buffer, "ball").newest(SECOND + 600_000_000)
+
+
+def test_a_link_that_never_moves_is_always_fresh(buffer):
+    torso = target(buffer, "torso_link")
+    for now in (5 * SECOND, 6 * SECOND):
+        assert torso.newest(now).stamp == now
+
+
+def test_a_link_of_the_robot_comes_with_the_time_of_its_joints(buffer):
+    buffer.set_joint_positions(SECOND, {"head_pan_joint": 0.3, "head_tilt_joint": 0.0})
+    found = target(buffer, "left_eye_link").newest(SECOND)
+    assert found.stamp == SECOND
+    assert found.point == pytest.approx(
+        buffer.transform_point((0.0, 0.0, 0.0), "base_link", "left_eye_link", SECOND)
+    )
+
+
+def test_a_joint_of_a_skeleton_is_the_newest_users(buffer):
+    see(buffer, "left_hand_1", SECOND, 1.0)
+    see(buffer, "left_hand_2", 2 * SECOND, 2.0)
+    see(buffer, "right_hand_2", 2 * SECOND, 3.0)
+    now = 2 * SECOND
+    assert target(buffer, "left_hand").newest(now).point[0] == pytest.approx(2.0)
+    assert target(buffer, "left_hand", mirror_skeleton=True).newest(now).point[0] == pytest.approx(
+        3.0
+    )
+
+
+def test_an_unknown_frame_and_no_frame_are_errors(buffer):
+    with pytest.raises(LookupException, match="gripper"):
+        target(buffer, "gripper").newest(SECOND)
+    with pytest.raises(TransformException, match="set the parameter `frame`"):
+        target(buffer, "").newest(SECOND)
+
+
+def test_an_offset_needs_three_numbers():
+    with pytest.raises(ValueError, match="x, y and z"):
+        FrameTargetParameters(offset=(1.0, 2.0))

@@ -1,0 +1,98 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from head_tracking.targets import MuxParameters, Source, TargetMux
+
+LOW, HIGH, EQUAL = Source("low", 1, 0.5), Source("high", 5, 0.5), Source("equal", 1, 0.5)
+
+
+@pytest.fixture
+def mux():
+    return TargetMux((LOW, HIGH, EQUAL), MuxParameters(take_over_time=0.3))
+
+
+def feed(mux, name, start, end, period=0.1):
+    """The choice after each target."""
+    steps = round((end - start) / period)
+    return [mux.offer(name, start + i * period) for i in range(steps + 1)]
+
+
+def test_nothing_is_chosen_before_the_first_target(mux):
+    assert mux.select(0.0) is None
+
+
+def test_the_first_source_with_a_target_has_the_head_at_once(mux):
+    assert mux.offer("low", 0.0)
+
+
+def test_a_more_important_one_takes_over_after_it_was_there_for_a_while(mux):
+    mux.offer("low", 0.0)
+    chosen = []
+    for i in range(6):
+        mux.offer("low", 0.1 * i)
+        chosen.append(mux.offer("high", 0.1 * i))
+    assert chosen[0] is False
+    assert chosen[-1] is True
+    assert chosen.index(True) in (3, 4)
+
+
+def test_a_flickering_source_never_takes_over(mux):
+    for i in range(100):
+        now = 0.1 * i
+        mux.offer("low", now)
+        if i % 10 < 2:  # two targets, then 0.8 s without: longer than its time-out
+            assert not mux.offer("high", now)
+        assert mux.select(now) == "low"
+
+
+def test_one_of_the_same_priority_waits_until_the_other_has_lost_its_target(mux):
+    feed(mux, "low", 0.0, 1.0)
+    assert not any(feed(mux, "equal", 0.1, 1.4))
+    assert mux.select(1.51) == "equal"
+
+
+def test_a_source_that_falls_silent_gives_way_at_once(mux):
+    feed(mux, "high", 0.0, 1.0)
+    mux.offer("low", 1.5)
+    assert mux.select(1.5) == "high"
+    assert mux.select(1.51) == "low"
+    assert mux.select(2.1) is None
+
+
+def test_a_source_can_be_withdrawn(mux):
+    mux.offer("high", 0.0)
+    mux.withdraw("high")
+    assert mux.select(0.0) is None
+
+
+def test_a_person_can_pin_a_source(mux):
+    feed(mux, "high", 0.0, 1.0)
+    feed(mux, "low", 0.0, 1.0)
+    mux.pin("low")
+    assert mux.select(1.0) == "low"
+    assert mux.offer("high", 1.1) is False
+    assert mux.select(2.0) is None, "a pinned source without a target means no target"
+    mux.pin(None)
+    assert mux.offer("high", 2.0)
+
+
+def test_an_unknown_pin_and_impossible_sources_are_refused(mux):
+    with pytest.raises(ValueError, match=r"no source 'hihg'; there are low, high, equal"):
+        mux.pin("hihg")
+    for sources in ((), (LOW, LOW)):
+        with pytest.raises(ValueError, match="at least one, each with a name of its own"):
+            TargetMux(sources, MuxParameters())
+
+
+@given(st.lists(st.tuples(st.sampled_from(["low", "high", "equal"]), st.floats(0.01, 1.0))))
+def test_whatever_is_chosen_has_a_target_and_it_is_never_nothing_if_there_is_one(events):
+    mux = TargetMux((LOW, HIGH, EQUAL), MuxParameters(take_over_time=0.3))
+    now, last = 0.0, {}
+    for name, pause in events:
+        now += pause
+        fresh = {other for other, when in last.items() if now - when <= 0.5}
+        assert (mux.select(now) in fresh) == bool(fresh)
+        mux.offer(name, now)
+        last[name] = now
+        assert mux.select(now) is not None

@@ -1,0 +1,57 @@
+import itertools
+import math
+
+import pytest
+
+from head_tracking.targets import Arrival, Transition
+
+CENTRE = (0.1, 0.0, 0.5)
+
+
+def ways(start, end, steps=50, duration=1.0):
+    transition = Transition()
+    transition.begin(start, 10.0, duration)
+    return [transition.at(end, 10.0 + duration * i / steps, CENTRE) for i in range(steps + 1)]
+
+
+def distance(a, b):
+    return math.dist(a, b)
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [((1, 1, 0.5), (1, -1, 0.5)), ((-0.5, 1, 0.5), (-0.5, -1, 0.2)), ((2, 0, 0), (0.5, 0.1, 1.5))],
+)
+def test_the_way_is_smooth_and_stays_away_from_the_head(start, end):
+    points = ways(start, end)
+    assert points[0] == pytest.approx(start)
+    assert points[-1] == pytest.approx(end)
+    nearest = min(distance(start, CENTRE), distance(end, CENTRE))
+    assert min(distance(point, CENTRE) for point in points) > 0.99 * nearest
+    steps = [distance(a, b) for a, b in itertools.pairwise(points)]
+    assert max(steps) < 3.2 * sum(steps) / len(steps)
+    assert steps[0] < 0.2 * max(steps), "it starts without a jolt"
+
+
+def test_the_way_from_left_to_right_goes_past_the_front():
+    points = ways((-0.5, 1.0, 0.5), (-0.5, -1.0, 0.5))
+    assert points[25][0] > 1.0
+
+
+def test_a_new_target_that_moves_is_met():
+    transition = Transition()
+    transition.begin((1.0, 1.0, 0.5), 0.0, 1.0)
+    assert transition.under_way(0.9)
+    assert transition.at((1.0, -0.3, 0.5), 1.0, CENTRE) == (1.0, -0.3, 0.5)
+    assert not transition.under_way(1.0)
+
+
+def test_without_a_start_there_is_nothing_to_smooth():
+    assert Transition().at((1.0, 2.0, 3.0), 0.0, CENTRE) == (1.0, 2.0, 3.0)
+
+
+def test_arrived_is_who_stays():
+    arrival = Arrival(0.02, 0.3)
+    misses = [(0.0, 0.5), (0.1, 0.01), (0.2, 0.03), (0.3, 0.01), (0.5, 0.0), (0.6, 0.01)]
+    assert not any(arrival.step(miss, now) for now, miss in misses[:-1])
+    assert arrival.step(*reversed(misses[-1]))

@@ -1,0 +1,87 @@
+import math
+
+import numpy as np
+import pytest
+
+from head_tracking.vision import Box, Camera, CameraError, camera_with_view
+
+K = [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]
+
+
+def test_a_pixel_and_a_depth_make_a_point_and_back():
+    camera = Camera.from_calibration((640, 480), K)
+    point = camera.point((420.0, 138.0), 2.0)
+    assert point == pytest.approx((0.4, -0.4, 2.0))
+    assert camera.pixel(point) == pytest.approx((420.0, 138.0))
+    assert camera.pixel((0.0, 0.0, -1.0)) is None
+
+
+def test_binning_and_a_region_change_the_pixels_but_not_the_directions():
+    whole = Camera.from_calibration((640, 480), K)
+    part = Camera.from_calibration((640, 480), K, binning=(2, 2), region=(100, 40, 400, 200))
+    assert (part.width, part.height) == (200, 100)
+    assert part.ray((60.0, 50.0)) == pytest.approx(whole.ray((220.0, 140.0)))
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("plumb_bob", (-0.28, 0.07, 1e-3, -5e-4, 0.01)),
+        ("rational_polynomial", (0.5, -0.2, 1e-4, 2e-4, 0.02, 0.6, -0.1, 0.03)),
+        ("equidistant", (-0.02, 0.005, -0.003, 0.0005)),
+    ],
+)
+def test_distortion_is_undone(model, distortion):
+    camera = Camera.from_calibration((640, 480), K, distortion, model)
+    x, y = 0.31, -0.22
+    r2 = x * x + y * y
+    if model == "equidistant":
+        r = math.sqrt(r2)
+        t = math.atan(r)
+        k1, k2, k3, k4 = distortion
+        bent = t * (1 + k1 * t**2 + k2 * t**4 + k3 * t**6 + k4 * t**8) / r
+        u, v = x * bent, y * bent
+    else:
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*distortion, 0.0, 0.0, 0.0)[:8]
+        radial = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
+        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    pixel = (500.0 * u + 320.0, 510.0 * v + 240.0)
+    assert camera.ray(pixel) == pytest.approx((x, y), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("size", "k", "distortion", "model", "words"),
+    [
+        ((0, 0), [0.0] * 9, (), "", "not calibrated"),
+        ((640, 480), [0.0] * 9, (), "plumb_bob", "not calibrated"),
+        ((640, 480), [*K[:4], -5.0, *K[5:]], (), "plumb_bob", "must be above 0"),
+        ((640, 480), [math.nan, *K[1:]], (), "plumb_bob", "nine finite numbers"),
+        ((640, 480), K[:6], (), "plumb_bob", "nine finite numbers"),
+        ((640, 480), K, (0.1, 0.0), "magic", "'magic' with 2 coefficients is not known"),
+        ((640, 480), K, (0.1,) * 9, "equidistant", "9 coefficients"),
+    ],
+)
+def test_a_calibration_that_makes_no_sense_is_told(size, k, distortion, model, words):
+    with pytest.raises(CameraError, match=words):
+        Camera.from_calibration(size, k, distortion, model)
+
+
+def test_an_unknown_model_without_coefficients_is_no_distortion():
+    camera = Camera.from_calibration((640, 480), K, (0.0,) * 4, "magic")
+    assert camera.ray((820.0, 240.0)) == (1.0, 0.0)
+
+
+def test_the_view_of_a_simulated_camera():
+    camera = camera_with_view(640, 480, 1.0)
+    left, right = camera.ray((-0.5, 239.5)), camera.ray((639.5, 239.5))
+    assert math.atan(right[0]) - math.atan(left[0]) == pytest.approx(1.0)
+
+
+def test_boxes():
+    box = Box(10, 20, 30, 40)
+    assert box.centre == (25, 40)
+    assert box.grown(2.0) == Box(-5, 0, 60, 80)
+    assert box.grown(2.0).clipped(50, 60) == Box(0, 0, 50, 60)
+    assert box.clipped(5, 5)[2:] == (0, 0)
+    assert np.zeros((60, 50))[box.slices()].shape == (40, 30)

@@ -1,0 +1,306 @@
+"""Position errors on rendered images: the camera turns, the things move, the truth is known."""
+
+import math
+
+import numpy as np
+import pytest
+from image_encodings import COLOURLESS, ENCODERS, raw
+from rendered_frames import KINECT, SMALL, View, watch
+
+from head_tracking.scene import Ball, Board, Scene, Swing, make_scene
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, face, marker_board, room
+from head_tracking.vision import (
+    DETECTORS,
+    Box,
+    Camera,
+    ColourDetector,
+    ColourParameters,
+    DepthImage,
+    DistanceParameters,
+    FaceDetector,
+    FaceParameters,
+    FeatureDetector,
+    FeatureParameters,
+    Frame,
+    IdentityParameters,
+    MarkerDetector,
+    MarkerParameters,
+    NearestDetector,
+    NearestParameters,
+    Picture,
+    VisualTracker,
+    decode_picture,
+)
+
+MM = 1e-3
+
+
+def tracker(what, detector_parameters=None, **distances):
+    make, kind = DETECTORS[what]
+    return VisualTracker(
+        make(detector_parameters or kind()), DistanceParameters(**distances), IdentityParameters()
+    )
+
+
+def scene(name):
+    return make_scene(name, np.random.default_rng(5))
+
+
+@pytest.mark.parametrize(
+    ("what", "where", "name", "depth", "worst", "options"),
+    [
+        ("colour", "ball", "ball", "16UC1", 30, {}),
+        ("colour", "ball", "ball", "32FC1", 30, {}),
+        ("marker", "marker", "marker", "16UC1", 8, {}),
+        ("marker", "marker", "marker", "32FC1", 8, {}),
+        ("face", "face", "face", "16UC1", 20, {}),
+        ("face", "face", "face", "32FC1", 20, {}),
+        ("features", "picture", "picture", "16UC1", 15, {"select": 70}),
+        ("nearest", "ball", "ball", "16UC1", 30, {}),
+        ("nearest", "ball", "ball", "32FC1", 30, {}),
+    ],
+)
+def test_with_depth_the_point_is_right_to_millimetres(
+    kinectbot, what, where, name, depth, worst, options
+):
+    view = View(scene(where), kinectbot, KINECT, depth=depth)
+    seen = watch(tracker(what), view, name, 25, **options)
+    assert len(seen.misses) >= 22
+    assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
+    assert len(seen.numbers) == 1
+
+
+@pytest.mark.parametrize(
+    ("what", "where", "name", "worst", "parameters", "distances"),
+    [
+        ("colour", "ball", "ball", 60, None, {"object_size": 0.16}),
+        ("marker", "marker", "marker", 25, MarkerParameters(marker_size=MARKER_SIZE), {}),
+        ("face", "face", "face", 200, None, {"object_size": FACE_WIDTH}),
+        ("face", "face", "face", 60, None, {"distance": 1.4}),
+    ],
+)
+def test_without_depth_size_or_distance_tell_how_far_it_is(
+    kinectbot, what, where, name, worst, parameters, distances
+):
+    view = View(scene(where), kinectbot, KINECT, depth="")
+    seen = watch(tracker(what, parameters, **distances), view, name, 25, centre=True)
+    assert len(seen.misses) >= 22
+    assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
+
+
+@pytest.fixture(scope="module")
+def shots(kinectbot):
+    """Four frames of a ball and of a marker, with the truth."""
+    views = {name: View(scene(name), kinectbot, SMALL) for name in ("ball", "marker")}
+    return {name: (view, list(view.frames(4))) for name, view in views.items()}
+
+
+@pytest.mark.parametrize("encoding", ENCODERS)
+def test_in_every_encoding_the_point_is_right_to_millimetres(shots, encoding):
+    what, name, worst = (
+        ("marker", "marker", 12) if encoding in COLOURLESS else ("colour", "ball", 30)
+    )
+    view, frames = shots[name]
+    eye = tracker(what)
+    for time, frame, pose in frames:
+        message = raw(encoding, ENCODERS[encoding](frame.picture.bgr), big_endian=True, padding=3)
+        sighting = eye.step(
+            Frame(frame.stamp, frame.camera, decode_picture(message), frame.depth), pose
+        )
+        truth = view.scene.seen_surface(name, time, pose)
+    assert math.dist(pose @ sighting.point, truth) < worst * MM
+
+
+def test_without_depth_size_and_distance_there_is_no_target_but_a_reason(kinectbot):
+    blind = tracker("colour")
+    seen = watch(blind, View(scene("ball"), kinectbot, SMALL, depth=""), "ball", 6)
+    assert not seen.misses
+    assert blind.without_distance == 1
+
+
+@pytest.mark.parametrize("what", ["face", "colour", "marker", "nearest"])
+def test_an_empty_room_has_no_targets(kinectbot, what):
+    view = View(scene("empty"), kinectbot, SMALL, noise=6.0)
+    seen = watch(tracker(what), view, "", 60)
+    assert seen.sightings == [None] * 60
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 2), (7, 5), (17, 3)])
+@pytest.mark.parametrize("what", DETECTORS)
+def test_tiny_images_hold_no_targets_and_do_no_harm(what, size):
+    width, height = size
+    rng = np.random.default_rng(0)
+    camera = Camera(width, height, 10.0, 10.0, width / 2, height / 2)
+    small = tracker(what, distance=1.0)
+    for i in range(4):
+        picture = Picture(rng.integers(0, 256, (height, width, 3), np.uint8))
+        depth = DepthImage(np.full((height, width), np.nan, np.float32))
+        frame = Frame(i * 33_000_000, camera, picture, depth)
+        small.select(frame, Box(0, 0, width, height))
+        small.step(frame)
+
+
+def test_depths_of_nan_only_are_no_depths(kinectbot):
+    found = []
+    eye = tracker("colour")
+    for _, frame, pose in View(scene("ball"), kinectbot, SMALL).frames(5):
+        depth = DepthImage(np.full((240, 320), np.nan, np.float32))
+        found.append(eye.step(Frame(frame.stamp, frame.camera, frame.picture, depth), pose))
+    assert found == [None] * 5
+
+
+# colour
+
+
+def still(thing, **others):
+    return Scene({**room(np.random.default_rng(5)), "thing": thing, **others})
+
+
+@pytest.mark.parametrize(
+    ("colour", "hue"), [((20, 20, 220), 0.0), ((200, 60, 20), 227.0), ((40, 190, 60), 112.0)]
+)
+def test_a_colour_is_given_by_its_hue_all_around_the_circle(kinectbot, colour, hue):
+    view = View(still(Ball(0.08, colour, Swing(1.5, 0.62))), kinectbot, SMALL, swing=0.0)
+    seen = watch(tracker("colour", ColourParameters(hue=hue)), view, "thing", 6)
+    assert len(seen.misses) == 4
+    other = ColourParameters(hue=(hue + 60) % 360)
+    assert not watch(tracker("colour", other), view, "thing", 6).misses
+
+
+def test_a_rectangle_teaches_the_colour(kinectbot):
+    view = View(still(Ball(0.1, (190, 60, 130), Swing(1.2, 0.6))), kinectbot, SMALL, swing=0.0)
+    assert not watch(tracker("colour"), view, "thing", 6).misses
+    eye = tracker("colour")
+    assert len(watch(eye, view, "thing", 8, select=40).misses) >= 5
+    eye.reset()
+    assert not watch(eye, view, "thing", 6).misses
+
+
+def test_a_ball_that_is_half_covered_keeps_its_depth(kinectbot):
+    cover = Board(np.full((64, 64, 4), 255, np.uint8), 0.3, Swing(0.9, 0.62, middle=0.13))
+    ball = Ball(0.1, ORANGE, Swing(1.5, 0.62))
+    view = View(still(ball, cover=cover), kinectbot, KINECT, swing=0.0)
+    seen = watch(tracker("colour"), view, "thing", 8)
+    assert len(seen.sightings) - seen.sightings.count(None) == 6
+    last = seen.sightings[-1]
+    assert math.hypot(*last.point) == pytest.approx(1.45, abs=0.1)
+
+
+# markers
+
+
+@pytest.mark.parametrize("dictionary", ["4X4_50", "APRILTAG_36h11"])
+def test_the_marker_with_the_right_number_is_followed(kinectbot, dictionary):
+    boards = {
+        "thing": marker_board(Swing(1.2, 0.6, middle=0.2), 3, dictionary),
+        "other": marker_board(Swing(1.0, 0.6, middle=-0.2), 5, dictionary),
+    }
+    view = View(still(**boards), kinectbot, KINECT, swing=0.0)
+    parameters = MarkerParameters(dictionary=dictionary, marker_id=3)
+    seen = watch(tracker("marker", parameters), view, "thing", 6)
+    assert len(seen.misses) == 4
+    assert max(seen.misses) < 10 * MM
+    assert seen.sightings[-1].candidate.label == "3"
+
+
+def test_a_rectangle_chooses_a_marker(kinectbot):
+    boards = {
+        "thing": marker_board(Swing(1.2, 0.6, middle=0.2), 3),
+        "other": marker_board(Swing(1.0, 0.6, middle=-0.2), 5),
+    }
+    view = View(still(**boards), kinectbot, KINECT, swing=0.0)
+    seen = watch(tracker("marker"), view, "thing", 6, select=80)
+    assert {s.candidate.label for s in seen.sightings if s} == {"3"}
+
+
+def test_the_family_can_be_changed_while_looking(kinectbot):
+    view = View(still(marker_board(Swing(1.2, 0.6), 3, "APRILTAG_36h11")), kinectbot, KINECT)
+    eye = tracker("marker")
+    assert not watch(eye, view, "thing", 5).misses
+    eye.detector.parameters = MarkerParameters(dictionary="APRILTAG_36h11")
+    assert watch(eye, view, "thing", 5).misses
+
+
+# features
+
+
+def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
+    here = scene("picture")
+    view = View(here, kinectbot, KINECT)
+    eye = tracker("features")
+    picture = here.things["picture"]
+    shown = []
+    for i, (time, frame, pose) in enumerate(view.frames(50)):
+        if i == 0:
+            eye.select(frame, view.box("picture", time, 70))
+        sighting = eye.step(frame, pose)
+        shown.append(sighting is not None)
+        if sighting is not None:
+            truth = here.seen_surface("picture", time, pose)
+            assert math.dist(pose @ sighting.point, truth) < 40 * MM
+        if i == 19:
+            del here.things["picture"]
+        if i == 29:
+            here.things["picture"] = picture
+    assert all(shown[3:20])
+    assert not any(shown[20:30]), "silence while it is away"
+    assert all(shown[34:])
+
+
+@pytest.mark.parametrize(
+    "box", [Box(20, 20, 40, 40), Box(0, 0, 0, 0), Box(-50, -50, 20, 20), Box(10, 10, 3, 3)]
+)
+def test_a_rectangle_without_features_is_not_followed(box):
+    eye = tracker("features", distance=1.0)
+    for i in range(4):
+        frame = Frame(i * 33_000_000, SMALL, Picture(np.full((240, 320, 3), 90, np.uint8)))
+        if i == 0:
+            eye.select(frame, box)
+        assert eye.step(frame) is None
+
+
+# faces and blobs
+
+
+def test_a_face_that_is_looked_for_nearby_costs_less_than_the_whole_image(kinectbot):
+    detector = FaceDetector(FaceParameters(search_period=5))
+    searched = []
+    whole = detector._search
+
+    def noted(gray, where, width):
+        searched.append(where.width)
+        return whole(gray, where, width)
+
+    detector._search = noted
+    eye = VisualTracker(detector, DistanceParameters(), IdentityParameters())
+    seen = watch(eye, View(scene("face"), kinectbot, KINECT), "face", 20)
+    assert len(seen.misses) == 18
+    assert searched.count(640) <= 6
+    assert max(width for width in searched if width != 640) < 250
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.15])
+def test_the_nearest_thing_in_the_range_is_followed(kinectbot, shift):
+    things = {
+        "thing": Ball(0.1, ORANGE, Swing(1.1, 0.6, middle=0.2)),
+        "farther": face(Swing(1.6, 0.6, middle=-0.2)),
+        "speck": Ball(0.004, ORANGE, Swing(0.6 + shift, 0.6)),
+    }
+    view = View(still(**things), kinectbot, KINECT, swing=0.0)
+    seen = watch(tracker("nearest"), view, "thing", 6)
+    assert len(seen.misses) == 4
+    assert max(seen.misses) < 40 * MM
+    beyond = tracker("nearest", NearestParameters(near=1.3, far=2.0))
+    seen = watch(beyond, view, "farther", 6)
+    assert max(math.hypot(*s.point) for s in seen.sightings if s) == pytest.approx(1.55, abs=0.15)
+
+
+def test_every_detector_has_parameters_that_can_be_changed():
+    for make, kind in DETECTORS.values():
+        detector = make(kind())
+        detector.parameters = kind()
+        assert detector.parameters == kind()
+    assert {type(make(kind())) for make, kind in DETECTORS.values()} == {
+        ColourDetector, FaceDetector, FeatureDetector, MarkerDetector, NearestDetector,
+    }  # fmt: skip
+    assert FeatureParameters().match > 0.1

@@ -1,0 +1,192 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rendered_frames import SMALL, View, watch
+
+from head_tracking.scene import Scene, Swing
+from head_tracking.scene.scenes import TALL_DARK, face, room
+from head_tracking.transforms import Transform
+from head_tracking.vision import (
+    Box,
+    Candidate,
+    DistanceParameters,
+    FaceDetector,
+    FaceParameters,
+    Identity,
+    IdentityParameters,
+    Located,
+    VisualTracker,
+)
+from head_tracking.vision.assignment import assign
+
+STILL = Transform.identity()
+IMPOSSIBLE = 1e6
+
+
+@given(st.data())
+def test_the_pairs_are_the_cheapest_ones(data):
+    rows, columns = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
+    costs = data.draw(arrays(np.float64, (rows, columns), elements=st.integers(0, 9)))
+    pairs = assign(costs, IMPOSSIBLE)
+    assert len(pairs) == len(set(pairs.values())) == min(rows, columns)
+    wide = costs if rows <= columns else costs.T
+    best = min(
+        (
+            sum(wide[i, j] for i, j in enumerate(choice))
+            for choice in itertools.permutations(range(wide.shape[1]), wide.shape[0])
+        ),
+        default=0.0,
+    )
+    assert sum(costs[i, j] for i, j in pairs.items()) == pytest.approx(best)
+
+
+def test_impossible_pairs_are_not_made():
+    costs = np.array([[1.0, IMPOSSIBLE], [IMPOSSIBLE, IMPOSSIBLE]])
+    assert assign(costs, IMPOSSIBLE) == {0: 0}
+
+
+def seen(x, z=2.0, confidence=0.9, label="", colour=0):
+    looks = np.zeros(4, np.float32)
+    looks[colour] = 1.0
+    box = Box(250 + 250 * x - 20, 240, 40, 40)
+    return Located(Candidate(box, box.centre, confidence, label), (x, 0.0, z), True, 0.04, looks)
+
+
+def follow(identity, frames, start=0.0, period=1 / 30):
+    """The number that is followed and seen in each frame; None if there is none."""
+    followed = []
+    for i, found in enumerate(frames):
+        identity.update(found, STILL, start + i * period)
+        track = identity.followed
+        followed.append(track.number if track and track.located else None)
+    return followed
+
+
+@pytest.fixture
+def identity():
+    return Identity(IdentityParameters())
+
+
+def test_what_is_seen_once_or_twice_is_not_believed(identity):
+    assert follow(identity, [[seen(0.0)], [seen(0.0)], [], [], []]) == [None] * 5
+
+
+def test_what_flickers_at_random_places_is_not_believed(identity):
+    rng = np.random.default_rng(0)
+    frames = [[seen(float(rng.uniform(-1, 1)))] if i % 3 == 0 else [] for i in range(300)]
+    assert follow(identity, frames) == [None] * 300
+
+
+def test_an_uncertain_thing_is_not_followed(identity):
+    assert follow(identity, [[seen(0.0, confidence=0.1)]] * 10) == [None] * 10
+
+
+def test_the_larger_of_two_is_chosen_and_kept(identity):
+    big, small = seen(-0.3), seen(0.3)
+    big = Located(
+        Candidate(big.candidate.box._replace(width=60), big.candidate.centre, 0.9), big.point, True
+    )
+    numbers = follow(identity, [[small, big]] * 4 + [[small]] * 10 + [[small, big]] * 5)
+    assert numbers[2] == numbers[-1] is not None
+    assert numbers[4:14] == [None] * 10, "no jump to the other one"
+
+
+def test_after_a_while_another_one_is_taken(identity):
+    frames = [[seen(-0.3), seen(0.3)]] * 5 + [[seen(0.3)]] * 70
+    numbers = follow(identity, frames)
+    first = numbers[4]
+    assert numbers[5 + 55] is None
+    assert numbers[-1] not in (None, first)
+
+
+def test_two_that_cross_keep_their_names(identity):
+    """They pass each other; for 0.5 s only the nearer one is seen."""
+    frames = []
+    for i in range(120):
+        x = -0.6 + 0.01 * i
+        near, far = seen(x, 1.5, colour=0), seen(-x * 1.6, 2.4, colour=1)
+        angle = abs(x / 1.5 + x * 1.6 / 2.4)
+        frames.append([near] if angle < 0.12 else [near, far])
+    identity.update(frames[0], STILL, -1 / 30)
+    numbers = follow(identity, frames)
+    owner = {track.number: track for track in identity.tracks}
+    assert len({n for n in numbers if n}) == 1
+    followed = owner[numbers[-1]]
+    assert followed.located.appearance[0] == (1.0 if followed.position[2] < 2 else 0.0)
+
+
+def test_who_looks_different_is_somebody_else(identity):
+    numbers = follow(identity, [[seen(0.0, colour=0)]] * 5 + [[seen(0.0, colour=2)]] * 5)
+    assert numbers[5:] == [None] * 5
+
+
+def test_another_label_is_something_else(identity):
+    numbers = follow(identity, [[seen(0.0, label="3")]] * 5 + [[seen(0.0, label="4")]] * 5)
+    assert numbers[5:] == [None] * 5
+
+
+def test_a_camera_that_turns_does_not_move_what_stands_still():
+    """Without the camera's pose a quick turn of the head would look like another person."""
+    from head_tracking.transforms import Rotation
+
+    identity, names = Identity(IdentityParameters()), []
+    for i in range(40):
+        turn = Transform((0.0, 0.0, 0.0), Rotation.from_rpy(0.0, 0.12 * i, 0.0))
+        x, _, z = turn.inverse() @ (0.0, 0.0, 2.0)
+        found = seen(0.0)
+        located = Located(found.candidate, (x, 0.0, z), True, 0.04, found.appearance)
+        identity.update([located], turn, i / 30)
+        names += [track.number for track in identity.tracks]
+    assert set(names) == {1}
+
+
+# with real pictures
+
+
+def watch_faces(kinectbot, things, count, swing=0.0, **options):
+    tracker = VisualTracker(
+        FaceDetector(FaceParameters()), DistanceParameters(), IdentityParameters()
+    )
+    scene = Scene({**room(np.random.default_rng(5)), **things})
+    return tracker, watch(
+        tracker, View(scene, kinectbot, SMALL, swing=swing), "face", count, **options
+    )
+
+
+def test_two_faces_that_cross_are_not_mistaken_for_each_other(kinectbot):
+    """The one that is followed passes behind the other one."""
+    things = {
+        "face": face(Swing(2.0, 0.62, 0.35, 0.2, phase=-math.pi / 2)),
+        "other": face(Swing(1.5, 0.60, 0.35, 0.2, phase=math.pi / 2), TALL_DARK),
+    }
+    _, seen = watch_faces(kinectbot, things, 75, select=60)
+    hidden = [i for i, sighting in enumerate(seen.sightings) if i > 5 and sighting is None]
+    assert hidden, "it was never behind the other one"
+    assert len(seen.numbers) == 1
+    assert max(seen.misses) < 0.1
+    assert all(seen.sightings[65:])
+
+
+def test_a_face_is_the_same_after_half_a_second_out_of_sight(kinectbot):
+    things = {"face": face(Swing(1.6, 0.62, 0.3, 0.2))}
+    scene = Scene({**room(np.random.default_rng(5)), **things})
+    tracker = VisualTracker(
+        FaceDetector(FaceParameters()), DistanceParameters(), IdentityParameters()
+    )
+    view = View(scene, kinectbot, SMALL, swing=0.2)
+    numbers = []
+    for i, (_, frame, pose) in enumerate(view.frames(60)):
+        if i == 24:
+            del scene.things["face"]
+        if i == 39:
+            scene.things.update(things)
+        sighting = tracker.step(frame, pose)
+        numbers.append(None if sighting is None else sighting.number)
+    assert numbers[25:40] == [None] * 15
+    assert len(set(numbers[5:25])) == 1
+    assert set(numbers[44:]) == {numbers[24]}

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from image_encodings import COLOURLESS, ENCODERS, raw
+
+from head_tracking.vision import Box, DepthImage, ImageError, RawImage, decode_depth, decode_picture
+
+
+@pytest.fixture(scope="module")
+def picture():
+    """Smooth colours: neighbours differ little, so that Bayer and YUV lose little."""
+    v, u = np.mgrid[0:48, 0:64]
+    blue, green, red = 60 + 2 * u, 40 + 3 * v, 200 - u - v
+    return np.dstack((blue, green, red)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("padding", [0, 7])
+@pytest.mark.parametrize("encoding", ENCODERS)
+def test_every_usual_encoding_is_decoded(picture, encoding, padding, big_endian):
+    numbers = ENCODERS[encoding](picture)
+    found = decode_picture(raw(encoding, numbers, padding=padding, big_endian=big_endian)).bgr
+    expected = picture
+    if encoding in COLOURLESS:
+        expected = np.repeat(ENCODERS["mono8"](picture)[..., None], 3, axis=2)
+    inner = (slice(2, -2), slice(2, -2))
+    allowed = 6 if "yu" in encoding or "yv" in encoding else 3 if "bayer" in encoding else 1
+    worst = np.abs(found[inner].astype(int) - expected[inner]).max()
+    assert worst <= allowed, (encoding, worst)
+
+
+def test_the_case_of_an_encoding_does_not_matter(picture):
+    assert (decode_picture(raw("BGR8", picture)).bgr == picture).all()
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize(
+    ("encoding", "numbers"),
+    [
+        ("16UC1", np.array([[1500, 0], [65535, 1]], np.uint16)),
+        ("mono16", np.array([[1500, 0], [65535, 1]], np.uint16)),
+        ("32FC1", np.array([[1.5, np.nan], [65.535, 0.001]], np.float32)),
+    ],
+)
+def test_depths_are_metres_and_unknown_ones_are_nan(encoding, numbers, padding, big_endian):
+    depth = decode_depth(raw(encoding, numbers, padding=padding, big_endian=big_endian))
+    found = depth.metres()
+    assert found == pytest.approx(np.array([[1.5, np.nan], [65.535, 0.001]]), rel=1e-6, nan_ok=True)
+    assert depth.size == (2, 2)
+
+
+def test_impossible_depths_are_unknown():
+    depth = DepthImage(np.array([[-1.0, np.inf, -np.inf, 0.0, 2.0]], np.float32))
+    assert np.isfinite(depth.metres()).tolist() == [[False, False, False, False, True]]
+
+
+def test_a_box_beyond_the_edge_gives_the_part_inside():
+    depth = DepthImage(np.arange(1, 13, dtype=np.uint16).reshape(3, 4) * 1000)
+    assert depth.part(Box(-2, -2, 3.5, 3)).tolist() == [[1.0, 2.0]]
+    assert depth.part(Box(9, 9, 3, 3)).size == 0
+
+
+@pytest.mark.parametrize("decode", [decode_picture, decode_depth])
+def test_an_unknown_encoding_is_told(decode):
+    with pytest.raises(ImageError, match=r"'rgb99' is not one of .*usable are"):
+        decode(RawImage("rgb99", 2, 2, 6, bytes(12)))
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        RawImage("bgr8", 4, 3, 12, bytes(35)),
+        RawImage("bgr8", 4, 3, 11, bytes(36)),
+        RawImage("bgr8", 4, 3, 0, bytes(36)),
+        RawImage("bgr8", 4, 3, 12, b""),
+        RawImage("bgr8", 0, 3, 0, b""),
+        RawImage("bgr8", 4, 0, 12, b""),
+        RawImage("bayer_rggb8", 1, 1, 1, b"1"),
+        RawImage("yuv422", 3, 2, 6, bytes(12)),
+        RawImage("mono16", 4, 3, 4, bytes(24)),
+    ],
+)
+def test_damaged_images_are_told(image):
+    with pytest.raises(ImageError, match=r"damaged|empty|no colours|even width"):
+        decode_picture(image)
+
+
+def test_the_last_row_needs_no_padding():
+    image = RawImage("mono8", 3, 2, 8, bytes([1, 2, 3, 0, 0, 0, 0, 0, 4, 5, 6]))
+    assert decode_picture(image).bgr[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+@pytest.mark.parametrize("encoding", ["bgr8", "mono8", "rgba8", "mono16"])
+def test_an_image_of_one_pixel_is_an_image(encoding):
+    numbers = ENCODERS[encoding](np.full((1, 1, 3), 80, np.uint8))
+    picture = decode_picture(raw(encoding, numbers))
+    assert picture.size == (1, 1)
+    assert picture.gray.shape == (1, 1)
+    assert picture.hsv.shape == (1, 1, 3)

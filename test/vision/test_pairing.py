@@ -1,0 +1,41 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from head_tracking.vision.pairing import Pairing
+
+
+def test_either_can_come_first():
+    pairs = Pairing(10)
+    assert pairs.picture(1000, "a") is None
+    assert pairs.depth(1005, "A") == ("a", "A")
+    assert pairs.depth(2000, "B") is None
+    assert pairs.picture(1995, "b") == ("b", "B")
+
+
+def test_stamps_too_far_apart_are_no_pair_and_are_counted():
+    pairs = Pairing(10)
+    for i in range(5):
+        assert pairs.depth(1000 * i + 500, "A") is None
+        assert pairs.picture(1000 * i, "a") is None
+    assert pairs.dropped == 4
+    assert pairs.picture(4500, "b") == ("b", "A")
+    assert pairs.dropped == 0
+
+
+def test_a_depth_that_comes_after_the_next_picture_still_finds_its_own():
+    pairs = Pairing(10)
+    pairs.picture(1000, "a")
+    pairs.picture(2000, "b")
+    assert pairs.picture(3000, "c") is None
+    assert pairs.depth(3000, "C") == ("c", "C")
+
+
+@given(st.permutations([(kind, i) for kind in ("picture", "depth") for i in range(5)]))
+def test_what_is_paired_belongs_together_and_time_never_goes_back(order):
+    pairs, found = Pairing(10), []
+    for kind, i in order:
+        pair = getattr(pairs, kind)(1000 * i, i)
+        if pair is not None:
+            found.append(pair)
+    assert all(a == b for a, b in found)
+    assert len({a for a, _ in found}) == len(found)

@@ -1,0 +1,104 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from rendered_frames import SMALL
+
+from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
+from head_tracking.scene.render import Rendering
+from head_tracking.transforms import Rotation, Transform
+
+# optical frame at 0.6 m, looking along x
+LEVEL = Transform((0.0, 0.0, 0.6), Rotation.from_rpy(-math.pi / 2, 0.0, -math.pi / 2))
+
+
+def turned(pan: float, tilt: float) -> Transform:
+    return Transform(LEVEL.translation, Rotation.from_rpy(0.0, tilt, pan) @ LEVEL.rotation)
+
+
+def plain(colour=(10, 200, 60)):
+    texture = np.full((64, 64, 4), 255, np.uint8)
+    texture[..., :3] = colour
+    return texture
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_room_fills_every_picture_with_colours_and_depths(name):
+    renderer = Renderer(make_scene(name, np.random.default_rng(1)), SMALL)
+    for pan, tilt in itertools.product((0.0, 1.2, -2.5, 3.1), (0.0, -0.9, 1.2)):
+        seen = renderer.render(turned(pan, tilt), 1.0)
+        assert seen.picture.shape == (240, 320, 3)
+        # at the joints between walls a row of pixels can stay free
+        assert np.isfinite(seen.depth).mean() > 0.985
+        assert np.nanmin(seen.depth) > 0.3
+        assert np.nanmax(seen.depth[np.isfinite(seen.depth)]) < 6.5
+
+
+@pytest.mark.parametrize("pan", [-0.12, 0.0, 0.25])
+@pytest.mark.parametrize("thing", ["ball", "board"])
+def test_colours_and_depths_are_where_geometry_says(thing, pan):
+    path = Swing(1.5, 0.7, middle=0.1)
+    things = {
+        "ball": Ball(0.1, (10, 200, 60), path),
+        "board": Board(plain(), 0.2, path),
+    }
+    scene = Scene({thing: things[thing]})
+    pose = turned(pan, 0.0)
+    seen = Renderer(scene, SMALL).render(pose, 0.0)
+    u, v = SMALL.pixel(pose.inverse() @ scene.position(thing, 0.0))
+    covered = np.isfinite(seen.depth)
+    rows, columns = np.nonzero(covered)
+    assert (columns.mean(), rows.mean()) == pytest.approx((u, v), abs=1.0)
+    surface = pose.inverse() @ scene.seen_surface(thing, 0.0, pose)
+    assert seen.depth[round(v), round(u)] == pytest.approx(surface[2], abs=2e-3)
+    width = SMALL.fx * 0.2 / (pose.inverse() @ scene.position(thing, 0.0))[2]
+    area = width**2 * (math.pi / 4 if thing == "ball" else 1.0)
+    assert covered.sum() == pytest.approx(area, rel=0.12)
+    assert (seen.picture[covered][:, 1] > 100).mean() > 0.95
+    assert (seen.picture[~covered] == 120).mean() > 0.97
+
+
+def test_the_nearer_one_hides_the_other_whatever_the_order():
+    near, far = Ball(0.1, (0, 0, 255), Swing(1.0, 0.6)), Board(plain(), 0.5, Swing(2.0, 0.6))
+    for things in ({"a": near, "b": far}, {"b": far, "a": near}):
+        seen = Renderer(Scene(things), SMALL).render(LEVEL, 0.0)
+        assert seen.depth[120, 160] == pytest.approx(0.9, abs=0.01)
+        assert seen.picture[120, 160].argmax() == 2
+        assert np.isclose(seen.depth, 2.0, atol=0.02).sum() > 1000
+
+
+def test_what_is_behind_or_around_the_camera_does_no_harm():
+    for path in (Swing(-1.0, 0.6), Swing(0.02, 0.6), Swing(0.0, 0.6)):
+        things = {"ball": Ball(0.1, (0, 0, 255), path), "board": Board(plain(), 0.5, path)}
+        seen = Renderer(Scene(things), SMALL).render(LEVEL, 0.0)
+        assert not np.isnan(seen.depth).any()
+
+
+def test_one_sees_through_where_alpha_is_zero():
+    texture = plain()
+    texture[16:48, 16:48, 3] = 0
+    seen = Renderer(Scene({"frame": Board(texture, 0.4, Swing(1.0, 0.6))}), SMALL).render(
+        LEVEL, 0.0
+    )
+    assert np.isinf(seen.depth[120, 160])
+    assert np.isfinite(seen.depth).any()
+
+
+def test_noise_and_holes_are_as_asked_for():
+    rng = np.random.default_rng(4)
+    flat = Rendering(np.full((240, 320, 3), 128, np.uint8), np.full((240, 320), 2.0, np.float32))
+    noise = SensorNoise((320, 240), rng, 5.0, 0.0015, 0.05)
+    first, second = noise(flat), noise(flat)
+    assert first.picture.astype(float).std() == pytest.approx(5.0, rel=0.05)
+    assert np.nanstd(first.depth) == pytest.approx(0.0015 * 4, rel=0.05)
+    assert np.isnan(first.depth).mean() == pytest.approx(0.05, abs=0.01)
+    assert (first.picture != second.picture).mean() > 0.5
+    assert (flat.picture == 128).all()
+
+
+def test_without_noise_a_picture_stays_as_it_is():
+    seen = Renderer(make_scene("face", np.random.default_rng(1)), SMALL).render(LEVEL, 0.0)
+    same = SensorNoise((320, 240), np.random.default_rng(1), 0.0, 0.0, 0.0)(seen)
+    assert (same.picture == seen.picture).all()
+    assert (np.isnan(same.depth) == np.isinf(seen.depth)).all()
