@@ -168,15 +168,16 @@ class PanTiltHead:
         if rho <= abs(side):
             return None
         bearing, offset = math.atan2(y, x), math.asin(side / rho)
-        solutions = [
-            (turn_near(candidate, pan, self.pan_limits), angle)
-            for candidate in (bearing - offset, bearing - math.pi + offset)
-            if (angle := self._side_view(point, candidate, tilt)) is not None
-        ]
-        for solution in solutions:
-            if self.pan_limits.contains(solution[0]) and self.tilt_limits.contains(solution[1]):
+        first = None
+        for candidate in (bearing - offset, bearing - math.pi + offset):
+            angle = self._side_view(point, candidate, tilt)
+            if angle is None:
+                continue
+            solution = turn_near(candidate, pan, self.pan_limits), angle
+            if self.pan_limits.contains(solution[0]) and self.tilt_limits.contains(angle):
                 return solution
-        return solutions[0] if solutions else None
+            first = first or solution
+        return first
 
     def _side_view(self, point: Vector3, pan: float, tilt: float) -> float | None:
         """The tilt that brings the point to the height of the axis, seen from the side."""
@@ -228,5 +229,7 @@ def turn_near(angle: float, present: float, limits: JointLimits) -> float:
         limits: where it may go.
     """
     nearest = present + math.remainder(angle - present, math.tau)
-    around = (nearest, nearest - math.tau, nearest + math.tau)
-    return next((turn for turn in around if limits.contains(turn)), nearest)
+    for turn in (nearest, nearest - math.tau, nearest + math.tau):
+        if limits.contains(turn):
+            return turn
+    return nearest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import TextIO
 
@@ -18,6 +19,8 @@ class StatusLine:
         self._stream = stream
         self._terminal = stream.isatty()
         self._last = -1.0
+        self._ended = False
+        self._lock = threading.Lock()
 
     def prepare_logging(self) -> None:
         """Lets ROS's log messages clear the line first; to be called before rclpy.init."""
@@ -27,18 +30,23 @@ class StatusLine:
             )
 
     def show(self, text: str) -> None:
-        """Shows the newest text."""
-        if self._terminal:
-            width = os.get_terminal_size(self._stream.fileno()).columns
-            # a terminal that does not know its width says 0
-            self._write(_CLEAR + (text[: width - 1] if width else text))
-        elif time.monotonic() - self._last >= 1.0:
-            self._last = time.monotonic()
-            self._write(text + "\n")
+        """Shows the newest text, unless the end was told."""
+        with self._lock:
+            if self._ended:
+                return
+            if self._terminal:
+                width = os.get_terminal_size(self._stream.fileno()).columns
+                # a terminal that does not know its width says 0
+                self._write(_CLEAR + (text[: width - 1] if width else text))
+            elif time.monotonic() - self._last >= 1.0:
+                self._last = time.monotonic()
+                self._write(text + "\n")
 
     def end(self, text: str) -> None:
         """Leaves `text` as the last line."""
-        self._write((_CLEAR if self._terminal else "") + text + "\n")
+        with self._lock:
+            self._ended = True
+            self._write((_CLEAR if self._terminal else "") + text + "\n")
 
     def _write(self, text: str) -> None:
         self._stream.write(text)

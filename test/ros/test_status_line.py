@@ -33,3 +33,11 @@ def test_on_a_terminal_the_line_is_written_over(monkeypatch):
     os.close(master)
     assert written.split("\r\x1b[K") == ["", "first", "second", "done\r\n"]
     assert os.environ["RCUTILS_CONSOLE_OUTPUT_FORMAT"].startswith("\r\x1b[K[{severity}]")
+
+
+def test_nothing_is_shown_after_the_end():
+    stream = io.StringIO()
+    line = StatusLine(stream)
+    line.end("done")
+    line.show("late")
+    assert stream.getvalue() == "done\n"

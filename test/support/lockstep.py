@@ -52,7 +52,7 @@ class World:
         self._listeners: dict[str, list[Callable[[Any], object]]] = defaultdict(list)
         self.publishers: dict[str, int] = defaultdict(int)
         self._servos = {
-            joint: SimulatedServo(joint.id, joint.model, position=joint.init)
+            joint.joint_name: (joint, SimulatedServo(joint.id, joint.model, position=joint.init))
             for joint in (PAN, TILT)
         }
         self._command: Any = None
@@ -113,18 +113,16 @@ class World:
 
     def true_position(self, joint_name: str) -> float:
         """Where a joint really is [rad]."""
-        for joint, servo in self._servos.items():
-            if joint.joint_name == joint_name:
-                servo.advance(self.now)
-                return joint.position(servo.true_ticks)
-        raise KeyError(joint_name)
+        joint, servo = self._servos[joint_name]
+        servo.advance(self.now)
+        return joint.position(servo.true_ticks)
 
     def _on_command(self, message: Any) -> None:
         self._command = message
 
     def _cycle(self) -> None:
         positions = {}
-        for joint, servo in self._servos.items():
+        for joint, servo in self._servos.values():
             servo.advance(self.now)
             positions[joint.joint_name] = joint.position(servo.register("Present Position"))
         stamp = self.now
@@ -138,9 +136,7 @@ class World:
         for name, position, speed in zip(
             message.name, message.position, message.velocity, strict=True
         ):
-            joint, servo = next(
-                (joint, servo) for joint, servo in self._servos.items() if joint.joint_name == name
-            )
+            joint, servo = self._servos[name]
             servo.advance(self.now)
             servo.set_register("Torque Enable", 1)
             servo.set_register("Goal Position", joint.ticks(position))
