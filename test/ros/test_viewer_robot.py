@@ -134,7 +134,7 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
         return next(one for one in seen.settings() if one.name == name)
 
     found = setting("k_pan")
-    assert (found.node, found.value) == ("/head_tracker", 8.0)
+    assert (found.node, found.value) == ("/head_tracker", 1.5)
     assert (found.minimum, found.maximum) == (0.1, 20.0)
     assert "Pan speed per error" in found.description
     assert seen.set_value("/head_tracker", "k_pan", 4.0).done
