@@ -31,7 +31,7 @@ ALLOWED = {
     "trial": {"dynamixel", "simulation", "gaze", "tracking", "transforms"},
     "share": set(),
     "tf": {"transforms"},
-    "viewer": {"transforms", "gaze", "parameters"},
+    "viewer": {"tracking", "transforms", "gaze", "parameters"},
     "nodes": CORE | {"tf", "share", "viewer"},
     "check_model": {"transforms", "share"},
     "simulated_bus": {"simulation", "dynamixel"},

@@ -155,7 +155,7 @@ class Page:
         if self._scene is None or self._gaze is None or self._frames is None:
             return
         self._scene.show(shown.joints)
-        self._gaze.show(shown.stamp, shown.target)
+        self._gaze.show(shown.stamp, shown.target, shown.target_stamp)
         self._frames.show(shown.frames)
         self._steering.show(shown)
         self._views.show(shown)

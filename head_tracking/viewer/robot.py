@@ -30,6 +30,9 @@ class Observation:
         target_text: the target as it was sent.
         error: angle by which the head misses the target [rad].
         state: what the tracker says of itself.
+        target_stamp: when the target was there [ns]; None: at `stamp`.
+        silent_joints: joints of the head of which nothing is heard, though somebody should tell.
+        missing_nodes: nodes that should turn the head, or send it targets, and have gone.
     """
 
     stamp: int
@@ -39,6 +42,9 @@ class Observation:
     target_text: str = ""
     error: float | None = None
     state: str = ""
+    target_stamp: int | None = None
+    silent_joints: tuple[str, ...] = ()
+    missing_nodes: tuple[str, ...] = ()
 
 
 class Level(IntEnum):
