@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
 
@@ -14,6 +14,13 @@ from head_tracking.transforms import TransformBuffer, TransformException, Vector
 from head_tracking.viewer.robot import Mode, Outcome
 
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
+
+_NEEDED: Mapping[Mode, tuple[str, ...]] = {
+    Mode.POINT: (POINTER,),
+    Mode.TRACK: (TRACKER,),
+    Mode.FICTITIOUS: (TRACKER, FICTITIOUS),
+    Mode.FOLLOW: (TRACKER,),
+}
 
 
 class HeadModes:
@@ -39,6 +46,7 @@ class HeadModes:
         self._sender = TargetSender(node)
         self._mode: Mode | None = None
         self._switched: dict[str, bool] = {}
+        self._needed: tuple[str, ...] = ()
 
     def mode(self) -> Mode | None:
         """What decides where the head looks, as it was set here or as the nodes suggest."""
@@ -47,6 +55,13 @@ class HeadModes:
         if self._is_there(TRACKER):
             return Mode.FICTITIOUS if self._is_there(FICTITIOUS) else Mode.TRACK
         return Mode.POINT if self._is_there(POINTER) else None
+
+    def missing(self) -> tuple[str, ...]:
+        """Nodes that have gone, so that the mode does not do what it says."""
+        mode = self.mode()
+        if mode is not None:
+            self._needed = _NEEDED[mode]
+        return tuple(name for name in self._needed if not self._is_there(name))
 
     def tracking(self) -> bool | None:
         """Whether the tracker turns the head."""
@@ -97,8 +112,7 @@ class HeadModes:
 
     def set_mode(self, mode: Mode, frame: str) -> Outcome:
         """Switches the nodes that send targets and turn the head; starts those it needs."""
-        turns = POINTER if mode is Mode.POINT else TRACKER
-        needed = [turns] + ([FICTITIOUS] if mode is Mode.FICTITIOUS else [])
+        needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
                 outcome = self._start(name)
