@@ -36,7 +36,7 @@ ALLOWED = {
     "check_model": {"transforms", "share"},
     "simulated_bus": {"simulation", "dynamixel"},
     "servo_tool": {"dynamixel"},
-    "node_sets": {"nodes"},
+    "node_sets": {"nodes", "scene"},
     "__main__": {"nodes", "runner"},
     "viewer_process": set(),
     "runner": CORE | {"tf", "nodes", "share", "node_sets", "viewer_process"},

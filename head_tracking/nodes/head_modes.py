@@ -14,6 +14,7 @@ from head_tracking.transforms import TransformBuffer, TransformException, Vector
 from head_tracking.viewer.robot import Mode, Outcome
 
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
+CAMERA = "simulated_camera"
 
 _NEEDED: Mapping[Mode, tuple[str, ...]] = {
     Mode.POINT: (POINTER,),
@@ -115,7 +116,7 @@ class HeadModes:
         needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
-                outcome = self._start(name)
+                outcome = self.start(name)
                 if not outcome.done:
                     return outcome
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
@@ -137,7 +138,11 @@ class HeadModes:
             return Outcome(False, f"{TRACKER} is not running")
         return self._enable(TRACKER, on)
 
-    def _start(self, name: str) -> Outcome:
+    def can_start(self, name: str) -> bool:
+        """Whether a node does not run yet, and whoever runs the robot can start it."""
+        return bool(self._services.names(f"/node_starter/{name}")) and not self._is_there(name)
+
+    def start(self, name: str) -> Outcome:
         """Starts a node of the run, if whoever runs it can."""
         services = self._services.names(f"/node_starter/{name}")
         if not services:

@@ -1,7 +1,8 @@
-"""The target as the page shows it: the newest one, placed in the robot's root."""
+"""The newest target, placed in a frame: for those who show it."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -9,7 +10,7 @@ from rclpy.node import Node
 
 from head_tracking.nodes.conversions import target_from_message
 from head_tracking.tracking import Target, TargetPlacer
-from head_tracking.transforms import RobotModel, TransformBuffer, TransformException, Vector3
+from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 
 _TIMEOUT = 1.0  # s; a target waits so long for its frame
 
@@ -20,7 +21,7 @@ class PlacedTarget(NamedTuple):
     Attributes:
         placed: when that was found out [ns].
         target: as it was sent.
-        point: in the model's root [m].
+        point: where it is [m].
     """
 
     placed: int
@@ -48,12 +49,12 @@ class NewestTarget:
         self._newest: PlacedTarget | None = None
         node.create_subscription(PointStamped, "target_point", self._on_target, 10)
 
-    def set_model(self, model: RobotModel) -> None:
-        """Places targets in the root of this robot from now on."""
-        self._placer = TargetPlacer(self._buffer, model.root, _TIMEOUT)
+    def place_in(self, frame: str) -> None:
+        """Places targets in this frame from now on."""
+        self._placer = TargetPlacer(self._buffer, frame, _TIMEOUT)
         self._newest = None
 
-    def newest(self, keep: float) -> PlacedTarget | None:
+    def newest(self, keep: float = math.inf) -> PlacedTarget | None:
         """The newest target, unless it is older than `keep` [s]."""
         now = self._now
         placed = None

@@ -13,7 +13,7 @@ from head_tracking.dynamixel import Torque
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.free_joints import FreeJoints
 from head_tracking.nodes.head_interface import HeadParameters
-from head_tracking.nodes.head_modes import FICTITIOUS, POINTER, TRACKER, HeadModes
+from head_tracking.nodes.head_modes import CAMERA, FICTITIOUS, POINTER, TRACKER, HeadModes
 from head_tracking.nodes.joint_watch import JointWatch
 from head_tracking.nodes.placed_target import NewestTarget
 from head_tracking.nodes.running_parameters import RunningParameters
@@ -33,7 +33,7 @@ _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
 _ENDINGS = (
     *("/torque_enable", "/relax", "/recenter", "/enable", "/recover"),
-    *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS)),
+    *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS, CAMERA)),
 )
 
 
@@ -90,7 +90,7 @@ class ViewerRobot:
                 )
             except (RobotModelError, TransformException) as error:
                 self._head, self._no_head = None, f"no head is shown: {error}"
-            self._targets.set_model(model)
+            self._targets.place_in(model.root)
             self._model = model
         return model
 
@@ -175,6 +175,14 @@ class ViewerRobot:
     def picture(self, topic: str) -> Any:
         """The newest picture of a topic."""
         return self._topics.picture(topic)
+
+    def can_start_camera(self) -> bool:
+        """Whether the run can simulate a camera and does not yet."""
+        return self._modes.can_start(CAMERA)
+
+    def start_camera(self) -> Outcome:
+        """Starts it."""
+        return self._modes.start(CAMERA)
 
     def mode(self) -> Mode | None:
         """What decides where the head looks."""

@@ -152,6 +152,12 @@ class Robot(Protocol):
     def picture(self, topic: str) -> Any:
         """The newest picture of a topic, shape (height, width, 3), uint8; None without one."""
 
+    def can_start_camera(self) -> bool:
+        """Whether a camera can be simulated and is not yet."""
+
+    def start_camera(self) -> Outcome:
+        """Simulates a camera; its pictures come on a topic."""
+
     def mode(self) -> Mode | None:
         """What decides where the head looks; None if nothing that is known here does."""
 
