@@ -24,24 +24,30 @@ class RunningServices:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._clients: dict[str, Any] = {}
+        self._ready: frozenset[str] = frozenset()
 
     def look(self, wanted: Callable[[str], bool]) -> None:
-        """Makes clients for services that came, and drops those of services that went."""
+        """Makes clients for services that came, and drops those of services that went.
+
+        A service that nobody offers any more is still listed as long as it has a client: its own.
+        """
         found = {
             name: _KINDS[types[0]]
             for name, types in self._node.get_service_names_and_types()
             if types[0] in _KINDS and wanted(name)
         }
         clients = dict(self._clients)
-        for name in clients.keys() - found.keys():
+        ready = {name for name, client in clients.items() if client.service_is_ready()}
+        gone = (clients.keys() - found.keys()) | (self._ready - ready)
+        for name in gone:
             self._node.destroy_client(clients.pop(name))
-        for name in found.keys() - clients.keys():
+        for name in found.keys() - clients.keys() - gone:
             clients[name] = self._node.create_client(found[name], name)
-        self._clients = clients
+        self._clients, self._ready = clients, frozenset(ready - gone)
 
     def names(self, ending: str) -> tuple[str, ...]:
         """The services whose names end so, sorted."""
-        return tuple(sorted(name for name in self._clients if name.endswith(ending)))
+        return tuple(sorted(name for name in self._ready if name.endswith(ending)))
 
     def trigger(self, name: str) -> Outcome:
         """Calls a Trigger service."""
