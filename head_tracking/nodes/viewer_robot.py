@@ -31,6 +31,7 @@ from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome
 
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
+_TORQUES = {torque.value for torque in Torque}
 _ENDINGS = (
     *("/torque_enable", "/relax", "/recenter", "/enable", "/recover"),
     *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS, CAMERA)),
@@ -153,15 +154,17 @@ class ViewerRobot:
             for name, joint in self._parameters.fixed(owner, "_controller.joint_name").items():
                 joints[name.removesuffix(".joint_name")] = str(joint)
         torque = {
-            _joint_of(one): one.values["torque"] == Torque.ON.value
+            _joint_of(one): Torque(one.values["torque"])
             for one in self.health()
-            if "torque" in one.values
+            if one.values.get("torque") in _TORQUES
         }
         found = []
         for service in self._services.names("_controller/torque_enable"):
             controller = service.split("/")[-2]
             joint = joints.get(controller, "")
-            found.append(Servo(controller, joint, torque.get(joint)))
+            known = torque.get(joint)
+            holds = None if known is None else known is Torque.ON
+            found.append(Servo(controller, joint, holds, known is not None and known.waits))
         return tuple(found)
 
     def settings(self) -> tuple[Setting, ...]:

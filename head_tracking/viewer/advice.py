@@ -17,7 +17,6 @@ _ADVICE = (
     ("voltage", f"Check the power supply: its voltage under load, and the plug. Then {_CLEAR}"),
     ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}"),
     ("encoder", "Switch the servo's power off and on; if it says so again, it is broken."),
-    ("no answer", "If it stays so: check the servo's plug and the cables of the bus."),
     ("not found yet", "Check the servo's plug, power, id and baud rate (`servo scan` shows them)."),
     ("does not answer", "Check the servo's plug, its power and its id; it comes back by itself."),
 )
@@ -63,10 +62,15 @@ def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
         )
     for one in health:
         source = one.name.partition(":")[0]
-        if one.level >= Level.ERROR and source not in live.missing_nodes:
+        if one.level >= Level.ERROR and source not in live.missing_nodes and not _passing(one):
             what = f"{one.name.removeprefix('servo_bus: ')}: {one.message}"
             found.append(Trouble(what, advice(one.message, source)))
     return found
+
+
+def _passing(one: Health) -> bool:
+    """Whether a servo has just missed a cycle; if it goes on, the bus says that it is lost."""
+    return one.level is Level.STALE and "no answer since" in one.message
 
 
 def advice(message: str, source: str) -> str:

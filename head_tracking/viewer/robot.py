@@ -97,11 +97,13 @@ class Servo:
         controller: its name on the bus.
         joint: the joint; empty while it is not known.
         torque: whether it holds; None if that is not known.
+        refuses: whether it takes no commands before its torque is switched on.
     """
 
     controller: str
     joint: str
     torque: bool | None
+    refuses: bool = False
 
 
 class Mode(StrEnum):

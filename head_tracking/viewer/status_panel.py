@@ -21,13 +21,14 @@ class StatusPanel:
     def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
         self._server = server
         self._robot = robot
-        self._banner = server.gui.add_html("", visible=False)
         stop = server.gui.add_button(
             "STOP: relax everything", color="red", icon=viser.Icon.HAND_STOP,
             hint="Switches the torque of all servos off. Afterwards nothing moves until torque "
             "is switched on again, in the tab Joints.",
         )  # fmt: skip
         stop.on_click(self._on_stop)
+        # below, so that the button does not move away when the banner comes
+        self._banner = server.gui.add_html("", visible=False)
         self._line = server.gui.add_html("")
 
     def add_details(self) -> None:

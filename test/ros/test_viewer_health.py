@@ -5,6 +5,7 @@ from importlib.util import find_spec
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from robot_under_test import wait_for
 
 from head_tracking.dynamixel import (
     BusStatistics,
@@ -18,8 +19,9 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.command import Torque
 from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
 from head_tracking.nodes.joint_watch import JointWatch
+from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.viewer import robot
-from head_tracking.viewer.advice import advice
+from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.health_table import COLUMNS, health_table
 
 pytestmark = pytest.mark.skipif(
@@ -70,7 +72,6 @@ def test_a_servo_that_is_lost_keeps_its_row():
     [
         {"health": Health.UNKNOWN},
         {"health": Health.LOST},
-        {"health": Health.STALE},
         *({"health": Health.FAULTED, "errors": bit} for bit in HardwareErrors),
         {"errors": ErrorBits.OVERLOAD},
         {"temperature": 75.0},
@@ -80,6 +81,14 @@ def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
     wrong = servo(**changes)
     assert wrong.level >= robot.Level.ERROR
     assert advice(wrong.message, "servo_bus") != advice("unheard of", "servo_bus")
+
+
+def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
+    stale, live = servo(health=Health.STALE), robot.Observation(0)
+    assert stale.level is robot.Level.STALE
+    assert not troubles([stale], live)
+    silent = replace(stale, message=f"nothing heard for 5 s; last: {SERVO.torque}")
+    assert troubles([silent], live)
 
 
 def test_there_is_advice_for_a_port_that_has_gone():
@@ -102,3 +111,19 @@ def test_joints_fall_silent_and_speak_again():
     assert watch.silent({"pan": 6, "tilt": 8}) == ("pan",)
     assert watch.silent({}) == ()
     assert watch.silent({"pan": 6}) == ()
+
+
+def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(make_robot):
+    relaxed = make_robot("--mode", "point", "--viewer")
+    node = ViewerNode(relaxed.composition.buffer)
+    relaxed.threads.start(node)
+    seen = node.robot
+
+    def torques() -> list[tuple[bool | None, bool]]:
+        return [(servo.torque, servo.refuses) for servo in seen.servos()]
+
+    wait_for(lambda: torques() == [(False, False)] * 2, 30.0)
+    assert seen.stop().done
+    wait_for(lambda: torques() == [(False, True)] * 2)
+    assert seen.set_torque("", True).done
+    wait_for(lambda: torques() == [(True, False)] * 2)

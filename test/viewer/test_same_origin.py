@@ -55,13 +55,13 @@ def test_other_sites_may_not(port, origin: Callable[[int], str]):
 
 
 def test_a_site_whose_name_points_here_may_not_even_load_the_page(port):
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     for host, status in ((f"localhost:{port}", 200), (f"elsewhere.example:{port}", 403)):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
         connection.request("GET", "/", headers={"Host": host})
         answer = connection.getresponse()
         assert answer.status == status
         assert answer.read()
-    connection.close()
+        connection.close()
 
 
 def test_a_page_for_the_network_goes_by_any_name_but_is_its_own_only():
