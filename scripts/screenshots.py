@@ -17,7 +17,7 @@ from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
-from browser import PATIENCE, choose, open_browser, open_page, open_tab, row
+from browser import PATIENCE, choose, open_browser, open_page, open_tab, press, row
 
 SIZE = (1200, 760)
 SETTLING = 6.0  # s: trails and plots need something to show
@@ -52,6 +52,8 @@ def tour(page: Any, folder: Path) -> None:
         if tab == "View":
             choose(page, "Frames", "all frames")
             row(page, "Reachable field").locator("input").first.click(force=True)
+            press(page, "Simulate the camera")
+            page.locator("img[src^='blob:'], img[src^='data:']").first.wait_for()
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 
