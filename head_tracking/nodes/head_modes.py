@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
@@ -16,6 +17,8 @@ from head_tracking.viewer.robot import Mode, Outcome
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
 CAMERA = "simulated_camera"
 
+_PATIENCE = 10.0  # s
+_POLL = 0.02  # s
 _NEEDED: Mapping[Mode, tuple[str, ...]] = {
     Mode.POINT: (POINTER,),
     Mode.TRACK: (TRACKER,),
@@ -116,7 +119,7 @@ class HeadModes:
         needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
-                outcome = self.start(name)
+                outcome = self._start_switchable(name)
                 if not outcome.done:
                     return outcome
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
@@ -148,6 +151,16 @@ class HeadModes:
         if not services:
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(services[0])
+
+    def _start_switchable(self, name: str) -> Outcome:
+        """Starts a node and waits until it can be switched off again: only one turns the head."""
+        outcome = self.start(name)
+        deadline = time.monotonic() + _PATIENCE
+        while outcome.done and not self._offers_enable(name):
+            if time.monotonic() > deadline:
+                return Outcome(False, f"{name} was started and does not answer; try again")
+            time.sleep(_POLL)
+        return outcome
 
     def _is_there(self, name: str) -> bool:
         return self._offers_enable(name) or any(
