@@ -40,7 +40,7 @@ def take(page: Any, path: Path) -> None:
     print(f"took {path}")
 
 
-def tour(page: Any, folder: Path) -> None:
+def tour(page: Any, folder: Path, has_picture: Callable[[], bool]) -> None:
     """Pictures of the tabs."""
     page.wait_for_timeout(1e3 * SETTLING)
     close = page.locator("button[class*=CloseButton], [class*=closeButton]")
@@ -53,7 +53,7 @@ def tour(page: Any, folder: Path) -> None:
             choose(page, "Frames", "all frames")
             row(page, "Reachable field").locator("input").first.click(force=True)
             press(page, "Simulate the camera")
-            page.locator("img[src^='blob:'], img[src^='data:']").first.wait_for()
+            wait_for(has_picture)
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 
@@ -71,7 +71,7 @@ def main() -> None:
         with open_browser() as browser:
             page = open_page(browser, viewer.port, *SIZE, sharpness=1.0)
             wait_for(lambda: viewer.browsers)
-            tour(page, folder)
+            tour(page, folder, lambda: node.robot.picture("/image") is not None)
     rclpy.try_shutdown()
 
 
