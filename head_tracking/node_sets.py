@@ -18,6 +18,7 @@ from head_tracking.nodes.servo_bus import ServoBusNode
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.target_mux import TargetMuxNode
 from head_tracking.nodes.visual_target import VisualTargetNode
+from head_tracking.scene import TARGET
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,22 +81,24 @@ SCENES: Mapping[str, str] = {
 """What a simulated camera sees if a target is looked for in images."""
 
 
-def simulated_camera(scene: str) -> NodeSpec:
+def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """The camera of a simulated head; small images, for it shares a processor with all the rest."""
     return NodeSpec(
         "simulated_camera",
         SimulatedCameraNode,
         takes=("buffer", "true_position"),
-        parameters={"scene": scene, "width": 320, "height": 240},
+        parameters={"scene": scene, "width": 320, "height": 240, **parameters},
     )
 
 
 STARTER = NodeSpec("node_starter", NodeStarterNode, takes=("start", "startable"))
 
-STARTED_ON_REQUEST: Mapping[str, NodeSpec] = {
-    spec.name: spec for spec in (*MODES.values(), *TARGETS["fictitious"])
-}
-"""What a person can start on the viewer's page."""
+
+def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
+    """What a person can start on the viewer's page; with a camera if the head is simulated."""
+    camera = simulated_camera(TARGET, rate=10.0, depth_encoding="")
+    specs = (*MODES.values(), *TARGETS["fictitious"], *([camera] if simulated else []))
+    return {spec.name: spec for spec in specs}
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

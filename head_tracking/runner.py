@@ -21,12 +21,12 @@ from head_tracking.node_sets import (
     ROBOT,
     SCENES,
     SIMULATED_PORT,
-    STARTED_ON_REQUEST,
     STARTER,
     TARGETS,
     NodeSpec,
     fixed_target,
     simulated_camera,
+    started_on_request,
 )
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.spinning import NodeThreads, describe
@@ -168,6 +168,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         return simulated[0].true_position(joint)
 
     nodes: dict[str, Any] = {}
+    on_request = started_on_request(simulated=plan.simulated)
 
     def start(spec: NodeSpec) -> None:
         overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
@@ -177,13 +178,13 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
 
     def start_on_request(name: str) -> None:
         if name not in nodes:
-            start(STARTED_ON_REQUEST[name])
+            start(on_request[name])
 
     shared: dict[str, Any] = {
         "buffer": buffer,
         "connect": simulate if plan.simulated else None,
         "start": start_on_request,
-        "startable": tuple(STARTED_ON_REQUEST),
+        "startable": tuple(on_request),
         "true_position": true_position if plan.simulated else None,
     }
     for spec in plan.nodes:

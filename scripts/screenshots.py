@@ -17,7 +17,7 @@ from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
-from browser import PATIENCE, choose, open_browser, open_page, open_tab, row
+from browser import PATIENCE, choose, open_browser, open_page, open_tab, press, row
 
 SIZE = (1200, 760)
 SETTLING = 6.0  # s: trails and plots need something to show
@@ -40,7 +40,7 @@ def take(page: Any, path: Path) -> None:
     print(f"took {path}")
 
 
-def tour(page: Any, folder: Path) -> None:
+def tour(page: Any, folder: Path, has_picture: Callable[[], bool]) -> None:
     """Pictures of the tabs."""
     page.wait_for_timeout(1e3 * SETTLING)
     close = page.locator("button[class*=CloseButton], [class*=closeButton]")
@@ -52,6 +52,8 @@ def tour(page: Any, folder: Path) -> None:
         if tab == "View":
             choose(page, "Frames", "all frames")
             row(page, "Reachable field").locator("input").first.click(force=True)
+            press(page, "Simulate the camera")
+            wait_for(has_picture)
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 
@@ -69,7 +71,7 @@ def main() -> None:
         with open_browser() as browser:
             page = open_page(browser, viewer.port, *SIZE, sharpness=1.0)
             wait_for(lambda: viewer.browsers)
-            tour(page, folder)
+            tour(page, folder, lambda: node.robot.picture("/image") is not None)
     rclpy.try_shutdown()
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
 
@@ -14,6 +15,16 @@ from head_tracking.transforms import TransformBuffer, TransformException, Vector
 from head_tracking.viewer.robot import Mode, Outcome
 
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
+CAMERA = "simulated_camera"
+
+_PATIENCE = 10.0  # s
+_POLL = 0.02  # s
+_NEEDED: Mapping[Mode, tuple[str, ...]] = {
+    Mode.POINT: (POINTER,),
+    Mode.TRACK: (TRACKER,),
+    Mode.FICTITIOUS: (TRACKER, FICTITIOUS),
+    Mode.FOLLOW: (TRACKER,),
+}
 
 
 class HeadModes:
@@ -39,6 +50,7 @@ class HeadModes:
         self._sender = TargetSender(node)
         self._mode: Mode | None = None
         self._switched: dict[str, bool] = {}
+        self._needed: tuple[str, ...] = ()
 
     def mode(self) -> Mode | None:
         """What decides where the head looks, as it was set here or as the nodes suggest."""
@@ -47,6 +59,13 @@ class HeadModes:
         if self._is_there(TRACKER):
             return Mode.FICTITIOUS if self._is_there(FICTITIOUS) else Mode.TRACK
         return Mode.POINT if self._is_there(POINTER) else None
+
+    def missing(self) -> tuple[str, ...]:
+        """Nodes that have gone, so that the mode does not do what it says."""
+        mode = self.mode()
+        if mode is not None:
+            self._needed = _NEEDED[mode]
+        return tuple(name for name in self._needed if not self._is_there(name))
 
     def tracking(self) -> bool | None:
         """Whether the tracker turns the head."""
@@ -97,11 +116,10 @@ class HeadModes:
 
     def set_mode(self, mode: Mode, frame: str) -> Outcome:
         """Switches the nodes that send targets and turn the head; starts those it needs."""
-        turns = POINTER if mode is Mode.POINT else TRACKER
-        needed = [turns] + ([FICTITIOUS] if mode is Mode.FICTITIOUS else [])
+        needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
-                outcome = self._start(name)
+                outcome = self._start_switchable(name)
                 if not outcome.done:
                     return outcome
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
@@ -123,12 +141,26 @@ class HeadModes:
             return Outcome(False, f"{TRACKER} is not running")
         return self._enable(TRACKER, on)
 
-    def _start(self, name: str) -> Outcome:
+    def can_start(self, name: str) -> bool:
+        """Whether a node does not run yet, and whoever runs the robot can start it."""
+        return bool(self._services.names(f"/node_starter/{name}")) and not self._is_there(name)
+
+    def start(self, name: str) -> Outcome:
         """Starts a node of the run, if whoever runs it can."""
         services = self._services.names(f"/node_starter/{name}")
         if not services:
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(services[0])
+
+    def _start_switchable(self, name: str) -> Outcome:
+        """Starts a node and waits until it can be switched off again: only one turns the head."""
+        outcome = self.start(name)
+        deadline = time.monotonic() + _PATIENCE
+        while outcome.done and not self._offers_enable(name):
+            if time.monotonic() > deadline:
+                return Outcome(False, f"{name} was started and does not answer; try again")
+            time.sleep(_POLL)
+        return outcome
 
     def _is_there(self, name: str) -> bool:
         return self._offers_enable(name) or any(

@@ -60,17 +60,18 @@ class RunningParameters:
             for name, _ in self._node.get_service_names_and_types()
             if name.endswith(suffix)
         } - self._ignored
-        for owner in self._clients.keys() - found:
+        gone = {owner for owner in self._settings if not self._answers(owner)}
+        for owner in (self._clients.keys() - found) | gone:
             for client in self._clients.pop(owner).values():
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
             self._fixed.pop(owner, None)
-        for owner in found - self._clients.keys():
+        for owner in found - self._clients.keys() - gone:
             self._clients[owner] = {
                 name: self._node.create_client(kind, f"{owner}/{name}")
                 for name, kind in _SERVICES.items()
             }
-        for owner in found - self._settings.keys():
+        for owner in self._clients.keys() - self._settings.keys():
             self._ask(owner)
 
     def settings(self) -> tuple[Setting, ...]:
@@ -105,9 +106,13 @@ class RunningParameters:
             return Outcome(False, result.reason or f"{owner} refuses {name} = {value}")
         return Outcome(True, f"{name} = {value}")
 
+    def _answers(self, owner: str) -> bool:
+        """Whether a node is there; what it offered is listed as long as it has clients: these."""
+        return all(client.service_is_ready() for client in self._clients[owner].values())
+
     def _ask(self, owner: str) -> None:
         clients = self._clients[owner]
-        if not all(client.service_is_ready() for client in clients.values()):
+        if not self._answers(owner):
             return
         self._settings[owner] = {}
         clients["list_parameters"].call_async(ListParameters.Request()).add_done_callback(

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,24 +25,36 @@ class RunningServices:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._clients: dict[str, Any] = {}
+        self._offered: set[str] = set()
 
     def look(self, wanted: Callable[[str], bool]) -> None:
-        """Makes clients for services that came, and drops those of services that went."""
+        """Makes clients for services that came, and drops those of services that went.
+
+        A service that nobody offers any more is still listed as long as it has a client: its own.
+        """
         found = {
             name: _KINDS[types[0]]
             for name, types in self._node.get_service_names_and_types()
             if types[0] in _KINDS and wanted(name)
         }
         clients = dict(self._clients)
-        for name in clients.keys() - found.keys():
+        offered = {name for name, client in clients.items() if _is_offered(client)}
+        gone = (clients.keys() - found.keys()) | (self._offered - offered)
+        for name in gone:
             self._node.destroy_client(clients.pop(name))
-        for name in found.keys() - clients.keys():
+        for name in found.keys() - clients.keys() - gone:
             clients[name] = self._node.create_client(found[name], name)
-        self._clients = clients
+        self._clients, self._offered = clients, offered - gone
 
     def names(self, ending: str) -> tuple[str, ...]:
-        """The services whose names end so, sorted."""
-        return tuple(sorted(name for name in self._clients if name.endswith(ending)))
+        """The services that are offered now and whose names end so, sorted."""
+        return tuple(
+            sorted(
+                name
+                for name, client in self._clients.items()
+                if name.endswith(ending) and _is_offered(client)
+            )
+        )
 
     def trigger(self, name: str) -> Outcome:
         """Calls a Trigger service."""
@@ -59,6 +72,13 @@ class RunningServices:
         if answer is None:
             return Outcome(False, f"{name} did not answer within {_PATIENCE:.0f} s")
         return Outcome(bool(answer.success), str(answer.message))
+
+
+def _is_offered(client: Any) -> bool:
+    try:
+        return bool(client.service_is_ready())
+    except InvalidHandle:
+        return False  # dropped by `look` just now
 
 
 def wait_for_answer(client: Any, request: Any) -> Any:

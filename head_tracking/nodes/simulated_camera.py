@@ -13,9 +13,10 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.nodes.images import camera_info, image_message
 from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.placed_target import NewestTarget
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
-from head_tracking.scene import SCENES, Renderer, SensorNoise, make_scene
+from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tf.messages import header
 from head_tracking.transforms import RobotModel, Transform, TransformException
@@ -29,7 +30,9 @@ _PUBLISH_PERIOD = 0.004  # s
 class SimulatedCameraParameters:
     """The camera, and what is before it; defaults: a Kinect's."""
 
-    scene: str = parameter("face", "What there is to see.", choices=SCENES, fixed=True)
+    scene: str = parameter(
+        "face", "What there is to see; target: a ball at target_point.", choices=SCENES, fixed=True
+    )
     scene_frame: str = parameter("base_link", "The frame of the scene, with z up.", fixed=True)
     frame_id: str = parameter(
         "camera_optical_frame", "The camera: z forward, x right, y down.", fixed=True
@@ -72,7 +75,7 @@ class SimulatedCameraParameters:
 
 
 class SimulatedCameraNode(Node):
-    """Publishes `image`, `depth` (aligned with it) and `camera_info`.
+    """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws if somebody looks.
 
     Args:
         buffer: fed by another node of this process; None: this node listens itself.
@@ -90,8 +93,8 @@ class SimulatedCameraNode(Node):
         true_position: Callable[[str], float] | None = None,
         **options: Any,
     ) -> None:
-        super().__init__("simulated_camera", **options)
         require_opencv()
+        super().__init__("simulated_camera", **options)
         self._settings = NodeParameters(self, SimulatedCameraParameters)
         p = self._settings.value
         if buffer is None:
@@ -103,6 +106,9 @@ class SimulatedCameraNode(Node):
         rng = np.random.default_rng(p.seed)
         self.scene = make_scene(p.scene, rng)
         self.renderer = Renderer(self.scene, self._camera)
+        self._target = NewestTarget(self, self._buffer) if p.scene == TARGET else None
+        if self._target is not None:
+            self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._under_way: deque[tuple[int, tuple[Any, ...]]] = deque()
         self._image = self.create_publisher(Image, "image", 5)
@@ -112,6 +118,8 @@ class SimulatedCameraNode(Node):
         self.create_timer(_PUBLISH_PERIOD, self._publish)
 
     def _take(self) -> None:
+        if not (self._image.get_subscription_count() or self._depth.get_subscription_count()):
+            return
         model = self._buffer.model
         if model is None:
             self.get_logger().info("waiting for robot_description", throttle_duration_sec=2.0)
@@ -121,6 +129,9 @@ class SimulatedCameraNode(Node):
         except TransformException as error:
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
+        target = None if self._target is None else self._target.newest()
+        if target is not None:
+            self.renderer.scene = with_target(self.scene, target.point)
         now = self.get_clock().now().nanoseconds
         seen = self._noise(self.renderer.render(pose, now * 1e-9))
         p = self._settings.value

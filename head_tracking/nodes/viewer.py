@@ -22,7 +22,6 @@ MISSING = (
     "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "
     "pip install viser"
 )
-_HERE = ("127.0.0.1", "localhost", "::1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +46,7 @@ class ViewerNode(Node):
             raise ValueError(MISSING)
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
+        from head_tracking.viewer.same_origin import is_loopback
 
         super().__init__("viewer", **options)
         p = NodeParameters(self, ViewerParameters).value
@@ -62,7 +62,7 @@ class ViewerNode(Node):
         self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
         self._threads = NodeThreads()
         self._threads.start(self._requests)
-        self._say_where(page.host)
+        self._say_where(page.host, local=is_loopback(page.host))
 
     def destroy_node(self) -> None:
         """Ends the page; the robot goes on as it is."""
@@ -73,9 +73,9 @@ class ViewerNode(Node):
     def _complain(self, text: str) -> None:
         self.get_logger().error(f"the page has a problem: {text}", throttle_duration_sec=5.0)
 
-    def _say_where(self, host: str) -> None:
+    def _say_where(self, host: str, *, local: bool) -> None:
         self.get_logger().info(f"the robot is at http://{_reachable(host)}:{self.page.port}")
-        if host not in _HERE:
+        if not local:
             self.get_logger().warning(
                 f"the page listens on {host}: everybody who reaches this machine there can steer "
                 "the robot"

@@ -6,36 +6,35 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 
+from head_tracking.dynamixel import Torque
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.conversions import target_from_message
+from head_tracking.nodes.free_joints import FreeJoints
 from head_tracking.nodes.head_interface import HeadParameters
-from head_tracking.nodes.head_modes import FICTITIOUS, POINTER, TRACKER, HeadModes
+from head_tracking.nodes.head_modes import CAMERA, FICTITIOUS, POINTER, TRACKER, HeadModes
+from head_tracking.nodes.joint_watch import JointWatch
+from head_tracking.nodes.placed_target import NewestTarget
 from head_tracking.nodes.running_parameters import RunningParameters
 from head_tracking.nodes.running_services import RunningServices
 from head_tracking.nodes.running_topics import RunningTopics
 from head_tracking.tf import Buffer
-from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import (
-    JointState,
-    JointStates,
     RobotModel,
     RobotModelError,
     Transform,
     TransformException,
     Vector3,
 )
-from head_tracking.viewer.robot import Health, Mode, Observation, Outcome, Servo, Setting
+from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
 
 _LOOK_PERIOD = 1.0  # s
-_JOINTS_PERIOD = 0.05  # s
 _TARGET_AGE = 2.0  # s
+_TORQUES = {torque.value for torque in Torque}
 _ENDINGS = (
     *("/torque_enable", "/relax", "/recenter", "/enable", "/recover"),
-    *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS)),
+    *(f"/node_starter/{name}" for name in (TRACKER, POINTER, FICTITIOUS, CAMERA)),
 )
 
 
@@ -66,9 +65,8 @@ class ViewerRobot:
         self._model: RobotModel | None = None
         self._head: PanTiltHead | None = None
         self._no_head = ""
-        self._placer: TargetPlacer | None = None
-        self._target: tuple[float, Target, Vector3] | None = None
-        self._free: dict[str, float] = {}
+        self._targets = NewestTarget(node, self._buffer)
+        self._free = FreeJoints(node)
         self._services = RunningServices(requests)
         self._parameters = RunningParameters(
             requests, [node.get_fully_qualified_name(), "/run_monitor", "/node_starter"]
@@ -76,13 +74,9 @@ class ViewerRobot:
         self._topics = RunningTopics(node)
         self._modes = HeadModes(node, self._services, self._buffer, self._parameters.nodes)
         self._commands = node.create_publisher(JointStateMsg, "joint_commands", 10)
-        self._joint_states = node.create_publisher(JointStateMsg, "joint_states", 10)
-        self._others_send_joints = True
-        node.create_subscription(PointStamped, "target_point", self._on_target, 10)
+        self._joint_watch = JointWatch()
         requests.create_timer(_LOOK_PERIOD, self._look)
         node.create_timer(_LOOK_PERIOD, self._topics.look)
-        self._free_joints_timer = node.create_timer(_JOINTS_PERIOD, self._send_free_joints)
-        self._free_joints_timer.cancel()
 
     # what it is
 
@@ -97,8 +91,7 @@ class ViewerRobot:
                 )
             except (RobotModelError, TransformException) as error:
                 self._head, self._no_head = None, f"no head is shown: {error}"
-            self._placer = TargetPlacer(self._buffer, model.root, 1.0)
-            self._target = None
+            self._targets.place_in(model.root)
             self._model = model
         return model
 
@@ -124,20 +117,31 @@ class ViewerRobot:
             for name in model.independent_joints
             if (found := self._buffer.latest_joint_position(name)) is not None
         }
-        target = self._placed_target()
+        target = self._targets.newest(self._keep_target)
         return Observation(
             self._now,
             joints,
             self._outer_frames(model),
-            None if target is None else target[1],
-            "" if target is None else str(target[0]),
+            None if target is None else target.point,
+            "" if target is None else str(target.target),
             self._topics.error(),
             self._topics.state(),
+            None if target is None else target.stamp,
+            self._silent_joints(),
+            self._modes.missing(),
         )
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics, by name."""
-        return self._topics.health()
+        """The newest diagnostics, by name; not those of a tracker that is not needed any more."""
+        return tuple(
+            one
+            for one in self._topics.health()
+            if not (
+                one.level is Level.STALE
+                and one.name.startswith(TRACKER)
+                and self.mode() is Mode.POINT
+            )
+        )
 
     def warnings(self) -> tuple[str, ...]:
         """What nodes warned of, newest last."""
@@ -150,15 +154,17 @@ class ViewerRobot:
             for name, joint in self._parameters.fixed(owner, "_controller.joint_name").items():
                 joints[name.removesuffix(".joint_name")] = str(joint)
         torque = {
-            one.name.rsplit(" ", 1)[-1]: one.values["torque"].endswith("on")
+            _joint_of(one): Torque(one.values["torque"])
             for one in self.health()
-            if "torque" in one.values
+            if one.values.get("torque") in _TORQUES
         }
         found = []
         for service in self._services.names("_controller/torque_enable"):
             controller = service.split("/")[-2]
             joint = joints.get(controller, "")
-            found.append(Servo(controller, joint, torque.get(joint)))
+            known = torque.get(joint)
+            holds = None if known is None else known is Torque.ON
+            found.append(Servo(controller, joint, holds, known is not None and known.waits))
         return tuple(found)
 
     def settings(self) -> tuple[Setting, ...]:
@@ -173,6 +179,14 @@ class ViewerRobot:
         """The newest picture of a topic."""
         return self._topics.picture(topic)
 
+    def can_start_camera(self) -> bool:
+        """Whether the run can simulate a camera and does not yet."""
+        return self._modes.can_start(CAMERA)
+
+    def start_camera(self) -> Outcome:
+        """Starts it."""
+        return self._modes.start(CAMERA)
+
     def mode(self) -> Mode | None:
         """What decides where the head looks."""
         return self._modes.mode()
@@ -182,8 +196,8 @@ class ViewerRobot:
         return self._modes.tracking()
 
     def free_joints(self) -> bool:
-        """Whether nobody but this node sends joint states."""
-        return not self._others_send_joints
+        """Whether nobody but this node sends joint states, and no servos were ever there."""
+        return self._free.free
 
     # what it does
 
@@ -209,9 +223,8 @@ class ViewerRobot:
 
     def move_joint(self, joint: str, position: float) -> Outcome:
         """Moves a servo's joint; without hardware, says itself where the joint is."""
-        if self.free_joints():
-            self._free[joint] = position
-            self._free_joints_timer.reset()
+        if self.free_joints() and self._model is not None:
+            self._free.put(self._model, joint, position)
             return Outcome(True, "")
         said = ""
         if self.tracking() and self.mode() is not Mode.POINT:
@@ -269,49 +282,27 @@ class ViewerRobot:
                     continue
         return found
 
-    def _placed_target(self) -> tuple[Target, Vector3] | None:
-        if self._placer is not None:
-            try:
-                placed = self._placer.place_newest(self._now * 1e-9, {})
-            except TransformException:
-                placed = None  # the node that turns the head says what is wrong with it
-            if placed is not None:
-                self._target = (self._now * 1e-9, *placed)
-        if self._target is None or self._now * 1e-9 - self._target[0] > self._keep_target:
-            return None
-        return self._target[1], self._target[2]
+    def _silent_joints(self) -> tuple[str, ...]:
+        """Joints of the head that somebody should tell and nobody does."""
+        head = self._head
+        joints = () if head is None or self.free_joints() else (head.pan_joint, head.tilt_joint)
+        newest = {joint: self._buffer.latest_joint_position(joint) for joint in joints}
+        return self._joint_watch.silent(
+            {joint: None if found is None else found[0] for joint, found in newest.items()}
+        )
 
     @property
     def _keep_target(self) -> float:
         """A pointed head keeps its target; one that tracks needs it anew [s]."""
         return math.inf if self.mode() is Mode.POINT else _TARGET_AGE
 
-    def _on_target(self, message: PointStamped) -> None:
-        if self._placer is not None:
-            try:
-                self._placer.offer(target_from_message(message), self._now * 1e-9)
-            except TransformException:
-                return  # the node that turns the head says so
-
     def _look(self) -> None:
         """Finds out what is there now."""
         self._services.look(lambda name: name.endswith(_ENDINGS))
         self._parameters.look()
-        publishers = self._node.get_publishers_info_by_topic("joint_states")
-        own = self._node.get_fully_qualified_name()
-        self._others_send_joints = any(
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}" != own for one in publishers
-        )
+        self._free.look(servos=bool(self._services.names("_controller/torque_enable")))
 
-    def _send_free_joints(self) -> None:
-        if self._model is None or self._others_send_joints:
-            self._free_joints_timer.cancel()
-            return
-        states = JointStates(self._model, {}, default_positions=True).complete(
-            {name: JointState(position) for name, position in self._free.items()}
-        )
-        message = JointStateMsg(
-            name=list(states), position=[state.position for state in states.values()]
-        )
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._joint_states.publish(message)
+
+def _joint_of(health: Health) -> str:
+    """The joint that a servo's diagnostics are about."""
+    return health.name.removeprefix("servo_bus: ").partition(" (servo ")[0]

@@ -2,11 +2,12 @@
 
 from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing, Wall
 from head_tracking.scene.render import Renderer, Rendering
-from head_tracking.scene.scenes import SCENES, make_scene
+from head_tracking.scene.scenes import SCENES, TARGET, make_scene, with_target
 from head_tracking.scene.sensor import SensorNoise
 
 __all__ = [
     "SCENES",
+    "TARGET",
     "Ball",
     "Board",
     "Path",
@@ -18,4 +19,5 @@ __all__ = [
     "Thing",
     "Wall",
     "make_scene",
+    "with_target",
 ]

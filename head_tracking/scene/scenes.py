@@ -8,6 +8,7 @@ import numpy as np
 
 from head_tracking.scene.drawings import Looks, marker, pattern, person, wall
 from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing, Wall
+from head_tracking.transforms import Vector3
 
 FACE_CENTRE = (0.5, 0.487)
 """Where a face detector sees the middle of a drawn face, as a share of its picture."""
@@ -20,6 +21,10 @@ MARKER_SIZE = 0.16
 """Edge of the black square of a marker [m]."""
 
 ORANGE = (20, 110, 245)
+MAGENTA = (200, 80, 230)
+
+TARGET = "target"
+"""The scene with nothing in it but a ball where the target is, once there is one."""
 
 TALL_DARK = Looks(skin=(90, 120, 170), hair=(20, 20, 20), shirt=(60, 130, 40))
 
@@ -56,6 +61,7 @@ def _moving(distance: float = 1.5, bob: float = 0.06, **swing: float) -> Swing:
 
 _THINGS: Mapping[str, Callable[[np.random.Generator], dict[str, Thing]]] = {
     "empty": lambda rng: {},
+    TARGET: lambda rng: {},
     "face": lambda rng: {"face": face(_moving())},
     "faces": lambda rng: {
         "face": face(_moving()),
@@ -80,3 +86,8 @@ SCENES = tuple(_THINGS)
 def make_scene(name: str, rng: np.random.Generator) -> Scene:
     """A room with what its name says in it."""
     return Scene({**room(rng), **_THINGS[name](rng)})
+
+
+def with_target(scene: Scene, point: Vector3) -> Scene:
+    """The scene with a ball at the target [m]."""
+    return Scene({**scene.things, "target": Ball(0.06, MAGENTA, lambda _: point)})

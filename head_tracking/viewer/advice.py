@@ -7,14 +7,21 @@ from typing import NamedTuple
 
 from head_tracking.viewer.robot import Health, Level, Observation
 
+_CLEAR = "press Clear faults (tab Health) and switch torque on again (tab Joints)."
 _ADVICE = (
-    ("lost", "Check the servo's plug, its power and its id; it comes back by itself."),
-    ("heat", "Press STOP and let the servo cool down before you switch its torque on again."),
-    ("overload", "Press STOP, free the head, then clear the fault and switch torque on again."),
-    ("voltage", "Check the power supply: its voltage under load, and the plug."),
-    ("nothing heard", "Is the servo bus still running? Look at its terminal."),
-    ("port", "Check the adapter's plug and that you may open its port."),
+    ("nothing heard", "Is {source} still running? Look at its terminal."),
+    ("port has gone", "Check the adapter's plug and its USB cable; it comes back by itself."),
+    ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}"),
+    ("degrees celsius", "Press STOP and let the servo cool down; is something holding it back?"),
+    ("overload", f"Press STOP, free the head, then {_CLEAR}"),
+    ("voltage", f"Check the power supply: its voltage under load, and the plug. Then {_CLEAR}"),
+    ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}"),
+    ("encoder", "Switch the servo's power off and on; if it says so again, it is broken."),
+    ("not found yet", "Check the servo's plug, power, id and baud rate (`servo scan` shows them)."),
+    ("does not answer", "Check the servo's plug, its power and its id; it comes back by itself."),
 )
+"""By the words in which the servo bus names them (nodes/diagnostics.py); the first that fit."""
+
 _OTHERWISE = "Press STOP if the head does what it should not; the tab Health has the details."
 
 
@@ -38,14 +45,41 @@ def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
         live: the robot now.
     """
     found = [
-        Trouble(f"{one.name.removeprefix('servo_bus: ')}: {one.message}", advice(one.message))
-        for one in health
-        if one.level >= Level.ERROR
+        Trouble(
+            f"{node} has gone: nothing turns the head or gives it targets as the mode says",
+            f"Start {node} again, or choose another mode (tab Steer).",
+        )
+        for node in live.missing_nodes
     ]
+    if live.silent_joints:
+        found.append(
+            Trouble(
+                f"no joint states of {', '.join(live.silent_joints)}: the head is left alone, and "
+                "the page shows where it was",
+                "Is whoever measures the joints running (servo_bus, joint_state_publisher)? Is the "
+                "servos' power on?",
+            )
+        )
+    for one in health:
+        source = one.name.partition(":")[0]
+        if one.level >= Level.ERROR and source not in live.missing_nodes and not _passing(one):
+            what = f"{one.name.removeprefix('servo_bus: ')}: {one.message}"
+            found.append(Trouble(what, advice(one.message, source)))
     return found
 
 
-def advice(message: str) -> str:
-    """What to do about what a part says of itself."""
+def _passing(one: Health) -> bool:
+    """Whether a servo has just missed a cycle; if it goes on, the bus says that it is lost."""
+    return one.level is Level.STALE and "no answer since" in one.message
+
+
+def advice(message: str, source: str) -> str:
+    """What to do about what a part says of itself.
+
+    Args:
+        message: its words.
+        source: the node that it belongs to.
+    """
     lower = message.lower()
-    return next((text for word, text in _ADVICE if word in lower), _OTHERWISE)
+    text = next((text for words, text in _ADVICE if words in lower), _OTHERWISE)
+    return text.format(source=source)

@@ -67,7 +67,7 @@ class GazeScene:
         self._scene = scene
         self._robot = robot
         self._p = parameters
-        self._path = TargetPath(parameters.trail_seconds, parameters.prediction_seconds)
+        self._path = self._new_path((0.0, 0.0, 0.0))
         self._wanted = {"target": True, "trail": True, "prediction": True}
         self._target = scene.add_icosphere(
             "/target", 0.035, _TARGET_COLOUR, subdivisions=2, visible=False
@@ -85,6 +85,11 @@ class GazeScene:
         """
         for node in self._of_head.values():
             node.remove()
+        model = self._robot.model
+        anywhere = dict.fromkeys(model.independent_joints, 0.0)
+        self._path = self._new_path(
+            model.transform(model.root, head.base_frame, anywhere).translation
+        )
         camera = self._robot.path(head.pointing_frame)
         p = self._p
         self._of_head = {
@@ -135,14 +140,23 @@ class GazeScene:
         for node in (self._target, self._trail, self._prediction, *self._of_head.values()):
             node.remove()
 
-    def show(self, stamp: int, target: Vector3 | None) -> None:
-        """Draws the target as it is at `stamp` [ns], in the model's root [m]."""
-        self._path.add(stamp, target)
+    def show(self, now: int, target: Vector3 | None, stamp: int | None) -> None:
+        """Draws the target as it is known at the time `now` [ns], in the model's root [m].
+
+        Args:
+            now: the time.
+            target: where it was; None: there is none.
+            stamp: when it was there [ns]; None: now.
+        """
+        self._path.add(now, target, stamp)
         self._target.visible = target is not None and self._wanted["target"]
         if target is not None:
             self._target.position = target
         _draw(self._trail, self._path.trail() if self._wanted["trail"] else [])
         _draw(self._prediction, self._path.predicted() if self._wanted["prediction"] else [])
+
+    def _new_path(self, head: Vector3) -> TargetPath:
+        return TargetPath(self._p.trail_seconds, self._p.prediction_seconds, head)
 
 
 def _line(scene: viser.SceneApi, name: str, colour: tuple[int, int, int]) -> Any:

@@ -71,16 +71,18 @@ class JointsPanel:
     def _movable(self, servos: tuple[Servo, ...]) -> set[str]:
         if self._robot.free_joints():
             return set(self._joints)
-        return {servo.joint for servo in servos} & set(self._joints)
+        return {servo.joint for servo in servos if not servo.refuses} & set(self._joints)
 
     def _show_hint(self, servos: tuple[Servo, ...], movable: set[str]) -> None:
         if self._robot.free_joints():
             text = "No hardware: the sliders say where the joints are (joint_states)."
-        elif not movable:
+        elif not servos:
             text = "No servo bus is known yet: the sliders only show the joints."
         else:
-            loose = [servo.joint for servo in servos if servo.torque is False]
-            text = f"Relaxed, move by hand: {', '.join(loose)}." if loose else ""
+            loose = ", ".join(servo.joint for servo in servos if servo.torque is False)
+            text = f"Relaxed: {loose}. The sliders follow the hand." if loose else ""
+            if len(movable) < len(servos):
+                text += " Switch torque on to move joints from here."
         self._hint.content = (
             f'<div style="padding:0 0.8em;font-size:0.85em">{text}</div>' if text else ""
         )
@@ -134,7 +136,8 @@ class JointsPanel:
     def _set_all(self, event: viser.GuiEvent[Any], where: Any) -> None:
         movable = self._movable(self._robot.servos())
         if not movable:
-            notify(event, Outcome(False, "no joint can be moved from here"), "Joints")
+            text = "no joint can be moved from here; is torque switched on?"
+            notify(event, Outcome(False, text), "Joints")
         for name in sorted(movable):
             position = where(self._joints[name])
             outcome = self._move(name, position)

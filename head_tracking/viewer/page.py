@@ -23,6 +23,7 @@ from head_tracking.viewer.recording import Recorder
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Observation, Robot
 from head_tracking.viewer.robot_scene import RobotScene
+from head_tracking.viewer.same_origin import guarded
 from head_tracking.viewer.shapes import FindPackage, robot_look
 from head_tracking.viewer.status_panel import StatusPanel
 from head_tracking.viewer.steering_panel import SteeringPanel
@@ -80,7 +81,12 @@ class Page:
         self._axis = axis
         self._find_package = find_package
         self._complain = complain
-        self._server = _serve(parameters.host, parameters.port)
+        with guarded(parameters.host) as guard:
+            self._server = _serve(parameters.host, parameters.port)
+        if not guard.stands:
+            complain(
+                "with this version of viser any web page that is open here can steer the robot"
+            )
         self._scene: RobotScene | None = None
         self._gaze: GazeScene | None = None
         self._frames: FramesScene | None = None
@@ -155,7 +161,7 @@ class Page:
         if self._scene is None or self._gaze is None or self._frames is None:
             return
         self._scene.show(shown.joints)
-        self._gaze.show(shown.stamp, shown.target)
+        self._gaze.show(shown.stamp, shown.target, shown.target_stamp)
         self._frames.show(shown.frames)
         self._steering.show(shown)
         self._views.show(shown)

@@ -114,12 +114,13 @@ def _plain(seen: Observation) -> dict[str, Any]:
         "target_text": seen.target_text,
         "error": seen.error,
         "state": seen.state,
+        "target_stamp": seen.target_stamp,
     }
 
 
 def _observation(plain: Mapping[str, Any]) -> Observation:
     target = plain["target"]
-    error = plain["error"]
+    error, target_stamp = plain["error"], plain.get("target_stamp")
     return Observation(
         int(plain["stamp"]),
         {str(name): _finite(position) for name, position in plain["joints"].items()},
@@ -128,6 +129,7 @@ def _observation(plain: Mapping[str, Any]) -> Observation:
         str(plain["target_text"]),
         None if error is None else _finite(error),
         str(plain["state"]),
+        None if target_stamp is None else int(target_stamp),
     )
 
 

@@ -30,6 +30,9 @@ class Observation:
         target_text: the target as it was sent.
         error: angle by which the head misses the target [rad].
         state: what the tracker says of itself.
+        target_stamp: when the target was there [ns]; None: at `stamp`.
+        silent_joints: joints of the head of which nothing is heard, though somebody should tell.
+        missing_nodes: nodes that should turn the head, or send it targets, and have gone.
     """
 
     stamp: int
@@ -39,6 +42,9 @@ class Observation:
     target_text: str = ""
     error: float | None = None
     state: str = ""
+    target_stamp: int | None = None
+    silent_joints: tuple[str, ...] = ()
+    missing_nodes: tuple[str, ...] = ()
 
 
 class Level(IntEnum):
@@ -91,11 +97,13 @@ class Servo:
         controller: its name on the bus.
         joint: the joint; empty while it is not known.
         torque: whether it holds; None if that is not known.
+        refuses: whether it takes no commands before its torque is switched on.
     """
 
     controller: str
     joint: str
     torque: bool | None
+    refuses: bool = False
 
 
 class Mode(StrEnum):
@@ -145,6 +153,12 @@ class Robot(Protocol):
 
     def picture(self, topic: str) -> Any:
         """The newest picture of a topic, shape (height, width, 3), uint8; None without one."""
+
+    def can_start_camera(self) -> bool:
+        """Whether a camera can be simulated and is not yet."""
+
+    def start_camera(self) -> Outcome:
+        """Simulates a camera; its pictures come on a topic."""
 
     def mode(self) -> Mode | None:
         """What decides where the head looks; None if nothing that is known here does."""

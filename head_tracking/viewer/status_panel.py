@@ -9,24 +9,10 @@ from collections.abc import Sequence
 import viser
 
 from head_tracking.viewer.advice import Trouble, troubles
+from head_tracking.viewer.health_table import health_table
 from head_tracking.viewer.notify import notify
 from head_tracking.viewer.plots import ErrorPlot
-from head_tracking.viewer.robot import Health, Level, Observation, Robot
-
-_COLOURS = {
-    Level.OK: "#2b8a3e",
-    Level.WARN: "#e67700",
-    Level.ERROR: "#c92a2a",
-    Level.STALE: "#868e96",
-}
-_COLUMNS = {
-    "position": "position (rad)",
-    "load": "load (share of full torque)",
-    "volt": "voltage (V)",
-    "°C": "temperature (degrees Celsius)",
-    "torque": "torque",
-    "timeouts": "timeouts",
-}
+from head_tracking.viewer.robot import Observation, Robot
 
 
 class StatusPanel:
@@ -35,13 +21,14 @@ class StatusPanel:
     def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
         self._server = server
         self._robot = robot
-        self._banner = server.gui.add_html("", visible=False)
         stop = server.gui.add_button(
             "STOP: relax everything", color="red", icon=viser.Icon.HAND_STOP,
             hint="Switches the torque of all servos off. Afterwards nothing moves until torque "
             "is switched on again, in the tab Joints.",
         )  # fmt: skip
         stop.on_click(self._on_stop)
+        # below, so that the button does not move away when the banner comes
+        self._banner = server.gui.add_html("", visible=False)
         self._line = server.gui.add_html("")
 
     def add_details(self) -> None:
@@ -74,37 +61,6 @@ class StatusPanel:
 
     def _on_recover(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
         notify(event, self._robot.recover(), "Clear faults")
-
-
-def health_table(health: Sequence[Health]) -> str:
-    """Diagnostics as HTML: a line for each part, and a table of the servos."""
-    lines, rows = [], []
-    for one in health:
-        colour = _COLOURS[one.level]
-        name = html.escape(one.name.removeprefix("servo_bus: "))
-        message = html.escape(one.message)
-        lines.append(f'<div><b style="color:{colour}">&#9679;</b> <b>{name}</b>: {message}</div>')
-        if _COLUMNS["position"] in one.values:
-            cells = "".join(
-                f"<td>{html.escape(one.values.get(key, '-'))}</td>" for key in _COLUMNS.values()
-            )
-            rows.append(f"<tr><td>{name}</td>{cells}</tr>")
-        else:
-            lines += [
-                f'<div style="padding-left:1.2em;opacity:0.8">{html.escape(key)}: '
-                f"{html.escape(value)}</div>"
-                for key, value in one.values.items()
-            ]
-    if not health:
-        lines.append("<div>nothing on /diagnostics</div>")
-    table = ""
-    if rows:
-        head = "".join(f"<th>{title}</th>" for title in _COLUMNS)
-        table = (
-            '<div style="overflow-x:auto"><table style="font-size:0.85em;border-spacing:6px 1px">'
-            f"<tr><th></th>{head}</tr>{''.join(rows)}</table></div>"
-        )
-    return f'<div style="padding:0 0.8em;font-size:0.85em">{table}{"".join(lines)}</div>'
 
 
 def _banner(found: Sequence[Trouble]) -> str:

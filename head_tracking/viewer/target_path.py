@@ -1,77 +1,80 @@
-"""Where a target was, and where it goes if it keeps moving as it does."""
+"""Where a target was, and where the tracker expects it to go."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
-import numpy as np
-
+from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.transforms import Vector3
 
-_FITTED = 0.3
-"""The motion of so many seconds decides the prediction."""
-
 _JUMP = 0.3  # m: from one sample to the next; farther is another target
-_STEPS = 10
+_STEPS = 12
 _MOVING = 0.02  # m/s: slower targets stand still
+_DEVIATIONS = 3.0  # of a speed; up to there a target may stand still as well
 
 
 class TargetPath:
-    """The target's last positions. Times are in nanoseconds.
+    """The target's last positions, and the tracker's own estimate of its motion.
+
+    Times are in nanoseconds; points are in one frame that stands still [m].
 
     Args:
         trail: how long positions are kept [s].
         ahead: how far the prediction goes [s].
+        head: where the head is: the estimator thinks in angles seen from there.
     """
 
-    def __init__(self, trail: float, ahead: float) -> None:
+    def __init__(self, trail: float, ahead: float, head: Vector3 = (0.0, 0.0, 0.0)) -> None:
         self._trail = round(trail * 1e9)
         self._ahead = ahead
+        self._head = head
         self._points: deque[tuple[int, Vector3]] = deque()
+        self._estimator = TargetEstimator(EstimatorParameters())
+        self._now = 0
 
-    def add(self, stamp: int, point: Vector3 | None) -> None:
-        """Takes the target's position [m]; None: there is no target."""
-        points = self._points
-        if point is None:
-            points.clear()
-            return
-        if points:
-            last, before = points[-1]
-            if stamp <= last:
-                if stamp < last:
-                    points.clear()  # a recording that starts again
-                else:
-                    return
-            elif sum((a - b) ** 2 for a, b in zip(point, before, strict=True)) > _JUMP**2:
-                points.clear()
-        points.append((stamp, point))
-        while stamp - points[0][0] > self._trail:
-            points.popleft()
+    def add(self, now: int, point: Vector3 | None, stamp: int | None = None) -> None:
+        """Takes what is known of the target at the time `now`.
+
+        Args:
+            now: the time; if it jumps back, as in a recording that starts again, all begins anew.
+            point: where the target was; None: there is no target.
+            stamp: when it was there; None: now.
+        """
+        stamp = now if stamp is None else stamp
+        if point is None or now < self._now:
+            self._points.clear()
+            self._estimator.reset()
+        self._now = now
+        if point is not None and (not self._points or stamp > self._points[-1][0]):
+            self._take(stamp, point)
+        while self._points and now - self._points[0][0] > self._trail:
+            self._points.popleft()
 
     def trail(self) -> list[Vector3]:
         """The positions, oldest first [m]."""
         return [point for _, point in self._points]
 
     def predicted(self) -> list[Vector3]:
-        """The way ahead from the last position at constant acceleration [m]; empty at rest.
+        """The way from the last position on [m]; empty if the target stands still, for all we know.
 
-        The acceleration is that of the parabola nearest to the last positions (least squares).
+        As the tracker expects it: the target moves on as it last moved, and comes to a stop if
+        nothing more is heard of it.
         """
-        if len(self._points) < 4:
+        estimate, now = self._estimator.estimate, self._now * 1e-9
+        if estimate is None or estimate.age(now) > estimate.timeout:
             return []
-        end = self._points[-1][0]
-        recent = [
-            ((stamp - end) * 1e-9, point)
-            for stamp, point in self._points
-            if (end - stamp) * 1e-9 <= _FITTED
-        ]
-        if len(recent) < 4 or recent[0][0] > -_FITTED / 2:
+        speed = math.hypot(*estimate.velocity(estimate.stamp))
+        if speed < max(_MOVING, _DEVIATIONS * estimate.speed_deviation):
             return []
-        times = np.array([time for time, _ in recent])
-        places = np.array([point for _, point in recent])
-        acceleration, velocity, _ = np.polyfit(times, places, 2)
-        if float(np.linalg.norm(velocity)) < _MOVING:
-            return []
-        ahead = np.linspace(0.0, self._ahead, _STEPS + 1)[:, None]
-        way = places[-1] + velocity * ahead + acceleration * ahead**2
-        return [(x, y, z) for x, y, z in way.tolist()]
+        x, y, z = self._head
+        step = (now + self._ahead - estimate.stamp) / _STEPS
+        times = (estimate.stamp + number * step for number in range(_STEPS + 1))
+        return [(x + a, y + b, z + c) for a, b, c in map(estimate.position, times)]
+
+    def _take(self, stamp: int, point: Vector3) -> None:
+        if self._points and math.dist(point, self._points[-1][1]) > _JUMP:
+            self._points.clear()
+        self._points.append((stamp, point))
+        x, y, z = (a - b for a, b in zip(point, self._head, strict=True))
+        self._estimator.add(stamp * 1e-9, (x, y, z), self._now * 1e-9)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Vector3
+from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.camera_view import CameraView
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.robot import Observation, Robot
 
 _NONE, _ALL = "none", "all frames"
-_NO_PICTURE = "no picture"
-_WIDEST = 480  # pixels
 
 
 class ViewPanel:
@@ -33,10 +31,7 @@ class ViewPanel:
         )
         self._box = self._gui.add_folder(None)
         self._camera = CameraView(server, view)
-        self._topic = self._gui.add_dropdown(
-            "Camera picture", [_NO_PICTURE], hint="Pictures that nodes publish (sensor_msgs/Image)."
-        )
-        self._image = self._gui.add_image(np.zeros((3, 4, 3), np.uint8), visible=False)
+        self._picture = CameraPicture(self._gui, robot)
 
     def set_scenes(self, gaze: GazeScene, frames: FramesScene) -> None:
         """What is switched on and off."""
@@ -54,8 +49,9 @@ class ViewPanel:
                 self._parts[part] = self._checkbox(part, self._gaze.wanted(part))
 
     def show(self, shown: Observation) -> None:
-        """Moves what looks through the camera."""
+        """Moves what looks through the camera, and shows what it sees."""
         self._camera.show(shown)
+        self._picture.show()
 
     def refresh(self) -> None:
         """Follows frames and pictures that come and go."""
@@ -66,16 +62,7 @@ class ViewPanel:
             self._frames.value = chosen if chosen in frames else _NONE
         if self._frames_scene is not None:
             self._frames_scene.want(_chosen(self._frames.value, frames[2:]))
-        topics = (_NO_PICTURE, *self._robot.images())
-        if self._topic.options != topics:
-            self._topic.options = topics
-        picture = (
-            None if self._topic.value == _NO_PICTURE else self._robot.picture(self._topic.value)
-        )
-        self._image.visible = picture is not None
-        if picture is not None:
-            every = 1 + picture.shape[1] // _WIDEST
-            self._image.image = picture[::every, ::every]
+        self._picture.refresh()
 
     def _checkbox(self, part: str, on: bool) -> Any:
         with self._box:

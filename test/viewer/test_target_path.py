@@ -1,7 +1,9 @@
 import math
 
+import numpy as np
 import pytest
 
+from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.viewer.target_path import TargetPath
 
 SECOND = 1_000_000_000
@@ -14,6 +16,10 @@ def filled(way, seconds=2.0, rate=25, trail=5.0, ahead=0.5) -> TargetPath:
     return path
 
 
+def circling(t: float) -> tuple[float, float, float]:
+    return math.cos(t), math.sin(t), 0.5
+
+
 def test_the_trail_forgets():
     path = filled(lambda t: (0.1 * t, 0.0, 1.0), seconds=10.0, trail=2.0)
     trail = path.trail()
@@ -21,17 +27,55 @@ def test_the_trail_forgets():
     assert trail[0] == pytest.approx((0.8, 0.0, 1.0))
 
 
-def test_constant_acceleration_is_predicted_exactly():
-    def way(t: float) -> tuple[float, float, float]:
-        return (1.0 + 0.2 * t * t, 0.3 * t, 0.5)
+def test_the_prediction_is_the_trackers_own():
+    estimator = TargetEstimator(EstimatorParameters())
+    for step in range(51):
+        stamp = 1.0 + step / 25
+        estimator.add(stamp, circling(step / 25), stamp)
+    path = filled(circling)
+    expected = [estimator.estimate.position(t) for t in np.linspace(3.0, 3.5, 13)]
+    assert np.array(path.predicted()) == pytest.approx(np.array(expected))
+    # and it is right for as long as the tracker believes in it
+    assert path.predicted()[6] == pytest.approx(circling(2.25), abs=0.02)
 
-    predicted = filled(way, seconds=1.0).predicted()
-    assert predicted[0] == pytest.approx(way(1.0))
-    assert predicted[-1] == pytest.approx(way(1.5), abs=1e-6)
+
+def test_what_the_head_sees_from_its_own_place_is_drawn_where_it_is():
+    def way(t: float) -> tuple[float, float, float]:
+        return 4.0 + 0.3 * t, 2.0, 1.0
+
+    path = TargetPath(5.0, 0.2, (3.0, 2.0, 0.5))
+    for step in range(51):
+        path.add(SECOND + round(step / 25 * SECOND), way(step / 25))
+    assert path.predicted()[-1] == pytest.approx(way(2.2), abs=0.01)
+
+
+def test_points_count_with_their_own_stamps():
+    path = TargetPath(5.0, 0.2)
+    rng = np.random.default_rng(1)
+    now = SECOND
+    for step in range(60):
+        stamp = SECOND + step * SECOND // 30
+        now = stamp + round(rng.uniform(0.05, 0.07) * SECOND)  # they come when they come
+        path.add(now, (1.0, 0.5 * step / 30, 0.5), stamp)
+        path.add(now + 1000, (1.0, 0.5 * step / 30, 0.5), stamp)  # and are seen twice
+    assert len(path.trail()) == 60
+    x, y, z = path.predicted()[-1]
+    expected = 0.5 * ((now - SECOND) / SECOND + 0.2)
+    assert (x, y, z) == pytest.approx((1.0, expected, 0.5), abs=0.005)
 
 
 def test_a_target_at_rest_has_no_path_ahead():
     assert filled(lambda _: (1.0, 0.0, 0.5)).predicted() == []
+
+
+def test_a_shaky_picture_of_a_target_at_rest_has_none_either():
+    rng = np.random.default_rng(2)
+    path = TargetPath(5.0, 0.5)
+    drawn = 0
+    for step in range(250):
+        path.add(SECOND + step * SECOND // 25, (1.0, *rng.normal(0.0, 0.003, 2)))
+        drawn += step > 50 and bool(path.predicted())
+    assert drawn < 20
 
 
 def test_a_jump_is_another_target():
@@ -41,9 +85,26 @@ def test_a_jump_is_another_target():
     assert path.predicted() == []
 
 
-def test_no_target_clears_it_and_old_stamps_start_anew():
-    path = filled(lambda t: (1.0, t, 0.5), seconds=0.2)
-    path.add(SECOND // 2, (1.0, 0.0, 0.5))
-    assert len(path.trail()) == 1
-    path.add(SECOND, None)
+def test_a_target_that_is_not_seen_any_more_is_expected_nowhere():
+    path = filled(circling)
+    last = path.trail()[-1]
+    path.add(round(3.2 * SECOND), last, 3 * SECOND)
+    assert path.predicted()
+    path.add(round(3.6 * SECOND), last, 3 * SECOND)
+    assert path.predicted() == []
+
+
+def test_no_target_clears_it():
+    path = filled(circling)
+    path.add(4 * SECOND, None)
     assert path.trail() == []
+    assert path.predicted() == []
+
+
+def test_a_recording_that_starts_again_is_shown_as_the_first_time():
+    path = filled(circling)
+    first = path.predicted()
+    for step in range(51):
+        path.add(SECOND + round(step / 25 * SECOND), circling(step / 25))
+    assert path.predicted() == first
+    assert len(path.trail()) == 51

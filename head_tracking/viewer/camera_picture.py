@@ -1,0 +1,86 @@
+"""Pictures that nodes publish, in the control panel; a simulated camera is started for them."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import viser
+
+from head_tracking.viewer.notify import notify
+from head_tracking.viewer.robot import Robot
+
+_NONE = "no picture"
+_PERIOD = 0.1  # s
+_WIDEST = 480  # pixels
+_NOTHING = (
+    '<div style="padding:0 0.8em;font-size:0.85em">nothing has come yet, or nothing that can be '
+    "shown (rgb8, bgr8, rgba8, bgra8, mono8)</div>"
+)
+
+
+class CameraPicture:
+    """A menu of pictures, and a button for the simulated camera.
+
+    Whoever publishes them is asked for them only while one is chosen and a browser is there.
+
+    Args:
+        gui: viser's control panel, with the container open that gets them.
+        robot: has the pictures.
+    """
+
+    def __init__(self, gui: Any, robot: Robot) -> None:
+        self._robot = robot
+        self._menu = gui.add_dropdown(
+            "Camera picture", [_NONE], hint="Pictures that nodes publish (sensor_msgs/Image)."
+        )
+        self._start = gui.add_button(
+            "Simulate the camera", icon=viser.Icon.CAMERA, visible=False,
+            hint="Draws what the head's camera would see: a room, with a ball at the target.",
+        )  # fmt: skip
+        self._line = gui.add_html("")
+        self._image = gui.add_image(np.zeros((3, 4, 3), np.uint8), visible=False)
+        self._shown: npt.NDArray[np.uint8] | None = None
+        self._next = 0.0
+        self._known: set[str] | None = None  # topics there when the camera was started
+        self._start.on_click(self._on_start)
+
+    def show(self) -> None:
+        """Shows the newest picture, a few times a second."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + _PERIOD
+        topic = self._menu.value
+        picture = None if topic == _NONE else self._robot.picture(topic)
+        self._image.visible = picture is not None
+        self._line.content = _NOTHING if topic != _NONE and picture is None else ""
+        if picture is None:
+            return
+        every = 1 + picture.shape[1] // _WIDEST
+        smaller = picture[::every, ::every]
+        if self._shown is None or not np.array_equal(smaller, self._shown):
+            self._image.image = self._shown = smaller
+
+    def refresh(self) -> None:
+        """Follows pictures that come and go."""
+        topics = self._robot.images()
+        if self._menu.options != (_NONE, *topics):
+            chosen = self._menu.value
+            self._menu.options = (_NONE, *topics)
+            self._menu.value = chosen if chosen in topics else _NONE
+        self._start.visible = self._robot.can_start_camera()
+        if self._known is not None:
+            come = [topic for topic in topics if topic not in self._known]
+            if come and self._menu.value == _NONE:
+                # the picture's name ends so, the depths' does not
+                self._menu.value = next((one for one in come if one.endswith("image")), come[0])
+                self._known = None
+
+    def _on_start(self, event: viser.GuiEvent[Any]) -> None:
+        known = set(self._robot.images())
+        outcome = self._robot.start_camera()
+        self._known = known if outcome.done else None
+        notify(event, outcome, "Camera")

@@ -1,0 +1,75 @@
+"""Diagnostics as HTML: a table of the servos, and a line for each part."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+from head_tracking.viewer.robot import Health, Level
+
+COLUMNS = {
+    "torque": "torque",
+    "°C": "temperature (degrees Celsius)",
+    "volt": "voltage (V)",
+    "load": "load (share of full torque)",
+    "position": "position (rad)",
+    "errors": "errors",
+    "timeouts": "timeouts",
+    "corrupt": "corrupt replies",
+    "model": "model",
+}
+"""Keys of a servo's diagnostics (nodes/diagnostics.py)."""
+
+_COLOURS = {
+    Level.OK: "#2b8a3e",
+    Level.WARN: "#e67700",
+    Level.ERROR: "#c92a2a",
+    Level.STALE: "#868e96",
+}
+
+
+def health_table(health: Sequence[Health]) -> str:
+    """Diagnostics as HTML; what is wrong comes first."""
+    servos = [one for one in health if COLUMNS["torque"] in one.values]
+    lines = []
+    for one in sorted(health, key=lambda one: -one.level):
+        lines.append(f"<div>{_dot(one)} <b>{_name(one)}</b>: {html.escape(one.message)}</div>")
+        if one not in servos:
+            lines += [
+                f'<div style="padding-left:1.2em;opacity:0.8">{html.escape(key)}: '
+                f"{html.escape(value)}</div>"
+                for key, value in one.values.items()
+            ]
+    if not health:
+        lines.append("<div>nothing on /diagnostics</div>")
+    content = (_table(servos) if servos else "") + "".join(lines)
+    return f'<div style="padding:0 0.8em;font-size:0.85em">{content}</div>'
+
+
+def _table(servos: Sequence[Health]) -> str:
+    head = "".join(f"<th>{title}</th>" for title in COLUMNS)
+    rows = "".join(
+        f"<tr><td>{_dot(one)} {_name(one)}</td>"
+        + "".join(f"<td>{_cell(key, one.values.get(key, '-'))}</td>" for key in COLUMNS.values())
+        + "</tr>"
+        for one in servos
+    )
+    return (
+        '<div style="overflow-x:auto;white-space:nowrap">'
+        '<table style="font-size:0.85em;border-spacing:6px 1px">'
+        f"<tr><th></th>{head}</tr>{rows}</table></div>"
+    )
+
+
+def _cell(key: str, value: str) -> str:
+    if key == COLUMNS["torque"]:
+        return "on" if value == "torque on" else "off"  # why it is off is in the line below
+    return html.escape(value)
+
+
+def _dot(one: Health) -> str:
+    return f'<b style="color:{_COLOURS[one.level]}">&#9679;</b>'
+
+
+def _name(one: Health) -> str:
+    return html.escape(one.name.removeprefix("servo_bus: "))

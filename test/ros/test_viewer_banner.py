@@ -1,0 +1,93 @@
+"""What the page calls for help for: joints that fall silent, nodes that go away."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from importlib.util import find_spec
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from robot_under_test import wait_for
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.viewer.robot import Mode
+
+pytestmark = pytest.mark.skipif(
+    find_spec("viser") is None,
+    reason="viser is missing: pip install -r requirements/viewer.txt",
+)
+PATIENCE = 30.0
+JOINTS = ["head_pan_joint", "head_tilt_joint"]
+
+
+@pytest.fixture
+def threads() -> Iterator[NodeThreads]:
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(NodeThreads()) as threads:
+            threads.start(RobotStatePublisherNode())
+            yield threads
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def seen(threads) -> Any:
+    node = ViewerNode()
+    threads.start(node)
+    wait_for(node.robot.model, PATIENCE)
+    return node.robot
+
+
+def test_joint_states_that_stop_are_missed_until_they_come_again(threads, seen):
+    wait_for(seen.free_joints, PATIENCE)
+    assert not seen.observe().silent_joints, "nobody has promised any"
+    measuring = Node("encoders")
+    publisher = measuring.create_publisher(JointState, "joint_states", 10)
+    wait_for(lambda: not seen.free_joints(), PATIENCE)
+    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)  # never came
+
+    def speaking() -> bool:
+        message = JointState(name=JOINTS, position=[0.1, 0.2])
+        message.header.stamp = measuring.get_clock().now().to_msg()
+        publisher.publish(message)
+        return seen.observe().silent_joints == ()
+
+    wait_for(speaking, PATIENCE)
+    assert not seen.observe().silent_joints
+    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)  # stopped
+    measuring.destroy_node()
+
+
+def test_with_servos_the_page_never_says_itself_where_the_joints_are(threads, seen):
+    wait_for(seen.free_joints, PATIENCE)
+    bus = Node("servo_bus")
+    bus.create_service(SetBool, "head_pan_controller/torque_enable", lambda _, answer: answer)
+    wait_for(lambda: not seen.free_joints(), PATIENCE)
+    bus.destroy_node()
+    wait_for(lambda: not seen.servos(), PATIENCE)
+    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)
+    assert not seen.free_joints()
+
+
+def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(threads, seen):
+    def tracker() -> Node:
+        node = Node("head_tracker")
+        node.create_service(SetBool, "~/enable", lambda _, answer: answer)
+        return node
+
+    assert seen.observe().missing_nodes == (), "there was none"
+    node = tracker()
+    wait_for(lambda: seen.mode() is Mode.TRACK, PATIENCE)
+    assert seen.observe().missing_nodes == ()
+    node.destroy_node()
+    wait_for(lambda: seen.observe().missing_nodes == ("head_tracker",), PATIENCE)
+    node = tracker()
+    wait_for(lambda: seen.observe().missing_nodes == (), PATIENCE)
+    node.destroy_node()

@@ -1,0 +1,84 @@
+"""The simulated camera on the page: started on request, drawn while somebody looks."""
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+from robot_under_test import Robot, wait_for
+
+from head_tracking.node_sets import started_on_request
+from head_tracking.nodes.simulated_camera import SimulatedCameraNode
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.vision.opencv import OpenCVMissingError
+
+pytestmark = pytest.mark.skipif(
+    find_spec("viser") is None,
+    reason="viser is missing: pip install -r requirements/viewer.txt",
+)
+PATIENCE = 30.0
+NAME = "simulated_camera"
+
+
+@pytest.fixture
+def robot(make_robot) -> Robot:
+    return make_robot("--target", "1,0,0.5@base_link", "--viewer")
+
+
+@pytest.fixture
+def seen(robot) -> Any:
+    """The robot as the page sees it, once it knows that there could be a camera."""
+    node = ViewerNode(robot.composition.buffer)
+    robot.threads.start(node)
+    wait_for(node.robot.can_start_camera, PATIENCE)
+    return node.robot
+
+
+def magenta(picture: Any) -> int:
+    r, g, b = (picture[..., channel].astype(int) for channel in range(3))
+    return int(np.count_nonzero((r > g + 60) & (b > g + 60)))
+
+
+def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatch):
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    assert NAME not in robot.composition.nodes
+    assert seen.start_camera().done
+    wait_for(lambda: "/image" in seen.images() and not seen.can_start_camera(), PATIENCE)
+    assert seen.start_camera().done, "it runs already"
+    renderer = robot.composition.nodes[NAME].renderer
+    drawn = []
+    render = renderer.render
+    monkeypatch.setattr(renderer, "render", lambda *a: (drawn.append(a), render(*a))[1])
+    robot.at_rest(1.0)
+    assert not drawn, "nobody looks at it"
+
+    def ball() -> bool:
+        picture = seen.picture("/image")
+        # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
+        return picture is not None and magenta(picture[70:170, 110:210]) > 300
+
+    wait_for(ball, PATIENCE)
+    assert drawn
+    # who does not ask any more is not sent any more
+    wait_for(lambda: robot.node.count_subscribers("/image") == 0, PATIENCE)
+    before = len(drawn)
+    robot.at_rest(1.0)
+    assert len(drawn) <= before + 1
+
+
+def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
+    def missing() -> None:
+        raise OpenCVMissingError
+
+    monkeypatch.setattr("head_tracking.nodes.simulated_camera.require_opencv", missing)
+    outcome = seen.start_camera()
+    assert not outcome.done
+    assert "pip install" in outcome.text
+    assert NAME not in robot.composition.nodes
+    assert NAME not in robot.node.get_node_names()
+
+
+def test_only_a_simulated_head_has_a_simulated_camera():
+    assert NAME in started_on_request(simulated=True)
+    assert NAME not in started_on_request(simulated=False)
+    assert started_on_request(simulated=True)[NAME].make is SimulatedCameraNode

@@ -1,0 +1,129 @@
+"""What the page makes of the servo bus's real diagnostics."""
+
+from dataclasses import replace
+from importlib.util import find_spec
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from robot_under_test import wait_for
+
+from head_tracking.dynamixel import (
+    BusStatistics,
+    BusTiming,
+    ErrorBits,
+    HardwareErrors,
+    Health,
+    ServoState,
+    ServoStatistics,
+)
+from head_tracking.dynamixel.command import Torque
+from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
+from head_tracking.nodes.joint_watch import JointWatch
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.viewer import robot
+from head_tracking.viewer.advice import advice, troubles
+from head_tracking.viewer.health_table import COLUMNS, health_table
+
+pytestmark = pytest.mark.skipif(
+    find_spec("viser") is None,
+    reason="viser is missing: pip install -r requirements/viewer.txt",
+)
+
+SERVO = ServoStatistics(
+    "pan", 1, 100, 2, 1, 1, 0, False, "AX-12", 24, last_stamp=1_000_000_000,
+    temperature=35.0, voltage=11.9, load=0.1, torque="torque on",
+)  # fmt: skip
+STATE = ServoState("pan", 1, 0, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)
+STATUS = BusStatus(
+    "/dev/ttyUSB0",
+    BusStatistics(100, 0, 0, (SERVO,)),
+    BusTiming(50.0, 49.9, 0.004, 0),
+    {"pan": STATE},
+    1_010_000_000,
+)
+
+
+def shown(entry: DiagnosticStatus) -> robot.Health:
+    level = robot.Level(int.from_bytes(entry.level, "little"))
+    values = {pair.key: pair.value for pair in entry.values}
+    return robot.Health(entry.name, level, entry.message, values)
+
+
+def servo(**changes: object) -> robot.Health:
+    statistics = replace(STATUS.statistics, servos=(replace(SERVO, **changes),))
+    return shown(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
+
+
+def test_every_column_is_filled():
+    assert set(COLUMNS.values()) <= servo().values.keys()
+    table = health_table([servo()])
+    for value in ("on", "35", "11.9", "0.10", "0.5000", "none", "AX-12"):
+        assert f"<td>{value}</td>" in table
+
+
+def test_a_servo_that_is_lost_keeps_its_row():
+    table = health_table([servo(health=Health.LOST, torque=Torque.OFF_UNTIL_COMMANDED.value)])
+    assert "<td>off</td>" in table
+    assert "lost: it does not answer" in table
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"health": Health.UNKNOWN},
+        {"health": Health.LOST},
+        *({"health": Health.FAULTED, "errors": bit} for bit in HardwareErrors),
+        {"errors": ErrorBits.OVERLOAD},
+        {"temperature": 75.0},
+    ],
+)
+def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
+    wrong = servo(**changes)
+    assert wrong.level >= robot.Level.ERROR
+    assert advice(wrong.message, "servo_bus") != advice("unheard of", "servo_bus")
+
+
+def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
+    stale, live = servo(health=Health.STALE), robot.Observation(0)
+    assert stale.level is robot.Level.STALE
+    assert not troubles([stale], live)
+    silent = replace(stale, message=f"nothing heard for 5 s; last: {SERVO.torque}")
+    assert troubles([silent], live)
+
+
+def test_there_is_advice_for_a_port_that_has_gone():
+    statistics = replace(STATUS.statistics, connected=False)
+    port = shown(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
+    assert port.level is robot.Level.ERROR
+    assert "cable" in advice(port.message, "servo_bus")
+
+
+def test_joints_fall_silent_and_speak_again():
+    now = 0.0
+    watch = JointWatch(lambda: now)
+    assert watch.silent({"pan": 5, "tilt": None}) == ()
+    now = 1.9
+    assert watch.silent({"pan": 6, "tilt": None}) == ()
+    now = 2.1
+    assert watch.silent({"pan": 6, "tilt": None}) == ("tilt",)
+    assert watch.silent({"pan": 6, "tilt": 7}) == ()
+    now = 5.0
+    assert watch.silent({"pan": 6, "tilt": 8}) == ("pan",)
+    assert watch.silent({}) == ()
+    assert watch.silent({"pan": 6}) == ()
+
+
+def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(make_robot):
+    relaxed = make_robot("--mode", "point", "--viewer")
+    node = ViewerNode(relaxed.composition.buffer)
+    relaxed.threads.start(node)
+    seen = node.robot
+
+    def torques() -> list[tuple[bool | None, bool]]:
+        return [(servo.torque, servo.refuses) for servo in seen.servos()]
+
+    wait_for(lambda: torques() == [(False, False)] * 2, 30.0)
+    assert seen.stop().done
+    wait_for(lambda: torques() == [(False, True)] * 2)
+    assert seen.set_torque("", True).done
+    wait_for(lambda: torques() == [(True, False)] * 2)
