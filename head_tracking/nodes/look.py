@@ -22,7 +22,7 @@ from head_tracking.nodes.conversions import target_message
 from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.targets import Arrival
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, RobotModelError, TransformException, Vector3
 
@@ -249,8 +249,7 @@ def main() -> int:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         resources.callback(rclpy.try_shutdown)
         node = Node("look", start_parameter_services=False)
-        buffer = Buffer(node=node)
-        TransformListener(buffer, node)
+        buffer = listening_buffer(node)
         resources.enter_context(closing(NodeThreads())).start(node)
         return look(node, buffer, arguments, stop)
 

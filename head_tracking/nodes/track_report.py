@@ -26,7 +26,7 @@ from head_tracking.nodes.head_interface import HeadParameters
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.parameters import parameter
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
 from head_tracking.transforms import RobotModelError, TransformException
@@ -48,9 +48,7 @@ class TrackReportNode(Node):
         super().__init__("track_report", **options)
         self._frame = NodeParameters(self, TrackReportParameters).value.camera_link
         self._head_parameters = NodeParameters(self, HeadParameters).value
-        buffer = Buffer()
-        TransformListener(buffer, self)
-        self._buffer = buffer.core
+        self._buffer = listening_buffer(self).core
         self._placer: TargetPlacer | None = None
         self._came: dict[int, float] = {}
         self.head: PanTiltHead | None = None
