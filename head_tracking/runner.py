@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from head_tracking.command_line import seconds
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
     MODES,
@@ -97,7 +98,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         metavar="FILE",
         help="parameters in YAML, over the robot's own; can be given several times",
     )
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
@@ -255,16 +256,6 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
             "frame such as 1,0.5,0@base_link"
         )
     return fixed_target((x, y, z), frame_id), ""
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is no duration; give seconds above 0")
-    return seconds
 
 
 def _existing_file(text: str) -> Path:

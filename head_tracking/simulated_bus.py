@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from random import Random
 from typing import NamedTuple
 
+from head_tracking.command_line import between, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import AX_12, ServoModel, servo_model
 from head_tracking.simulation import (
@@ -21,7 +22,7 @@ from head_tracking.simulation import (
     SimulationError,
 )
 
-_BAUD_RATES = (9_600, 4_500_000)
+_model = read_by(servo_model, ConfigurationError)
 
 
 class ServoOption(NamedTuple):
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     random = Random(options.seed)
-    servos = [ServoOption(options.model, servo_id) for servo_id in options.ids or ()]
+    servos = [ServoOption(options.model, number) for number in options.ids or ()]
     servos += options.servo or ()
     servos = servos or [ServoOption(options.model, 1), ServoOption(options.model, 2)]
     faults = Faults(random, options.faults / 100.0, options.kinds or tuple(Fault))
@@ -75,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulates Dynamixel servos on a serial port; prints the port to open.",
     )
     add = parser.add_argument
-    add("--ids", type=_servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
+    add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
     add("--model", type=_model, default=AX_12, help="their model (default: AX-12)")
     add(
         "--servo", type=_servo_option, action="append", metavar="MODEL:ID",
@@ -83,29 +84,29 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--link", metavar="PATH", help="also make a link to the port here")
     add(
-        "--baud", type=_number(int, *_BAUD_RATES, "bits per second"), metavar="RATE",
+        "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
         help="set the servos to this baud rate; they hear no other (default: they hear any)",
     )  # fmt: skip
     add("--paced", action="store_true", help="bytes take their time at the program's baud rate")
     add("--exact", action="store_true", help="burn a core to be in time to some microseconds")
     add(
-        "--latency", type=_number(float, 0.0, 255.0, "ms"), default=0.0, metavar="MS",
+        "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
         help="the adapter hands on what it received only so often; FTDI's default is 16",
     )  # fmt: skip
     add(
-        "--return-delay", type=_number(int, 0, 508, "us"), default=None, metavar="US",
+        "--return-delay", type=between(0, 508, "us", int), default=None, metavar="US",
         help="the servos' return delay (default: the factory's 500)",
     )  # fmt: skip
     add("--realistic", action="store_true", help="start delay, encoder noise, slow EEPROM")
     add("--echo", action="store_true", help="the adapter sends back whatever it is sent")
     add(
-        "--faults", type=_number(float, 0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
+        "--faults", type=between(0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
         help="so many transactions go wrong",
     )  # fmt: skip
     names = ", ".join(kind.name.lower() for kind in Fault)
     add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"in these ways only: {names}")
     add(
-        "--unplug-every", type=_number(float, 0.1, 1e6, "s"), metavar="S",
+        "--unplug-every", type=between(0.1, 1e6, "s"), metavar="S",
         help="pull the adapter out after about so many seconds, again and again",
     )  # fmt: skip
     add("--seed", type=int, default=1, metavar="N", help="of all that is random (default: 1)")
@@ -149,50 +150,18 @@ def _serve(
 
 def _summary(servos: Sequence[ServoOption], baud_rate: int | None) -> str:
     ids: dict[str, list[str]] = {}
-    for model, servo_id in servos:
-        ids.setdefault(model.name, []).append(str(servo_id))
+    for model, number in servos:
+        ids.setdefault(model.name, []).append(str(number))
     words = "; ".join(f"{name} servos with ids {', '.join(own)}" for name, own in ids.items())
     rate = "any baud rate" if baud_rate is None else f"{baud_rate} baud"
     return f"{words} at {rate}; Ctrl-C ends it"
 
 
-class _number:
-    """Reads a number within bounds from the command line."""
-
-    def __init__(self, kind: type, lowest: float, highest: float, unit: str) -> None:
-        self._kind, self._lowest, self._highest, self._unit = kind, lowest, highest, unit
-
-    def __call__(self, text: str) -> float:
-        try:
-            value: float = self._kind(text)
-        except ValueError:
-            value = float("nan")
-        if not self._lowest <= value <= self._highest:
-            raise argparse.ArgumentTypeError(
-                f"{text!r} is not possible; allowed are {self._lowest:g} to {self._highest:g} "
-                f"{self._unit}"
-            )
-        return value
-
-
-def _servo_id(text: str) -> int:
-    if not text.isdigit() or int(text) > 253:
-        raise argparse.ArgumentTypeError(f"{text!r} is no servo id; ids are 0 to 253")
-    return int(text)
-
-
-def _model(text: str) -> ServoModel:
-    try:
-        return servo_model(text)
-    except ConfigurationError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def _servo_option(text: str) -> ServoOption:
-    model, colon, servo_id = text.rpartition(":")
+    model, colon, number = text.rpartition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"{text!r} is no MODEL:ID, such as XL430-W250:3")
-    return ServoOption(_model(model), _servo_id(servo_id))
+    return ServoOption(_model(model), servo_id(number))
 
 
 def _fault(text: str) -> Fault:

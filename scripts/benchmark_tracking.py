@@ -126,8 +126,7 @@ def ours() -> Tracker:
 
 def slow(servo: SimulatedServo) -> None:
     """Its mechanics take twice the time."""
-    shaft = servo._drive.shaft
-    shaft.mechanics = replace(shaft.mechanics, inertia=2.0 * shaft.mechanics.inertia)
+    servo.inertia *= 2.0
 
 
 def weak(servo: SimulatedServo) -> None:

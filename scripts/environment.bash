@@ -110,8 +110,7 @@ has_wheels() { compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; }
 # add_library MODULE LIST TEXT: installs a list of requirements unless its module is there already.
 add_library() {
   "$venv/bin/python" -c "import importlib.util as u, sys; sys.exit(u.find_spec('$1') is None)" ||
-    step "$3" install -r "$root/requirements/$2.txt" \
-      -c <(same_numpy)
+    step "$3" install -r "$root/requirements/$2.txt" -c <(same_numpy)
 }
 
 # OpenCV is big, and most runs have no camera.
@@ -120,6 +119,9 @@ add_opencv() {
 }
 
 add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
+
+# What drives a browser; the browser itself is Debian's.
+add_playwright() { add_library playwright browser "installing playwright (55 MB to download)"; }
 
 add_test_tools() {
   local lists=(-r "$root/requirements/test.txt" -r "$root/requirements/tools.txt")
@@ -130,7 +132,7 @@ add_test_tools() {
   step "installing pytest, ruff, mypy, colcon and OpenCV" \
     install "${lists[@]}" -c <(same_numpy)
   add_viewer
-  add_library playwright browser "installing playwright for the viewer's tests (55 MB to download)" ||
+  add_playwright ||
     say "  not installed: the viewer's tests in a browser will be skipped"
   type -P chromium >/dev/null ||
     say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"

@@ -19,6 +19,7 @@ CORE = {
 }  # fmt: skip
 
 ALLOWED = {
+    "command_line": set(),
     "parameters": set(),
     "transforms": set(),
     "gaze": {"transforms", "parameters"},
@@ -32,14 +33,14 @@ ALLOWED = {
     "share": set(),
     "tf": {"transforms"},
     "viewer": {"tracking", "transforms", "gaze", "parameters"},
-    "nodes": CORE | {"tf", "share", "viewer"},
+    "nodes": CORE | {"tf", "share", "viewer", "command_line"},
     "check_model": {"transforms", "share"},
-    "simulated_bus": {"simulation", "dynamixel"},
-    "servo_tool": {"dynamixel"},
+    "simulated_bus": {"simulation", "dynamixel", "command_line"},
+    "servo_tool": {"dynamixel", "command_line"},
     "node_sets": {"nodes", "scene"},
     "__main__": {"nodes", "runner"},
     "viewer_process": set(),
-    "runner": CORE | {"tf", "nodes", "share", "node_sets", "viewer_process"},
+    "runner": CORE | {"tf", "nodes", "share", "node_sets", "viewer_process", "command_line"},
 }
 """Which rooms a room may look into, besides itself."""
 

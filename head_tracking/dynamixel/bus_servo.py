@@ -57,11 +57,6 @@ class BusServo:
         self._watchdog = watchdog if "Bus Watchdog" in mount.model.control_table else 0.0
 
     @property
-    def doubtful(self) -> bool:
-        """Whether it may have been without power since its torque was last seen."""
-        return self.failed_cycles > 0 or self.interrupted or self.lost
-
-    @property
     def unseen(self) -> bool:
         """Whether it takes part in the cycle, but the last one has not read it."""
         return not self.lost and (self.failed_cycles > 0 or self._returned)

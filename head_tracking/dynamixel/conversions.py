@@ -27,11 +27,6 @@ def encode_unsigned(value: int, size: int) -> bytes:
         ) from None
 
 
-def decode_unsigned(data: bytes) -> int:
-    """Return the number in `data`, low byte first."""
-    return int.from_bytes(data, "little")
-
-
 def encode_sign_magnitude(value: int, sign_bit: int = SIGN_BIT) -> int:
     """Return a register value: magnitude in the low bits, `sign_bit` set when negative (clockwise).
 

@@ -112,7 +112,7 @@ class DynamixelPort:
             PortMissingError: There is no such device.
             PortBusyError: Another program holds it.
             PortPermissionError: The user may not open it.
-            PortError: It is no serial port, or fails for another reason.
+            PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
         """
         if self._device is not None:
             return

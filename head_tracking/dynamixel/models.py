@@ -96,11 +96,6 @@ class ServoModel:
         """Whether the ticks go round a whole turn, so that each stands for many positions."""
         return self.ticks == MX_TICKS
 
-    @property
-    def default_baud_rate(self) -> int:
-        """Bits per second of a servo from the factory."""
-        return self.baud_rates[self.control_table["Baud Rate"].initial or 0]
-
     def encode_goal(self, ticks: int, speed: int) -> bytes:
         """Return what to write at `goal`, from register values.
 

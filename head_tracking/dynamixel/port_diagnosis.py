@@ -20,9 +20,12 @@ def port_error(port_name: str, cause: Exception, existing: Sequence[str]) -> Por
 
     Args:
         port_name: The device that was to be opened.
-        cause: What the operating system said; its first argument is the error number.
+        cause: What the operating system said; its first argument is the error number. Or pyserial's
+            ValueError, of a device that does not know the baud rate.
         existing: Serial devices of this machine.
     """
+    if isinstance(cause, ValueError):
+        return PortError(port_name, f"it cannot do this baud rate: {cause}")
     number = cause.args[0] if cause.args else None
     if number == errno.ENOENT:
         return PortMissingError(port_name, existing)

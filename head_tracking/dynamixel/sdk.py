@@ -61,7 +61,7 @@ class SerialDevice:
         PortMissingError: There is no such device.
         PortBusyError: Another program holds it.
         PortPermissionError: The user may not open it.
-        PortError: It is no serial port, or fails for another reason.
+        PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
     """
 
     def __init__(self, port_name: str, baud_rate: int) -> None:
@@ -73,7 +73,7 @@ class SerialDevice:
             self.adapter: Adapter = prepare_adapter(port_name, descriptor)
             self.line = SerialLine(descriptor)
             self.line.discard_input()
-        except (OSError, ValueError, termios.error) as cause:  # ValueError: no such rate
+        except (OSError, ValueError, termios.error) as cause:
             if self._handler.is_open:
                 self.close()
             raise port_error(port_name, cause, serial_ports()) from cause

@@ -13,7 +13,7 @@ from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.transforms import TransformException
 
 
@@ -32,11 +32,8 @@ class FrameTargetNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("frame_target", **options)
         rate = NodeParameters(self, FrameTargetRate).value.rate
-        if buffer is None:
-            buffer = Buffer(node=self)
-            TransformListener(buffer, self)
         self._target = FrameTarget(
-            buffer.core,
+            (buffer or listening_buffer(self)).core,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)

@@ -14,7 +14,7 @@ from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.nodes.conversions import command_message, target_from_message
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.parameters import parameter
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import RobotModel, TransformException, Vector3
 
@@ -116,10 +116,7 @@ class HeadInterface:
         self._log = node.get_logger()
         self._parameters = NodeParameters(node, HeadParameters).value
         self._pointing_frame = pointing_frame
-        if buffer is None:
-            buffer = Buffer()
-            TransformListener(buffer, node)
-        self._buffer = buffer.core
+        self._buffer = (buffer or listening_buffer(node)).core
         self._on_head = on_head
         self._on_target = on_target
         self._model: RobotModel | None = None

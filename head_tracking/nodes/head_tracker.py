@@ -7,7 +7,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -18,6 +17,7 @@ from head_tracking.nodes.spinning import run_node
 from head_tracking.nodes.tracker_diagnostics import tracker_diagnostics
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -65,9 +65,7 @@ class HeadTrackerNode(Node):
         self._period = 1.0 / self._own.value.rate
         self._tracker: Tracker | None = None
         self._state = ""
-        self._states = self.create_publisher(
-            String, "~/state", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        )
+        self._states = self.create_publisher(String, "~/state", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._interface = HeadInterface(
             self, self._own.value.camera_link, "~/tracking_error", buffer, self._on_head

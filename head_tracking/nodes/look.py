@@ -16,12 +16,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
+from head_tracking.command_line import finite
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.conversions import target_message
 from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.targets import Arrival
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, RobotModelError, TransformException, Vector3
 
@@ -209,7 +210,7 @@ def parse_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         epilog="Exit code 0: it looks there. 1: it does not, and the message says why. 2: usage.",
     )
     parser.add_argument(
-        "coordinates", nargs="*", type=_number, metavar="X Y Z", help="a point [m]; default 0 0 0"
+        "coordinates", nargs="*", type=finite, metavar="X Y Z", help="a point [m]; default 0 0 0"
     )
     parser.add_argument("--frame", help="the frame of the point, or the frame to look at")
     parser.add_argument("--follow", action="store_true", help="go on until Ctrl-C")
@@ -222,10 +223,10 @@ def parse_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         help="the largest miss that counts as arrived (default 2)",
     )
     parser.add_argument(
-        "--timeout", type=_number, default=8.0, metavar="S", help="for the turn (default 8)"
+        "--timeout", type=finite, default=8.0, metavar="S", help="for the turn (default 8)"
     )
     parser.add_argument(
-        "--wait", type=_number, default=10.0, metavar="S", help="for a running head (default 10)"
+        "--wait", type=finite, default=10.0, metavar="S", help="for a running head (default 10)"
     )
     parser.add_argument("--topic", default="target_point", help="default: %(default)s")
     parser.add_argument("--camera", default="camera_link", help="what looks (%(default)s)")
@@ -248,21 +249,13 @@ def main() -> int:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         resources.callback(rclpy.try_shutdown)
         node = Node("look", start_parameter_services=False)
-        buffer = Buffer(node=node)
-        TransformListener(buffer, node)
+        buffer = listening_buffer(node)
         resources.enter_context(closing(NodeThreads())).start(node)
         return look(node, buffer, arguments, stop)
 
 
-def _number(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(text)
-    return number
-
-
 def _degrees(text: str) -> float:
-    return math.radians(_number(text))
+    return math.radians(finite(text))
 
 
 if __name__ == "__main__":

@@ -118,7 +118,7 @@ class RobotStatePublisherNode(Node):
             self._sender = TransformBroadcaster(self)
             self._static_sender = StaticTransformBroadcaster(self)
         self._take(p.model())
-        self._listener = TransformListener(self._buffer, self, frame_prefix=p.frame_prefix)
+        TransformListener(self._buffer, self, frame_prefix=p.frame_prefix)
         self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
         if broadcasting_possible():
             self.create_subscription(JointState, "joint_states", self._on_joints, MEASUREMENT)

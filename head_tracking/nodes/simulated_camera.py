@@ -17,7 +17,7 @@ from head_tracking.nodes.placed_target import NewestTarget
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
 from head_tracking.transforms import RobotModel, Transform, TransformException
 from head_tracking.vision.camera import camera_with_view
@@ -97,10 +97,7 @@ class SimulatedCameraNode(Node):
         super().__init__("simulated_camera", **options)
         self._settings = NodeParameters(self, SimulatedCameraParameters)
         p = self._settings.value
-        if buffer is None:
-            buffer = Buffer(node=self)
-            TransformListener(buffer, self)
-        self._buffer = buffer.core
+        self._buffer = (buffer or listening_buffer(self)).core
         self._true_position = true_position
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)

@@ -16,7 +16,7 @@ from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException, Vector3
@@ -99,10 +99,7 @@ class TargetMuxNode(Node):
         super().__init__("target_mux", **options)
         self._wiring = NodeParameters(self, MuxWiring)
         wiring = self._wiring.value
-        if buffer is None:
-            buffer = Buffer(node=self)
-            TransformListener(buffer, self)
-        self._buffer = buffer.core
+        self._buffer = (buffer or listening_buffer(self)).core
         self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
         self._mux = TargetMux(
             (Source(name, p.priority, p.timeout) for name, p in self._sources.items()),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -20,13 +19,14 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
+from head_tracking.command_line import seconds
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.conversions import target_from_message
 from head_tracking.nodes.head_interface import HeadParameters
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.parameters import parameter
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
 from head_tracking.transforms import RobotModelError, TransformException
@@ -48,9 +48,7 @@ class TrackReportNode(Node):
         super().__init__("track_report", **options)
         self._frame = NodeParameters(self, TrackReportParameters).value.camera_link
         self._head_parameters = NodeParameters(self, HeadParameters).value
-        buffer = Buffer()
-        TransformListener(buffer, self)
-        self._buffer = buffer.core
+        self._buffer = listening_buffer(self).core
         self._placer: TargetPlacer | None = None
         self._came: dict[int, float] = {}
         self.head: PanTiltHead | None = None
@@ -162,7 +160,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         epilog="ROS's own arguments follow --ros-args.",
     )
     parser.add_argument(
-        "--duration", type=_seconds, default=20.0, metavar="S", help="record for S seconds (20)"
+        "--duration", type=seconds, default=20.0, metavar="S", help="record for S seconds (20)"
     )
     parser.add_argument(
         "--output",
@@ -172,16 +170,6 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="the picture (default: %(default)s)",
     )
     return parser.parse_args(arguments)
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is no duration; give seconds above 0")
-    return seconds
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from head_tracking.command_line import above_zero
 from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import StampedTransform, TransformException
@@ -110,36 +111,26 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     one = works.add_parser("echo", help="print where a frame is in another one")
     one.add_argument("frame", metavar="A", help="the frame to express it in")
     one.add_argument("of", metavar="B", help="the frame that is looked for")
-    one.add_argument("--rate", type=_above_zero, default=1.0, help="times a second (default 1)")
+    one.add_argument("--rate", type=above_zero, default=1.0, help="times a second (default 1)")
     one.add_argument("--count", type=int, default=-1, help="end after so many times")
     one.add_argument(
-        "--wait", type=_above_zero, default=10.0, help="give up without it after S seconds (10)"
+        "--wait", type=above_zero, default=10.0, help="give up without it after S seconds (10)"
     )
     one.set_defaults(work=echo)
     two = works.add_parser("tree", help="draw all frames, with rates and ages")
     three = works.add_parser("check", help="say what keeps frames from being looked up")
     for sub, work in ((two, tree), (three, check)):
         sub.add_argument(
-            "--listen", type=_above_zero, default=2.0, help="listen for S seconds (default 2)"
+            "--listen", type=above_zero, default=2.0, help="listen for S seconds (default 2)"
         )
         sub.add_argument(
-            "--wait", type=_above_zero, default=10.0, help="give up if none is heard of (10)"
+            "--wait", type=above_zero, default=10.0, help="give up if none is heard of (10)"
         )
         sub.set_defaults(work=work)
     three.add_argument(
-        "--max-age", type=_above_zero, default=1.0, help="what is too old, in seconds (default 1)"
+        "--max-age", type=above_zero, default=1.0, help="what is too old, in seconds (default 1)"
     )
     return parser.parse_args(arguments)
-
-
-def _above_zero(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
-    return number
 
 
 if __name__ == "__main__":

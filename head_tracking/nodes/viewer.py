@@ -16,7 +16,7 @@ from head_tracking.nodes.spinning import NodeThreads, run_node
 from head_tracking.nodes.viewer_robot import ViewerRobot
 from head_tracking.parameters import parameter
 from head_tracking.share import PACKAGE, share_directory
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 
 MISSING = (
     "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "
@@ -53,9 +53,7 @@ class ViewerNode(Node):
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
         view = NodeParameters(self, ViewParameters).value
-        if buffer is None:
-            buffer = Buffer()
-            TransformListener(buffer, self)
+        buffer = buffer or listening_buffer(self)
         self._requests = Node("viewer_requests", start_parameter_services=False)
         self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link)
         x, y, z = head.pointing_axis

@@ -17,7 +17,7 @@ from head_tracking.nodes.images import camera_of, image_message, raw_image
 from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, Transform, TransformException
@@ -89,10 +89,7 @@ class VisualTargetNode(Node):
         self._tracker = VisualTracker(
             make(self._detector_parameters.value), self._distances.value, self._identity.value
         )
-        if buffer is None:
-            buffer = Buffer(node=self)
-            TransformListener(buffer, self)
-        self._buffer = buffer.core
+        self._buffer = (buffer or listening_buffer(self)).core
         self._pairs: Pairing[Image, Image] = Pairing(round(p.depth_tolerance * 1e9))
         self._camera: Camera | None = None
         self._frame: Frame | None = None

@@ -7,8 +7,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from head_tracking.command_line import between, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
-from head_tracking.dynamixel.models import ServoModel, servo_model
+from head_tracking.dynamixel.models import servo_model
 from head_tracking.servo_tool.calibrate import Wanted, calibrate
 from head_tracking.servo_tool.changes import relax, set_baud_rate, set_id, set_register
 from head_tracking.servo_tool.exceptions import RefusedError, ToolError
@@ -56,7 +57,11 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
     add("--baud", type=int, default=1_000_000, metavar="RATE", help="its baud rate (%(default)s)")
-    add("--model", type=_model, help="model of a servo that answers no reads")
+    add(
+        "--model",
+        type=read_by(servo_model, ConfigurationError),
+        help="model of a servo that answers no reads",
+    )
     add("--yes", action="store_true", help="answer every question with yes")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
@@ -74,12 +79,12 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     command = commands.add_parser("info", help="show all registers of a servo")
-    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("--all", action="store_true", help="also the indirect registers")
     command.set_defaults(run=lambda w, o: info(w, o.id, o.model, all_of_them=o.all))
 
     command = commands.add_parser("set", help="write a register")
-    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("register", metavar="REGISTER", help="its name or its address")
     command.add_argument(
         "value", metavar="VALUE", help="counts, or a quantity such as 11.5V, 30deg, 2rad/s"
@@ -87,22 +92,24 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(run=lambda w, o: set_register(w, o.id, o.register, o.value, o.model))
 
     command = commands.add_parser("set-id", help="give a servo another id")
-    command.add_argument("id", type=_id, metavar="ID")
-    command.add_argument("new_id", type=_id, metavar="NEW")
+    command.add_argument("id", type=servo_id, metavar="ID")
+    command.add_argument("new_id", type=servo_id, metavar="NEW")
     command.set_defaults(run=lambda w, o: set_id(w, o.id, o.new_id, o.model))
 
     command = commands.add_parser("set-baud", help="give a servo another baud rate")
-    command.add_argument("id", type=_id, metavar="ID")
+    command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("rate", type=int, metavar="RATE")
     command.set_defaults(run=lambda w, o: set_baud_rate(w, o.id, o.rate, o.model))
 
     command = commands.add_parser("relax", help="switch torque off")
-    command.add_argument("ids", type=_id, nargs="*", metavar="ID", help="none: all servos")
+    command.add_argument("ids", type=servo_id, nargs="*", metavar="ID", help="none: all servos")
     command.set_defaults(run=lambda w, o: relax(w, o.ids, o.model))
 
     command = commands.add_parser("monitor", help="show what servos measure, until Ctrl-C")
-    command.add_argument("ids", type=_id, nargs="*", metavar="ID", help="none: ids 0 to 29")
-    command.add_argument("--rate", type=_rate, default=10.0, metavar="HZ", help="(%(default)s)")
+    command.add_argument("ids", type=servo_id, nargs="*", metavar="ID", help="none: ids 0 to 29")
+    command.add_argument(
+        "--rate", type=between(0.1, 100.0, "Hz"), default=10.0, metavar="HZ", help="(%(default)s)"
+    )
     command.add_argument("--count", type=int, metavar="N", help="stop after so many looks")
     command.set_defaults(run=lambda w, o: monitor(w, o.ids, o.model, rate=o.rate, count=o.count))
 
@@ -115,7 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     command.add_argument("--output", type=Path, metavar="FILE", help="YAML to write (stdout)")
     command.add_argument(
-        "--margin", type=_margin, default=0.03, metavar="RAD",
+        "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
         help="how far to stay away from both ends (%(default)s)",
     )  # fmt: skip
     command.set_defaults(
@@ -124,52 +131,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _id(text: str) -> int:
-    if not text.isdigit() or int(text) > 253:
-        raise argparse.ArgumentTypeError(f"{text!r} is no servo id; ids are 0 to 253")
-    return int(text)
-
-
 def _ids(text: str) -> range:
     first, dash, last = text.partition("-")
-    ids = range(_id(first), _id(last if dash else first) + 1)
+    ids = range(servo_id(first), servo_id(last if dash else first) + 1)
     if not ids:
         raise argparse.ArgumentTypeError(f"{text!r} is no range of ids, such as 10-20")
     return ids
 
 
 def _wanted(text: str) -> Wanted:
-    name, colon, servo_id = text.rpartition(":")
+    name, colon, number = text.rpartition(":")
     if not colon or not name.isidentifier():
         raise argparse.ArgumentTypeError(f"{text!r} is no NAME:ID, such as head_pan:1")
-    return Wanted(name, _id(servo_id))
-
-
-def _model(text: str) -> ServoModel:
-    try:
-        return servo_model(text)
-    except ConfigurationError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _rate(text: str) -> float:
-    return _number(text, 0.1, 100.0, "Hz")
-
-
-def _margin(text: str) -> float:
-    return _number(text, 0.0, 1.0, "rad")
-
-
-def _number(text: str, lowest: float, highest: float, unit: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not lowest <= value <= highest:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not possible; allowed are {lowest:g} to {highest:g} {unit}"
-        )
-    return value
+    return Wanted(name, servo_id(number))
 
 
 if __name__ == "__main__":

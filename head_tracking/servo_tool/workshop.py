@@ -54,15 +54,11 @@ class Workshop:
         """Open the port, and close it at the end.
 
         Raises:
-            PortError: It cannot be opened.
-            ConfigurationError: The adapter cannot do the baud rate.
+            PortError: It cannot be opened, or cannot do the baud rate.
+            ConfigurationError: Nobody can do the baud rate.
         """
-        rate = baud_rate or self.baud_rate
-        port = self.make_port(self.port_name, rate)
-        try:
-            port.open()
-        except ValueError as error:  # pyserial's, of adapters that do not know the baud rate
-            raise ConfigurationError(f"{self.port_name} cannot do {rate} baud: {error}") from error
+        port = self.make_port(self.port_name, self.baud_rate if baud_rate is None else baud_rate)
+        port.open()
         try:
             if port.adapter.advice:
                 self.terminal.say(f"note: {port.adapter.advice}")

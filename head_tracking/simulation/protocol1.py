@@ -12,6 +12,7 @@ from typing import Final, Self
 from head_tracking.dynamixel.protocol1 import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.stream_parser import StreamParser
+from head_tracking.simulation.sync_shares import find_share, join_shares
 
 _HEADER: Final = b"\xff\xff"
 _OVERHEAD: Final = 6  # bytes of a packet besides its parameters
@@ -99,8 +100,7 @@ class InstructionPacket:
     @classmethod
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
         """Return one write for several servos; all shares have the same length."""
-        length = len(next(iter(data.values())))
-        shares = b"".join(bytes((servo_id,)) + share for servo_id, share in data.items())
+        length, shares = join_shares(data)
         return cls(BROADCAST_ID, Instruction.SYNC_WRITE, bytes((address, length)) + shares)
 
     def sync_write_share(self, servo_id: int) -> tuple[int, bytes] | None:
@@ -108,13 +108,8 @@ class InstructionPacket:
         if len(self.parameters) < 2:
             return None
         address, length = self.parameters[:2]
-        shares = self.parameters[2:]
-        if length == 0 or len(shares) % (length + 1):
-            return None
-        for start in range(0, len(shares), length + 1):
-            if shares[start] == servo_id:
-                return address, shares[start + 1 : start + 1 + length]
-        return None
+        share = find_share(self.parameters[2:], length, servo_id)
+        return None if share is None else (address, share)
 
     @classmethod
     def bulk_read(cls, reads: Mapping[int, tuple[int, int]]) -> Self:

@@ -23,6 +23,7 @@ from head_tracking.dynamixel.protocol2 import (
 )
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.stream_parser import StreamParser
+from head_tracking.simulation.sync_shares import find_share, join_shares
 
 _OVERHEAD: Final = 10  # bytes of an instruction packet besides its parameters
 _LONGEST: Final = 1024  # longest packet the SDK sends
@@ -125,8 +126,7 @@ class InstructionPacket2:
     @classmethod
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
         """Return one write for several servos; all shares have the same length."""
-        length = len(next(iter(data.values())))
-        shares = b"".join(bytes((servo_id,)) + share for servo_id, share in data.items())
+        length, shares = join_shares(data)
         return cls(BROADCAST_ID, Instruction2.SYNC_WRITE, _words(address, length) + shares)
 
     @classmethod
@@ -141,13 +141,8 @@ class InstructionPacket2:
     def sync_share(self, servo_id: int) -> tuple[int, bytes] | None:
         """Return address and data that a sync write holds for a servo; None if there are none."""
         address, length = self._words_at(0), self._words_at(2)
-        shares = self.parameters[4:]
-        if not length or len(shares) % (length + 1):
-            return None
-        for start in range(0, len(shares), length + 1):
-            if shares[start] == servo_id:
-                return address, shares[start + 1 : start + 1 + length]
-        return None
+        share = find_share(self.parameters[4:], length, servo_id)
+        return None if share is None else (address, share)
 
     def bulk_share(self, servo_id: int) -> tuple[int, bytes] | None:
         """Return address and data that a bulk write holds for a servo; None if there are none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from random import Random
 
 from head_tracking.dynamixel.models import AX_12, ServoModel
@@ -99,9 +100,14 @@ class SimulatedServo(ServoBody):
         self._drive.temperature.celsius = celsius
 
     @property
-    def is_powered(self) -> bool:
-        """Whether it has a supply."""
-        return self._powered
+    def inertia(self) -> float:
+        """Of the rotor with its gear and all that they turn, at the output shaft, kg m^2."""
+        return self._drive.shaft.mechanics.inertia
+
+    @inertia.setter
+    def inertia(self, inertia: float) -> None:
+        shaft = self._drive.shaft
+        shaft.mechanics = replace(shaft.mechanics, inertia=inertia)
 
     def push(self, torque: float) -> None:
         """Load the shaft from outside until the next call, N m, counter-clockwise."""

@@ -6,7 +6,7 @@ from head_tracking.tf.broadcaster import (
     broadcasting_possible,
 )
 from head_tracking.tf.buffer import Buffer
-from head_tracking.tf.listener import TransformListener
+from head_tracking.tf.listener import TransformListener, listening_buffer
 from head_tracking.tf.transformable import TypeException
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
@@ -30,4 +30,5 @@ __all__ = [
     "TransformListener",
     "TypeException",
     "broadcasting_possible",
+    "listening_buffer",
 ]

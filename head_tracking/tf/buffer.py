@@ -85,9 +85,10 @@ class Buffer(AsyncLookups):
         Raises:
             TransformException: see `TransformBuffer.lookup_transform`.
         """
-        wait = 0.0 if timeout is None else seconds(timeout)
         return transform_stamped(
-            self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time), wait)
+            self.core.lookup_transform(
+                target_frame, source_frame, stamp_to_ns(time), seconds(timeout)
+            )
         )
 
     def lookup_transform_full(

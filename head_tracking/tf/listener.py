@@ -135,6 +135,13 @@ class TransformListener:
                 self._log.error(f"/tf_static: {error}", throttle_duration_sec=1.0)
 
 
+def listening_buffer(node: Node) -> Buffer:
+    """A buffer on a node's clock, fed by what the node hears; its executor must spin."""
+    buffer = Buffer(node=node)
+    TransformListener(buffer, node)
+    return buffer
+
+
 def _own_node(listener: TransformListener, node: Node | None) -> Node:
     return Node(
         f"transform_listener_impl_{id(listener):x}",

@@ -89,13 +89,8 @@ class TransformBuffer(FrameStore):
             TransformException: as for `lookup_transform`.
         """
         if timeout > 0.0:
-            self._wait(
-                lambda: (
-                    self._possible(fixed_frame, source_frame, source_stamp)
-                    and self._possible(target_frame, fixed_frame, target_stamp)
-                ),
-                timeout,
-            )
+            full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
+            self._wait(lambda: self._possible_full(*full), timeout)
         with self._lock:
             for frame in (target_frame, source_frame, fixed_frame):
                 self._tree.check(frame)
@@ -266,13 +261,8 @@ class TransformBuffer(FrameStore):
         callback: Callable[[], object],
     ) -> Request:
         """As `when_transformable`, for `lookup_transform_full`."""
-        return self._ask(
-            lambda: (
-                self._possible(fixed_frame, source_frame, source_stamp)
-                and self._possible(target_frame, fixed_frame, target_stamp)
-            ),
-            callback,
-        )
+        full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
+        return self._ask(lambda: self._possible_full(*full), callback)
 
     def wait_for_transform(
         self, target_frame: str, source_frame: str, stamp: int, timeout: float
@@ -321,3 +311,15 @@ class TransformBuffer(FrameStore):
         except TransformException:
             return False
         return True
+
+    def _possible_full(
+        self,
+        target_frame: str,
+        target_stamp: int,
+        source_frame: str,
+        source_stamp: int,
+        fixed_frame: str,
+    ) -> bool:
+        return self._possible(fixed_frame, source_frame, source_stamp) and self._possible(
+            target_frame, fixed_frame, target_stamp
+        )

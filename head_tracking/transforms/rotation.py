@@ -100,7 +100,7 @@ class Rotation(NamedTuple):
 
     def as_matrix(self) -> Matrix3:
         """The same rotation as a matrix, shape (3, 3)."""
-        x, y, z, w = self.x, self.y, self.z, self.w
+        x, y, z, w = self
         return np.array(
             [
                 [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -111,7 +111,7 @@ class Rotation(NamedTuple):
 
     def as_rpy(self) -> Vector3:
         """Roll, pitch, yaw [rad] about the fixed axes x, y, z; at pitch +-90 degrees roll is 0."""
-        x, y, z, w = self.x, self.y, self.z, self.w
+        x, y, z, w = self
         sin_pitch = 2 * (w * y - z * x)
         if abs(sin_pitch) > 1 - _TINY:
             # only yaw - roll (looking down) or yaw + roll (up) is defined
@@ -137,8 +137,8 @@ class Rotation(NamedTuple):
     def __matmul__(self, other: Sequence[float]) -> Vector3: ...
     def __matmul__(self, other: Rotation | Sequence[float]) -> Rotation | Vector3:
         if isinstance(other, Rotation):
-            ax, ay, az, aw = self.x, self.y, self.z, self.w
-            bx, by, bz, bw = other.x, other.y, other.z, other.w
+            ax, ay, az, aw = self
+            bx, by, bz, bw = other
             return Rotation(
                 aw * bx + ax * bw + ay * bz - az * by,
                 aw * by - ax * bz + ay * bw + az * bx,
@@ -150,7 +150,7 @@ class Rotation(NamedTuple):
     def apply(self, vector: Sequence[float]) -> Vector3:
         """The vector, shape (3,), turned."""
         vx, vy, vz = vector
-        x, y, z, w = self.x, self.y, self.z, self.w
+        x, y, z, w = self
         # t = 2 q x v;  v' = v + w t + q x t
         tx = 2 * (y * vz - z * vy)
         ty = 2 * (z * vx - x * vz)
@@ -163,7 +163,7 @@ class Rotation(NamedTuple):
 
     def slerp(self, other: Rotation, ratio: float) -> Rotation:
         """The rotation `ratio` (0 to 1) of the way to `other`, at constant speed, the short way."""
-        x, y, z, w = other.x, other.y, other.z, other.w
+        x, y, z, w = other
         cosine = self.x * x + self.y * y + self.z * z + self.w * w
         if cosine < 0:
             cosine, x, y, z, w = -cosine, -x, -y, -z, -w

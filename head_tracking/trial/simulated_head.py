@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
 from head_tracking.gaze import HeadCommand
 from head_tracking.simulation import (
     InstructionPacket,
@@ -89,9 +88,6 @@ class SimulatedHead:
             joint.id: block.encode(tick, speed)
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
         }
-        data = bytes((block.address, block.length)) + b"".join(
-            bytes((servo_id,)) + share for servo_id, share in shares.items()
-        )
-        packet = InstructionPacket(BROADCAST_ID, Instruction.SYNC_WRITE, data).encode()
+        packet = InstructionPacket.sync_write(block.address, shares).encode()
         self._bus.receive(packet, now + len(packet) * _BYTE)
         self.goals = ticks

@@ -30,6 +30,11 @@ class Box(NamedTuple):
         """Its middle: column and row."""
         return self.x + self.width / 2, self.y + self.height / 2
 
+    def contains(self, point: tuple[float, float]) -> bool:
+        """Whether a point, column and row, lies inside."""
+        u, v = point
+        return self.x <= u <= self.x + self.width and self.y <= v <= self.y + self.height
+
     def clipped(self, width: int, height: int) -> Box:
         """The part inside an image; its width or height is 0 if there is none."""
         left, top = min(max(self.x, 0.0), width), min(max(self.y, 0.0), height)

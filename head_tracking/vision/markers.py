@@ -73,8 +73,7 @@ class MarkerDetector:
     def select(self, frame: Frame, box: Box) -> None:
         """Takes the marker in a rectangle."""
         for number, corners in self._markers(frame):
-            u, v = _middle(corners)
-            if box.x <= u <= box.x + box.width and box.y <= v <= box.y + box.height:
+            if box.contains(_middle(corners)):
                 self._selected = number
 
     def reset(self) -> None:

@@ -150,7 +150,7 @@ class VisualTracker:
         inside = [
             (math.dist(track.located.candidate.centre, middle), track)
             for track in self.tracks
-            if track.located is not None and _contains(self._wanted, track.located.candidate.centre)
+            if track.located is not None and self._wanted.contains(track.located.candidate.centre)
         ]
         if not inside:
             self._patience -= 1
@@ -219,10 +219,6 @@ class VisualTracker:
         if size and candidate.box.width > 0:
             return frame.camera.focal_length() * size / candidate.box.width
         return self.distances.distance
-
-
-def _contains(box: Box, point: tuple[float, float]) -> bool:
-    return box.x <= point[0] <= box.x + box.width and box.y <= point[1] <= box.y + box.height
 
 
 def _check_sizes(frame: Frame) -> None:

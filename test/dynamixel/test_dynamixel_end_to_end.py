@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pytest
+from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -29,7 +30,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedPort, SimulatedServo
 
-PATIENCE = 10.0
 TABLE = servo_model("AX-12").control_table
 PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
 TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, 512, 300, 800)
@@ -66,15 +66,6 @@ class Head:
 
     def set_torque(self, joint: str, on: bool) -> None:
         self.thread.call(lambda bus: bus.set_torque([joint], on)).result(PATIENCE)
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return False
 
 
 def near(one: float, other: float, ticks: float = 3.0) -> bool:

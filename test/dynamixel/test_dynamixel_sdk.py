@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import pytest
+import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from waiting import eventually
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -294,7 +296,7 @@ def test_late_answer_is_not_taken_for_the_next(peer: Peer, hasty: DynamixelPort)
 
 def test_old_bytes_are_not_taken_for_the_answer(peer: Peer, port: DynamixelPort) -> None:
     os.write(peer.master, bytes.fromhex("FF FF 01 04 00 FF 03 F8"))  # late: position 1023
-    assert _eventually(lambda: _waiting(peer) >= 8)
+    assert eventually(lambda: _waiting(peer) >= 8)
     peer.answer((8, POSITION_512))
     assert port.read(1, 36, 2).data == b"\x00\x02"
 
@@ -499,6 +501,21 @@ def test_file_is_no_port() -> None:
         DynamixelPort("/etc/passwd").open()
 
 
+def test_port_that_cannot_do_the_baud_rate_says_so(
+    peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ValueError("Failed to set custom baud rate (3000000): [Errno 22]")  # as pyserial does
+
+    monkeypatch.setattr(serial.Serial, "_reconfigure_port", refuse)
+    port = DynamixelPort(peer.name, 3_000_000)
+    before = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(PortError, match=f"cannot open {peer.name}: it cannot do .*3000000"):
+        port.open()
+    assert not port.is_open
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
 @pytest.mark.parametrize("baud_rate", [0, 250_000, 1_000_001])
 def test_baud_rate_the_sdk_cannot_set_lists_the_others(baud_rate: int) -> None:
     with pytest.raises(ConfigurationError, match=f"{baud_rate} baud; allowed are 9600, .*1000000"):
@@ -533,12 +550,3 @@ def _waiting(peer: Peer) -> int:
     count = array.array("i", [0])
     fcntl.ioctl(peer.slave, termios.FIONREAD, count)
     return count[0]
-
-
-def _eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + 10.0
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.002)
-    return False

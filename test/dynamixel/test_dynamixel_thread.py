@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakePort
+from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -19,17 +18,6 @@ from head_tracking.dynamixel import (
     PortLostError,
     ServoBus,
 )
-
-PATIENCE = 10.0
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.002)
-    return False
 
 
 def connected(port: FakePort) -> ServoBus:

@@ -4,26 +4,18 @@ import threading
 
 import pytest
 import rclpy
-from geometry_msgs.msg import TransformStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.time import Time
 from robot_under_test import wait_for
+from transform_messages import shifted
 
 from head_tracking.tf import Buffer, TransformListener
-
-
-def message(x: float, seconds: int, parent: str = "map", child: str = "ball") -> TransformStamped:
-    result = TransformStamped(child_frame_id=child)
-    result.header.frame_id = parent
-    result.header.stamp.sec = seconds
-    result.transform.translation.x = x
-    return result
 
 
 @pytest.fixture
 def buffer() -> Buffer:
     buffer = Buffer()
-    buffer.set_transform(message(1.0, 1))
+    buffer.set_transform(shifted(1.0, 1))
     return buffer
 
 
@@ -35,9 +27,9 @@ def test_a_future_is_done_at_once_if_all_is_there(buffer):
 
 def test_a_future_waits_and_is_done_when_it_can_be(buffer):
     future = buffer.wait_for_transform_async("map", "ball", Time(seconds=3))
-    buffer.set_transform(message(2.0, 2))
+    buffer.set_transform(shifted(2.0, 2))
     assert not future.done()
-    buffer.set_transform(message(4.0, 4))
+    buffer.set_transform(shifted(4.0, 4))
     assert future.done()
     assert future.result().transform.translation.x == pytest.approx(3.0)
 
@@ -47,14 +39,14 @@ def test_a_full_future(buffer):
         "map", Time(seconds=1), "ball", Time(seconds=2), "map"
     )
     assert not future.done()
-    buffer.set_transform(message(2.0, 2))
+    buffer.set_transform(shifted(2.0, 2))
     assert future.result().transform.translation.x == 2.0
 
 
 def test_a_cancelled_future_is_forgotten(buffer):
     future = buffer.wait_for_transform_async("map", "ball", Time(seconds=3))
     future.cancel()
-    buffer.set_transform(message(4.0, 4))
+    buffer.set_transform(shifted(4.0, 4))
     assert future.cancelled()
     assert not buffer.core._requests.open
 
@@ -77,7 +69,7 @@ def test_an_executor_awaits_while_it_works(buffer):
                 *("map", Time(seconds=1), "ball", Time(seconds=3), "map"),
             )
         )
-        timer = node.create_timer(0.02, lambda: buffer.set_transform(message(5.0, 5)))
+        timer = node.create_timer(0.02, lambda: buffer.set_transform(shifted(5.0, 5)))
         wait_for(
             lambda: executor.spin_once(timeout_sec=0.1) or all(task.done() for task in tasks), 30.0
         )
@@ -94,7 +86,7 @@ def test_a_future_that_another_thread_fulfils(buffer):
     future = buffer.wait_for_transform_async("map", "ball", Time(seconds=9))
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
-    bring = threading.Thread(target=buffer.set_transform, args=[message(9.0, 9)])
+    bring = threading.Thread(target=buffer.set_transform, args=[shifted(9.0, 9)])
     bring.start()
     bring.join()
     assert future.result().transform.translation.x == 9.0

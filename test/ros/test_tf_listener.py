@@ -13,6 +13,7 @@ from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from topics import FakeTFMessage, Topics
+from transform_messages import shifted
 
 from head_tracking.share import robot_file
 from head_tracking.tf import (
@@ -182,14 +183,6 @@ def test_the_robot_can_be_exchanged(make_node, head, urdf):
 # /tf, with a stand-in for tf2_msgs where that is missing
 
 
-def edge(x: float, seconds: int, parent: str = "map", child: str = "odom") -> TransformStamped:
-    message = TransformStamped(child_frame_id=child)
-    message.header.frame_id = parent
-    message.header.stamp.sec = seconds
-    message.transform.translation.x = x
-    return message
-
-
 @pytest.fixture
 def topics(monkeypatch) -> Topics:
     for module in (listener_module, broadcaster_module):
@@ -200,12 +193,12 @@ def topics(monkeypatch) -> Topics:
 def test_tf_and_tf_static_are_heard(topics):
     buffer = Buffer()
     listener = TransformListener(buffer, topics)
-    topics.callbacks["/tf"](FakeTFMessage(transforms=[edge(1.0, 1), edge(3.0, 3)]))
-    topics.callbacks["/tf_static"](FakeTFMessage(transforms=[edge(5.0, 0, "world", "map")]))
-    found = buffer.lookup_transform("world", "odom", Time(seconds=2))
+    topics.callbacks["/tf"](FakeTFMessage(transforms=[shifted(1.0, 1), shifted(3.0, 3)]))
+    topics.callbacks["/tf_static"](FakeTFMessage(transforms=[shifted(5.0, 0, "world", "map")]))
+    found = buffer.lookup_transform("world", "ball", Time(seconds=2))
     assert found.transform.translation.x == pytest.approx(7.0)
-    topics.callbacks["/tf"](FakeTFMessage(transforms=[edge(float("nan"), 4), edge(4.0, 4)]))
-    assert buffer.lookup_transform("map", "odom", Time()).transform.translation.x == 4.0
+    topics.callbacks["/tf"](FakeTFMessage(transforms=[shifted(float("nan"), 4), shifted(4.0, 4)]))
+    assert buffer.lookup_transform("map", "ball", Time()).transform.translation.x == 4.0
     listener.unregister()
     assert not topics.callbacks
 
@@ -220,16 +213,16 @@ def test_other_topics_and_static_only(topics):
 
 def test_broadcasters_send_one_or_several(topics):
     moving = TransformBroadcaster(topics)
-    moving.sendTransform(edge(1.0, 1))
-    moving.sendTransform([edge(2.0, 2), edge(3.0, 3)])
+    moving.sendTransform(shifted(1.0, 1))
+    moving.sendTransform([shifted(2.0, 2), shifted(3.0, 3)])
     sent = topics.publishers["/tf"].sent
     assert [[t.header.stamp.sec for t in message.transforms] for message in sent] == [[1], [2, 3]]
 
 
 def test_a_late_listener_gets_all_static_transforms(topics):
     static = StaticTransformBroadcaster(topics)
-    static.sendTransform(edge(1.0, 1, child="a"))
-    static.sendTransform([edge(2.0, 2, child="b"), edge(9.0, 3, child="a")])
+    static.sendTransform(shifted(1.0, 1, child="a"))
+    static.sendTransform([shifted(2.0, 2, child="b"), shifted(9.0, 3, child="a")])
     last = topics.publishers["/tf_static"].sent[-1]
     found = {t.child_frame_id: t.transform.translation.x for t in last.transforms}
     assert found == {"a": 9.0, "b": 2.0}

@@ -13,6 +13,7 @@ from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import MODELS, servo_model
+from head_tracking.dynamixel.port_diagnosis import port_error
 from head_tracking.servo_tool import main as tool
 from head_tracking.servo_tool.calibrate import Wanted, mount_of
 from head_tracking.servo_tool.exceptions import RefusedError, ToolError
@@ -82,7 +83,7 @@ class Bench:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
             if baud_rate == self.impossible:
-                raise ValueError("Failed to set custom baud rate")  # as pyserial does
+                raise port_error(name, ValueError("Failed to set custom baud rate"), ())
             line = SimulatedLine(self.bus, self.clock, baud_rate, match_baud_rate=True)
             return Device(line)
 
@@ -145,7 +146,12 @@ def test_scan_leaves_out_what_the_adapter_cannot_do(bench: Bench) -> None:
 def test_scan_goes_on_when_a_port_cannot_be_opened_at_a_rate(bench: Bench) -> None:
     bench.impossible = 57_600
     assert bench.run("scan", "--bauds", "57600", "1000000", "--ids", "1") == DONE
-    assert "57600 baud left out: /dev/sim cannot do 57600 baud" in bench.messages
+    assert "57600 baud left out: cannot open /dev/sim: it cannot do this baud" in bench.messages
+
+
+def test_scan_leaves_out_a_rate_that_nobody_can_do(bench: Bench) -> None:
+    assert bench.run("scan", "--bauds", "0", "--ids", "1") == FAILED
+    assert "0 baud left out: dynamixel_sdk cannot set 0 baud; allowed are 9600" in bench.messages
 
 
 def test_scan_finds_a_servo_that_answers_no_reads(bench: Bench) -> None:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
+from waiting import eventually
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
-PATIENCE = 10.0
 TIMEOUT = 2.0  # s for an answer: a busy machine is no fault
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.01)
-    return False
 
 
 @pytest.fixture

@@ -88,6 +88,14 @@ def test_speed_rises_with_finite_acceleration() -> None:
     assert speeds[39] == pytest.approx(0.63 * AX_12.no_load_speed, rel=0.05)
 
 
+def test_a_heavier_load_takes_longer_to_get_going() -> None:
+    b = bench(100)
+    b.servo.inertia *= 2.0
+    b.go(900, 0)
+    speeds = b.run(0.3, velocity)
+    assert speeds[79] == pytest.approx(0.63 * AX_12.no_load_speed, rel=0.05)
+
+
 def test_speed_zero_goes_as_fast_as_the_servo_can() -> None:
     b = bench(50)
     b.go(1000, 0)

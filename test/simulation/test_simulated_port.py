@@ -8,11 +8,12 @@ import random
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import serial
+from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
@@ -25,7 +26,6 @@ from head_tracking.simulation import (
     UnknownServoError,
 )
 
-PATIENCE = 10.0
 PING = InstructionPacket.ping(1).encode()
 PONG = StatusPacket(1).encode()
 
@@ -50,15 +50,6 @@ class Client:
 
     def close(self) -> None:
         os.close(self.descriptor)
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return False
 
 
 @pytest.fixture

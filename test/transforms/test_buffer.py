@@ -112,6 +112,15 @@ def test_a_point_goes_there_and_back(buffer):
     assert buffer.transform_point(there, "base_link", "camera_link") == pytest.approx((1, 2, 3))
 
 
+def test_many_points_are_transformed_as_one_is(buffer):
+    points = np.random.default_rng(1).normal(size=(20, 3))
+    found = buffer.transform_points(points, "camera_link", "base_link")
+    assert found.shape == (20, 3)
+    for point, there in zip(points, found, strict=True):
+        one = buffer.transform_point(point, "camera_link", "base_link")
+        assert there == pytest.approx(one, abs=1e-12)
+
+
 def test_static_and_sampled_frames_join_the_model(buffer):
     buffer.set_transform(0, "world", "base_link", moved(7), static=True)
     buffer.set_transform(SECOND, "camera_link", "ball", moved(1))

@@ -1,0 +1,58 @@
+from argparse import ArgumentTypeError
+
+import pytest
+
+from head_tracking.command_line import above_zero, between, finite, read_by, seconds, servo_id
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "value"),
+    [
+        (finite, "-1.5", -1.5),
+        (above_zero, "1e-3", 0.001),
+        (seconds, "20", 20.0),
+        (between(0.1, 100.0, "Hz"), "0.1", 0.1),
+        (between(0.1, 100.0, "Hz"), "100", 100.0),
+        (between(0, 508, "us", int), "508", 508),
+        (servo_id, "0", 0),
+        (servo_id, "253", 253),
+        (read_by(int, ValueError), "7", 7),
+    ],
+)
+def test_what_is_allowed_is_read(read, text, value):
+    assert read(text) == value
+    assert type(read(text)) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("read", "texts", "complaint"),
+    [
+        (finite, ("nan", "inf", "x", ""), "is not a finite number"),
+        (above_zero, ("0", "-1", "nan", "inf", "x"), "is not a number above 0"),
+        (seconds, ("0", "-1", "nan", "inf", "x"), "is no duration; give seconds above 0"),
+        (
+            between(0.1, 100.0, "Hz"),
+            ("0.09", "100.1", "nan", "inf", "x"),
+            "is not possible; allowed are 0.1 to 100 Hz",
+        ),
+        (
+            between(0, 508, "us", int),
+            ("-1", "509", "1.5", "x"),
+            "is not possible; allowed are 0 to 508 us",
+        ),
+        (servo_id, ("254", "-1", "1.0", "x", ""), "is no servo id; ids are 0 to 253"),
+    ],
+)
+def test_what_is_not_is_refused_with_what_is(read, texts, complaint):
+    for text in texts:
+        with pytest.raises(ArgumentTypeError) as refusal:
+            read(text)
+        assert str(refusal.value) == f"{text!r} {complaint}"
+
+
+def test_a_reader_tells_its_own_reason():
+    def read(text):
+        raise LookupError(f"no servo is called {text!r}")
+
+    with pytest.raises(ArgumentTypeError, match=r"^no servo is called 'b'$"):
+        read_by(read, LookupError)("b")
