@@ -128,7 +128,11 @@ class HeadModes:
         services = self._services.names(f"/node_starter/{name}")
         if not services:
             return Outcome(False, f"{name} is not running; start it for this mode")
-        return self._services.trigger(services[0])
+        outcome = self._services.trigger(services[0])
+        if outcome.done and not self._services.appears(f"/{name}/enable"):
+            # what can't be switched off again must not turn the head beside others
+            return Outcome(False, f"{name} was started, but does not answer; try again")
+        return outcome
 
     def _is_there(self, name: str) -> bool:
         return self._offers_enable(name) or any(

@@ -24,6 +24,7 @@ class RunningServices:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._clients: dict[str, Any] = {}
+        self._looked = threading.Condition()
 
     def look(self, wanted: Callable[[str], bool]) -> None:
         """Makes clients for services that came, and drops those of services that went."""
@@ -37,11 +38,18 @@ class RunningServices:
             self._node.destroy_client(clients.pop(name))
         for name in found.keys() - clients.keys():
             clients[name] = self._node.create_client(found[name], name)
-        self._clients = clients
+        with self._looked:
+            self._clients = clients
+            self._looked.notify_all()
 
     def names(self, ending: str) -> tuple[str, ...]:
         """The services whose names end so, sorted."""
         return tuple(sorted(name for name in self._clients if name.endswith(ending)))
+
+    def appears(self, ending: str) -> bool:
+        """Waits for a service whose name ends so, while another thread looks; False: in vain."""
+        with self._looked:
+            return self._looked.wait_for(lambda: bool(self.names(ending)), _PATIENCE)
 
     def trigger(self, name: str) -> Outcome:
         """Calls a Trigger service."""
