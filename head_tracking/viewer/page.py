@@ -151,6 +151,7 @@ class Page:
         replayed = self._recording.replayed()
         with self._server.atomic():
             self._show(replayed or live)
+        self._server.flush()  # now: viser would wait, perhaps until the next one is half drawn
         now = time.monotonic()
         if now >= self._next_slow:
             self._next_slow = now + _SLOW

@@ -23,6 +23,14 @@ PATIENCE = 120.0
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
 
 _POLITE = Path(__file__).with_name("polite_chromium")
+_ON_SCREEN = """([name, x, y, z]) => {
+  const {nodeRefFromName, camera, canvas} = window.__viserMutable, node = nodeRefFromName[name];
+  node.updateWorldMatrix(true, false);
+  camera.updateMatrixWorld();
+  const point = node.position.clone().set(x, y, z).applyMatrix4(node.matrixWorld).project(camera);
+  const {left, top, width, height} = canvas.getBoundingClientRect();
+  return [left + (point.x + 1) / 2 * width, top + (1 - point.y) / 2 * height];
+}"""
 
 _NEEDED = {
     "viser": "pip install -r requirements/viewer.txt",
@@ -116,6 +124,27 @@ def type_number(page: Any, label: str, *values: float) -> None:
     for field, value in zip(fields.all(), values, strict=False):
         field.fill(str(value))
         field.press("Enter")
+
+
+def node_position(page: Any, name: str) -> tuple[float, ...]:
+    """Where the page draws a node of the scene, in its parent [m]."""
+    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].position"))
+
+
+def node_wxyz(page: Any, name: str) -> tuple[float, ...]:
+    """How the page turns a node of the scene, in its parent."""
+    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].wxyz"))
+
+
+def drag(
+    page: Any, name: str, start: tuple[float, float, float], end: tuple[float, float, float]
+) -> None:
+    """Drags with the mouse from one point of a node of the scene to another, in its frame [m]."""
+    (x, y), (to_x, to_y) = (page.evaluate(_ON_SCREEN, [name, *point]) for point in (start, end))
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(to_x, to_y, steps=4)
+    page.mouse.up()
 
 
 def pixels(page: Any) -> npt.NDArray[np.uint8]:
