@@ -113,7 +113,7 @@ def row(page: Any, label: str) -> Any:
 def choose(page: Any, label: str, option: str) -> None:
     """Chooses from a menu."""
     row(page, label).locator("input").first.click(force=True)
-    entry = page.get_by_role("option", name=option)
+    entry = page.get_by_role("option", name=option, exact=True)
     entry.wait_for()
     entry.click(force=True)
 
