@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmark_bus import bus
+from benchmark_page import fluidity, left_open
 from benchmark_soak import soak
 from benchmark_tracking import tracking
 from benchmark_transforms import transforms
@@ -137,6 +138,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "tracking": tracking,
     "transforms": transforms,
     "viewer": viewer,
+    "viewer-fluid": fluidity,
     "vision": vision,
 }
 
@@ -153,10 +155,20 @@ def main() -> None:
     """Runs one benchmark and writes its table."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark", description=__doc__)
     parser.add_argument("name", choices=sorted([*BENCHMARKS, "soak"]))
-    parser.add_argument("--minutes", type=float, default=10.0, help="of soak (default: 10)")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        help="of soak (default: 10), or how long to leave the viewer's page open instead of "
+        "measuring what it costs",
+    )
     options = parser.parse_args()
-    name = options.name
-    table = soak(options.minutes) if name == "soak" else BENCHMARKS[name]()
+    name, minutes = options.name, options.minutes
+    if name == "soak":
+        table = soak(minutes or 10.0)
+    elif name == "viewer" and minutes:
+        name, table = "viewer-open", left_open(minutes)
+    else:
+        table = BENCHMARKS[name]()
     print(table)
     write(name, table)
 

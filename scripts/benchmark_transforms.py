@@ -25,15 +25,11 @@ import numpy as np
 import yourdfpy
 from geometry_msgs.msg import PointStamped
 from rclpy.time import Time
+from sixty_links import sixty_links
 
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer
-from head_tracking.transforms import (
-    RobotModel,
-    TransformBuffer,
-    load_robot_model,
-    parse_robot_model,
-)
+from head_tracking.transforms import RobotModel, TransformBuffer, load_robot_model
 
 ROUNDS = 61
 SECOND = 1_000_000_000
@@ -107,22 +103,6 @@ def transforms() -> str:
     )
     table = [title, "|---|---|---|---|", *(row.text() for row in rows), note, "", run_by]
     return "\n".join(table)
-
-
-def sixty_links(model: RobotModel) -> RobotModel:
-    """The robot with arms of 45 more links, all of whose joints move."""
-
-    def parent(i: int) -> str:
-        return f"arm_{i - 1}" if i % 15 else BASE
-
-    arms = "".join(
-        f'<link name="arm_{i}"/><joint name="arm_joint_{i}" type="revolute">'
-        f'<parent link="{parent(i)}"/><child link="arm_{i}"/>'
-        f'<origin xyz="0.1 0.02 0.05" rpy="0.1 0.2 0.3"/><axis xyz="0 0 1"/>'
-        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-        for i in range(45)
-    )
-    return parse_robot_model(model.urdf.replace("</robot>", arms + "</robot>"))
 
 
 def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import os
-import re
 import statistics
 import subprocess
 import sys
@@ -13,11 +13,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from simulated_run import SimulatedRun, processor_time
+
 SUPPORT = Path(__file__).parents[1] / "test" / "support"
 SECONDS = 20
 ROUNDS = 3
 BROWSERS = 3
-PATIENCE = 60.0
 
 READERS = """
 import sys, threading
@@ -72,41 +73,20 @@ def watching(script: str, port: int) -> Iterator[None]:
 
 def measure(arguments: list[str], script: str | None) -> Measured:
     """Runs a simulated head for a while, and counts from when everybody watches."""
-    with ExitStack() as resources:
-        run = subprocess.Popen(
-            [sys.executable, "-u", "-m", "head_tracking", "--sim", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        resources.callback(run.wait)
-        resources.callback(run.terminate)
-        assert run.stdout is not None
-        port = 0
-        for line in run.stdout:
-            if found := re.search(r"the robot is at http://\S+:(\d+)", line):
-                port = int(found[1])
-            if re.search(r"\d° \| bus ", line) and (port or "--viewer" not in arguments):
-                break
+    with SimulatedRun(*arguments) as run, ExitStack() as resources:
         if script is not None:
-            resources.enter_context(watching(script, port))
-        errors, rates = [], []
-        start, before = time.monotonic(), _processor_time(run.pid)
-        for line in run.stdout:
-            if found := re.search(r"error +([\d.]+)° \| bus (\d+) Hz", line):
-                errors.append(float(found[1]))
-                rates.append(int(found[2]))
-            if time.monotonic() - start > SECONDS:
-                break
-        used = _processor_time(run.pid) - before
-        seconds = time.monotonic() - start
-    rms = (sum(error**2 for error in errors) / len(errors)) ** 0.5
-    return Measured(statistics.mean(rates), rms, max(errors), used / seconds)
-
-
-def _processor_time(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+            resources.enter_context(watching(script, run.port))
+        before, used = len(run.told), processor_time(run.pid)
+        time.sleep(SECONDS)
+        used = processor_time(run.pid) - used
+        told = run.told[before:]
+    rms = math.sqrt(statistics.fmean(one.error**2 for one in told))
+    return Measured(
+        statistics.fmean(one.rate for one in told),
+        rms,
+        max(one.error for one in told),
+        used / SECONDS,
+    )
 
 
 VARIANTS: tuple[tuple[str, list[str], str | None], ...] = (

@@ -11,6 +11,9 @@ from browser import (
     NoBrowser,
     choose,
     chromium,
+    drag,
+    node_position,
+    node_wxyz,
     open_browser,
     open_page,
     open_tab,
@@ -20,11 +23,24 @@ from browser import (
     type_number,
 )
 from robot_under_test import Robot, wait_for
+from sensor_msgs.msg import Image, JointState
+from std_msgs.msg import Header
 
+from head_tracking.nodes.images import image_message
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.recording import Recording
 
 DEGREE = math.radians(1)
+HIGH = 0.5 + 0.0325
+"""0.5 m in base_link, in the world that the page draws."""
+MEAN_COLOUR = """() => {
+  const image = document.querySelector("img[src^='blob:']");
+  if (!image || !image.naturalWidth) return null;
+  const canvas = document.createElement("canvas").getContext("2d");
+  canvas.drawImage(image, 0, 0, 1, 1);
+  return [...canvas.getImageData(0, 0, 1, 1).data.slice(0, 3)];
+}"""
+HEAD = ("head_pan_joint", "head_tilt_joint")
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +71,11 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def page(viewer, browser) -> Any:
     return open_page(browser, viewer.page.port)
+
+
+def joint_field(page: Any, joint: str) -> Any:
+    """The number beside a joint's slider."""
+    return row(page, joint).locator("input:visible").last
 
 
 def test_the_page_shows_the_robot(page):
@@ -98,6 +119,22 @@ def test_the_menu_lists_a_frame_that_appears_later(robot, viewer, page):
     wait_for(
         lambda: abs(robot.true("head_pan_joint") - math.atan2(0.2, 0.4 - 0.0115)) < 3 * DEGREE,
         PATIENCE,
+    )
+
+
+def test_the_target_is_dragged_with_the_mouse(robot, viewer, page):
+    open_tab(page, "Steer")
+    type_number(page, "x y z (m)", 0.5, 0.0, 0.5)
+    choose(page, "Frame", "base_link")
+    press(page, "Point head")
+    wait_for(lambda: node_position(page, "/gizmo") == pytest.approx((0.5, 0.0, HIGH)), PATIENCE)
+    drag(page, "/gizmo", (0.0, 0.1, 0.0), (0.0, 0.35, 0.0))
+    x, y, z = node_position(page, "/gizmo")
+    assert (x, z) == pytest.approx((0.5, HIGH))  # it moves along its arrow
+    assert y == pytest.approx(0.25, abs=0.05)
+    wait_for(lambda: viewer.robot.observe().target == pytest.approx((x, y, z), abs=1e-6), PATIENCE)
+    wait_for(
+        lambda: abs(robot.true("head_pan_joint") - math.atan2(y, x - 0.0115)) < 2 * DEGREE, PATIENCE
     )
 
 
@@ -148,6 +185,52 @@ def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
     assert page.evaluate(f"[{plot}.scales.x.min, {plot}.scales.x.max]") == [-30, 0]
 
 
+def test_a_slider_moves_its_joint(robot, page):
+    open_tab(page, "Joints")
+    field = joint_field(page, "head_pan_joint")
+    field.fill("0.6")
+    field.press("Enter")
+    wait_for(lambda: abs(robot.true("head_pan_joint") - 0.6) < 2 * DEGREE, PATIENCE)
+
+
+def test_all_joints_are_centred(robot, page):
+    open_tab(page, "Joints")
+    press(page, "Centre all joints")
+    for joint in HEAD:
+        wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE, PATIENCE)
+        wait_for(lambda joint=joint: abs(float(joint_field(page, joint).input_value())) < 0.03)
+
+
+def test_joints_go_anywhere_within_their_limits(robot, viewer, page):
+    open_tab(page, "Joints")
+    limits = {name: viewer.robot.model().joints[name].limits for name in HEAD}
+    before = robot.at_rest()
+    commands = robot.listen("joint_commands", JointState)
+    press(page, "Randomise")
+    wait_for(lambda: len(commands) == 2, PATIENCE)
+    sent = {message.name[0]: message.position[0] for message in commands}
+    assert all(limits[name].lower <= sent[name] <= limits[name].upper for name in HEAD)
+    assert [sent[name] for name in HEAD] != pytest.approx(before, abs=1e-3)
+    for joint in HEAD:
+        wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE, PATIENCE)
+
+
+def test_what_a_camera_sees_is_shown(robot, page):
+    orange = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1))
+    camera = robot.node.create_publisher(Image, "camera/image", 1)
+    timer = robot.node.create_timer(
+        0.1, lambda: camera.publish(image_message(Header(), "rgb8", orange))
+    )
+
+    open_tab(page, "View")
+    choose(page, "Camera picture", "/camera/image")
+    wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6), PATIENCE)
+    choose(page, "Camera picture", "no picture")
+    wait_for(lambda: page.evaluate(MEAN_COLOUR) is None, PATIENCE)
+    robot.node.destroy_timer(timer)
+    robot.node.destroy_publisher(camera)
+
+
 def test_stop_relaxes_everything(robot, page):
     open_tab(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
@@ -161,29 +244,87 @@ def test_stop_relaxes_everything(robot, page):
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     open_tab(page, "Joints")
     robot.simulated.lead("head_pan_joint", -0.7, 0.5)
-    number = row(page, "head_pan_joint").locator("input:visible").last
-    wait_for(lambda: abs(float(number.input_value()) + 0.7) < 0.06, PATIENCE)
+    field = joint_field(page, "head_pan_joint")
+    wait_for(lambda: abs(float(field.input_value()) + 0.7) < 0.06, PATIENCE)
+    assert robot.true("head_pan_joint") == pytest.approx(-0.7, abs=0.06)
 
 
-def test_the_last_minute_is_saved_loaded_and_left_again(robot, viewer, page, tmp_path):
+def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
+    bus = robot.composition.nodes["servo_bus"]
+
+    def torque() -> list[bool]:
+        states = bus.status().states
+        return [bool(states[joint].torque) for joint in HEAD]
+
+    open_tab(page, "Joints")
+    switch = row(page, "head_tilt").locator("input[type=checkbox]")
+    switch.click(force=True)
+    wait_for(lambda: torque() == [False, True], PATIENCE)
+    switch.click(force=True)
+    wait_for(lambda: torque() == [False, False], PATIENCE)
+    press(page, "Torque on, all")
+    wait_for(lambda: torque() == [True, True], PATIENCE)
+    wait_for(switch.is_checked, PATIENCE)
+
+
+def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(robot, viewer, page, tmp_path):
     open_tab(page, "Record")
     with page.expect_download() as saved:
         press(page, "Save the last minute")
     file = tmp_path / "head.json.gz"
     saved.value.save_as(file)
-    assert Recording.from_bytes(file.read_bytes()).duration > 5.0
+    recording = Recording.from_bytes(file.read_bytes())
+    assert recording.duration > 5.0
+    before = robot.at_rest()
     with page.expect_file_chooser() as chooser:
         press(page, "Load a recording")
     chooser.value.set_files(file)
-    wait_for(lambda: viewer.page._recording.replayed() is not None, PATIENCE)
+
+    def pan_shown() -> float:
+        """The pan joint's position in the page's scene [rad]."""
+        joint = viewer.robot.model().joints["head_pan_joint"]
+        w, x, y, z = node_wxyz(page, viewer.page._scene.path(joint.child))
+        turned = joint.origin.rotation.inverse() @ Rotation(x, y, z, w)
+        return 2.0 * math.atan2(np.dot(joint.axis, turned[:3]), turned[3])
+
+    pans = [one.joints["head_pan_joint"] for one in recording.seen]
+    assert max(pans) - min(pans) > 0.3
+    for wanted in (pans.index(max(pans)), pans.index(min(pans))):
+        second = (recording.seen[wanted].stamp - recording.seen[0].stamp) * 1e-9
+        field = row(page, "Time (s)").locator("input:visible").last
+        field.fill(f"{second:.2f}")
+        field.press("Enter")
+        wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
     press(page, "Back to the robot")
-    wait_for(lambda: viewer.page._recording.replayed() is None, PATIENCE)
+    wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE, PATIENCE)
+    assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
 
 
-def test_closing_the_page_changes_nothing_and_others_stay(robot, viewer, browser, page):
-    second = open_page(browser, viewer.page.port)
+def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(
+    robot, viewer, browser, page
+):
+    second = open_page(browser, viewer.page.port, 600, 500, 0.25)
     wait_for(lambda: viewer.page.browsers == 2, PATIENCE)
-    before = robot.at_rest()
+    open_tab(page, "Steer")
+    type_number(second, "x y z (m)", 1.0, -0.5, 0.5)
+    choose(second, "Frame", "base_link")
+    fields = row(page, "x y z (m)").locator("input:visible")
+    wait_for(lambda: [f.input_value() for f in fields.all()] == ["1", "-0.5", "0.5"], PATIENCE)
+    press(second, "Point head")
+    for one in (page, second):
+        wait_for(
+            lambda one=one: node_position(one, "/target") == pytest.approx((1.0, -0.5, HIGH)),
+            PATIENCE,
+        )
+    wait_for(
+        lambda: abs(robot.true("head_pan_joint") - math.atan2(-0.5, 1 - 0.0115)) < 2 * DEGREE,
+        PATIENCE,
+    )
+    before, mode = robot.at_rest(), viewer.robot.mode()
     second.close()
     wait_for(lambda: viewer.page.browsers == 1, PATIENCE)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
+    bus = robot.composition.nodes["servo_bus"]
+    assert all(state.torque for state in bus.status().states.values())
+    assert viewer.robot.mode() is mode
+    assert viewer.robot.observe().target == pytest.approx((1.0, -0.5, HIGH))

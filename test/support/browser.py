@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import os
 import re
 import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,15 @@ PATIENCE = 120.0
 # WebGL is computed; everything else is drawn without it, which is faster
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
 
+_POLITE = Path(__file__).with_name("polite_chromium")
+_ON_SCREEN = """([name, x, y, z]) => {
+  const {nodeRefFromName, camera, canvas} = window.__viserMutable, node = nodeRefFromName[name];
+  node.updateWorldMatrix(true, false);
+  camera.updateMatrixWorld();
+  const point = node.position.clone().set(x, y, z).applyMatrix4(node.matrixWorld).project(camera);
+  const {left, top, width, height} = canvas.getBoundingClientRect();
+  return [left + (point.x + 1) / 2 * width, top + (1 - point.y) / 2 * height];
+}"""
 
 _NEEDED = {
     "viser": "pip install -r requirements/viewer.txt",
@@ -52,8 +63,14 @@ def open_browser() -> Iterator[Any]:
     path = chromium()
     from playwright.sync_api import sync_playwright
 
+    # only root can go before others, and what keeps it from that is only for root
+    polite = os.geteuid() == 0 and shutil.which("setpriv") is not None
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+        browser = playwright.chromium.launch(
+            executable_path=_POLITE if polite else path,
+            args=list(_ARGUMENTS),
+            env={**os.environ, "CHROMIUM": path},
+        )
         try:
             yield browser
         finally:
@@ -96,7 +113,7 @@ def row(page: Any, label: str) -> Any:
 def choose(page: Any, label: str, option: str) -> None:
     """Chooses from a menu."""
     row(page, label).locator("input").first.click(force=True)
-    entry = page.get_by_role("option", name=option)
+    entry = page.get_by_role("option", name=option, exact=True)
     entry.wait_for()
     entry.click(force=True)
 
@@ -107,6 +124,27 @@ def type_number(page: Any, label: str, *values: float) -> None:
     for field, value in zip(fields.all(), values, strict=False):
         field.fill(str(value))
         field.press("Enter")
+
+
+def node_position(page: Any, name: str) -> tuple[float, ...]:
+    """Where the page draws a node of the scene, in its parent [m]."""
+    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].position"))
+
+
+def node_wxyz(page: Any, name: str) -> tuple[float, ...]:
+    """How the page turns a node of the scene, in its parent."""
+    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].wxyz"))
+
+
+def drag(
+    page: Any, name: str, start: tuple[float, float, float], end: tuple[float, float, float]
+) -> None:
+    """Drags with the mouse from one point of a node of the scene to another, in its frame [m]."""
+    (x, y), (to_x, to_y) = (page.evaluate(_ON_SCREEN, [name, *point]) for point in (start, end))
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(to_x, to_y, steps=4)
+    page.mouse.up()
 
 
 def pixels(page: Any) -> npt.NDArray[np.uint8]:

@@ -22,26 +22,46 @@ _CAMERA: dict[str, Any] = {
 class ReadingClient:
     """Costs the viewer what a browser costs it, and this machine next to nothing.
 
+    Args:
+        port: where the page is.
+        keep: unpacks and keeps what comes.
+
     Attributes:
         received: bytes so far.
+        messages: what came, oldest first, if it is kept.
     """
 
-    def __init__(self, port: int) -> None:
-        import msgspec.msgpack
+    def __init__(self, port: int, *, keep: bool = False) -> None:
         import viser
         from websockets.sync.client import connect
         from websockets.typing import Subprotocol
 
         self.received = 0
+        self.messages: list[dict[str, Any]] = []
+        self._keep = keep
         self._socket = connect(
             f"ws://127.0.0.1:{port}",
             subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
             max_size=None,
             compression=None,
         )
-        self._socket.send(msgspec.msgpack.encode(_CAMERA))
+        self.send(_CAMERA)
         self._thread = threading.Thread(target=self._read)
         self._thread.start()
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Sends what a browser would send."""
+        import msgspec.msgpack
+
+        self._socket.send(msgspec.msgpack.encode(message))
+
+    def named(self, kind: str, ending: str) -> list[dict[str, Any]]:
+        """The messages of a kind to what has a name with this ending."""
+        return [
+            message
+            for message in list(self.messages)
+            if message["type"] == kind and message["name"].endswith(ending)
+        ]
 
     def close(self) -> None:
         """Goes away."""
@@ -51,3 +71,16 @@ class ReadingClient:
     def _read(self) -> None:
         for data in self._socket:
             self.received += len(data)
+            if self._keep:
+                self.messages += unpacked(data)
+
+
+def unpacked(data: bytes) -> list[dict[str, Any]]:
+    """The messages of a packet: two lengths, then zstd-packed msgpack, then arrays (left out)."""
+    import msgspec.msgpack
+    import zstandard
+
+    size, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
+    text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], max_output_size=size)
+    messages: list[dict[str, Any]] = msgspec.msgpack.decode(text)["messages"]
+    return messages

@@ -1,0 +1,250 @@
+"""The viewer's page in Chromium: how fluid it is, and whether it grows while it is left open."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from simulated_run import (
+    SimulatedRun,
+    command,
+    descendants,
+    file_descriptors,
+    memory,
+    processor_time,
+    threads,
+)
+from sixty_links import ARM, sixty_links
+
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
+
+from browser import open_browser, open_page, open_tab
+from viewer_client import ReadingClient
+
+SAMPLES = 8
+FIRST = 2.0  # minutes: until then the last minute, which is kept for a recording, fills up
+ROUNDS = 3
+SETTLING, SECONDS = 4.0, 10.0
+
+# moves what is no servo's, as a driver of the arms would
+MOVER = """
+import math, time, rclpy
+from sensor_msgs.msg import JointState
+rclpy.init()
+node = rclpy.create_node("arms")
+sender = node.create_publisher(JointState, "arm_states", 10)
+names = ["{joint}%d" % i for i in range(45)]
+start = time.monotonic()
+def send():
+    now = time.monotonic() - start
+    message = JointState(name=names, position=[0.5 * math.sin(now + i) for i in range(45)])
+    message.header.stamp = node.get_clock().now().to_msg()
+    sender.publish(message)
+node.create_timer(0.02, send)
+rclpy.spin(node)
+"""
+SOURCES = """\
+/**/joint_state_publisher:
+  ros__parameters: {source_list: [servo_states, arm_states]}
+"""
+
+# the target moves in every state
+COUNT_UPDATES = """() => {
+  window.updates = 0;
+  const queue = window.__viserMutable.messageQueue, push = queue.push;
+  queue.push = function (...messages) {
+    for (const message of messages)
+      if (message.type === "SetPositionMessage" && message.name === "/target")
+        window.updates += 1;
+    return push.apply(this, messages);
+  };
+}"""
+COUNT_FRAMES = """() => {
+  const info = window.__viserTestpoints.rendererInfo.render;
+  window.frameCount = {offered: 0, drawn: 0};
+  let last = info.frame;
+  const tick = () => {
+    window.frameCount.offered += 1;
+    if (info.frame !== last) window.frameCount.drawn += 1;
+    last = info.frame;
+    requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
+}"""
+COUNTED = "({...window.frameCount, updates: window.updates})"
+
+
+class Fluidity(NamedTuple):
+    """What reached somebody who watches.
+
+    Attributes:
+        read: states a second that reach a client that draws nothing.
+        updates: states a second that reach the page in Chromium.
+        drawn: frames a second that it drew.
+        offered: frames a second that the browser offered it (requestAnimationFrame).
+        viewer: the viewer's process while the client read [share of a core].
+    """
+
+    read: float
+    updates: float
+    drawn: float
+    offered: float
+    viewer: float
+
+
+def fluidity() -> str:
+    """The table: 15 and 60 links take turns; medians of the rounds."""
+    with tempfile.TemporaryDirectory() as folder:
+        small = load_robot_model(robot_file("kinectbot"))
+        sources, urdf = Path(folder, "sources.yaml"), Path(folder, "sixty_links.urdf")
+        sources.write_text(SOURCES)
+        urdf.write_text(sixty_links(small, visible=True).urdf)
+        variants = {
+            "15 links, 2 joints move": "kinectbot",
+            "60 links, 47 joints move": str(urdf),
+        }
+        found: dict[str, list[Fluidity]] = {name: [] for name in variants}
+        for _ in range(ROUNDS):
+            for name, robot in variants.items():
+                found[name].append(_fluidity(robot, sources))
+                print(name, found[name][-1], file=sys.stderr, flush=True)
+    rows = [
+        "| robot | states a second, read only | states a second in Chromium | frames drawn a "
+        "second | frames offered a second | the viewer's process |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, runs in found.items():
+        read, updates, drawn, offered, viewer = map(statistics.median, zip(*runs, strict=True))
+        rows.append(
+            f"| {name} | {read:.1f} | {updates:.1f} | {drawn:.1f} | {offered:.1f} | "
+            f"{100 * viewer:.0f} % of a core |"
+        )
+    return "\n".join(rows)
+
+
+def _fluidity(robot: str, sources: Path) -> Fluidity:
+    _own_domain()
+    with ExitStack() as resources:
+        if robot != "kinectbot":
+            resources.enter_context(_arms())
+        run = resources.enter_context(
+            SimulatedRun("--viewer", "--robot", robot, "--params", str(sources))
+        )
+        read, viewer = _read_only(run)
+        browser = resources.enter_context(open_browser())
+        page = open_page(browser, run.port)
+        page.evaluate(COUNT_UPDATES)
+        page.evaluate(COUNT_FRAMES)
+        page.wait_for_timeout(1e3 * SETTLING)
+        before, start = page.evaluate(COUNTED), time.monotonic()
+        page.wait_for_timeout(1e3 * SECONDS)
+        after, seconds = page.evaluate(COUNTED), time.monotonic() - start
+        rate = {name: (after[name] - before[name]) / seconds for name in after}
+        return Fluidity(read, rate["updates"], rate["drawn"], rate["offered"], viewer)
+
+
+def _read_only(run: SimulatedRun) -> tuple[float, float]:
+    """Updates a second for somebody who draws nothing, and what the viewer used for it."""
+    client = ReadingClient(run.port, keep=True)
+    try:
+        time.sleep(SETTLING)
+        client.messages.clear()
+        used, start = processor_time(run.viewer_pid), time.monotonic()
+        time.sleep(SECONDS)
+        seconds = time.monotonic() - start
+        updates = client.named("SetPositionMessage", "/target")
+        return len(updates) / seconds, (processor_time(run.viewer_pid) - used) / seconds
+    finally:
+        client.close()
+
+
+@contextmanager
+def _arms() -> Iterator[None]:
+    process = subprocess.Popen([sys.executable, "-c", MOVER.format(joint=ARM)])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+class Sample(NamedTuple):
+    """Totals up to a moment [s]."""
+
+    at: float
+    viewer: float
+    updates: int
+    told: int
+
+
+def left_open(minutes: float) -> str:
+    """A table with a line for every part of the time: one page, a head that tracks."""
+    _own_domain()
+    rows = [
+        "| minute | viewer: memory, MB | threads | file descriptors | processor | page: JS heap, "
+        "MB | DOM nodes | process, MB | states a second | robot: memory, MB | bus cycles a second "
+        "|",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    with SimulatedRun("--viewer") as run, open_browser() as browser:
+        viewer = run.viewer_pid
+        page = open_page(browser, run.port, 600, 500)
+        open_tab(page, "Health")  # what changes most
+        page.evaluate(COUNT_UPDATES)
+        debugger = page.context.new_cdp_session(page)
+        debugger.send("Performance.enable")
+        start = time.monotonic()
+
+        def sample() -> Sample:
+            updates = page.evaluate("window.updates")
+            return Sample(time.monotonic(), processor_time(viewer), updates, len(run.told))
+
+        before = sample()
+        for number in range(SAMPLES + 1):
+            due = start + 60.0 * (FIRST + number * (minutes - FIRST) / SAMPLES)
+            page.wait_for_timeout(1e3 * max(0.0, due - time.monotonic()))
+            now = sample()
+            debugger.send("HeapProfiler.collectGarbage")
+            heap, nodes = _page_memory(debugger)
+            seconds = now.at - before.at
+            rates = [one.rate for one in run.told[before.told :]]
+            rows.append(
+                f"| {(now.at - start) / 60:.1f} | {memory(viewer):.1f} | {threads(viewer)} | "
+                f"{file_descriptors(viewer)} | "
+                f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core | {heap:.1f} | "
+                f"{nodes} | {_renderers():.0f} | {(now.updates - before.updates) / seconds:.1f} | "
+                f"{memory(run.pid):.1f} | {statistics.fmean(rates):.1f} |"
+            )
+            print(rows[-1], file=sys.stderr, flush=True)
+            before = now
+    return "\n".join(rows)
+
+
+def _page_memory(debugger: Any) -> tuple[float, int]:
+    """The JavaScript heap after a collection [MB], and the nodes of the document."""
+    metrics = debugger.send("Performance.getMetrics")["metrics"]
+    found = {one["name"]: one["value"] for one in metrics}
+    return found["JSHeapUsedSize"] / 1e6, int(found["Nodes"])
+
+
+def _renderers() -> float:
+    """Resident memory of the processes that show pages [MB]."""
+    return sum(
+        memory(pid) for pid in descendants(os.getpid()) if b"--type=renderer" in command(pid)
+    )
+
+
+def _own_domain() -> None:
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)

@@ -1,0 +1,123 @@
+"""A simulated head that runs in a process of its own, and what it tells while it does."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, Self
+
+PATIENCE = 60.0
+
+
+class Status(NamedTuple):
+    """What the status line says.
+
+    Attributes:
+        error: angle between the camera and the target [degrees].
+        rate: bus cycles in the last second.
+    """
+
+    error: float
+    rate: int
+
+
+class SimulatedRun:
+    """`head_tracking --sim` with more arguments, until the end of the block.
+
+    Attributes:
+        pid: of its process.
+        port: where its page is; 0 without `--viewer`.
+        told: every status line since it was ready, newest last.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-u", "-m", "head_tracking", "--sim", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self._shown = "--viewer" in arguments
+        self._ready = threading.Event()
+        self._reader = threading.Thread(target=self._read)
+        self.pid = self._process.pid
+        self.port = 0
+        self.told: list[Status] = []
+
+    @property
+    def viewer_pid(self) -> int:
+        """Of the viewer's process."""
+        return next(pid for pid in descendants(self.pid) if b"nodes.viewer" in command(pid))
+
+    def __enter__(self) -> Self:
+        self._reader.start()
+        if not self._ready.wait(PATIENCE):
+            self.__exit__()
+            raise SystemExit("the simulated head is not ready within a minute")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait()
+        self._reader.join()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if found := re.search(r"the robot is at http://\S+:(\d+)", line):
+                self.port = int(found[1])
+            if found := re.search(r"error +([\d.]+)° \| bus (\d+) Hz", line):
+                self.told.append(Status(float(found[1]), int(found[2])))
+            if re.search(r"\d° \| bus ", line) and (self.port or not self._shown):
+                self._ready.set()
+
+
+def descendants(pid: int) -> Iterator[int]:
+    """All processes that a process started, and those that these started."""
+    parents = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue  # it has just ended
+        parents.setdefault(int(fields[1]), []).append(int(folder.name))
+    waiting = [pid]
+    while waiting:
+        found = parents.get(waiting.pop(), [])
+        yield from found
+        waiting.extend(found)
+
+
+def command(pid: int) -> bytes:
+    """A process's command line; empty if it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def processor_time(pid: int) -> float:
+    """What a process used up to now [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory(pid: int) -> float:
+    """Resident memory of a process [MB]."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(text.split("VmRSS:")[1].split()[0]) / 1024.0
+
+
+def threads(pid: int) -> int:
+    """How many threads a process has."""
+    return len(os.listdir(f"/proc/{pid}/task"))
+
+
+def file_descriptors(pid: int) -> int:
+    """How many file descriptors a process has open."""
+    return len(os.listdir(f"/proc/{pid}/fd"))

@@ -1,0 +1,55 @@
+"""config/head.rviz on a running head: every display finds its topic. RViz itself is not here."""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from robot_under_test import wait_for
+
+CONFIG = Path(__file__).parents[2] / "config" / "head.rviz"
+SHOWN = {
+    "RobotModel": ("Description Topic", "std_msgs/msg/String"),
+    "PointStamped": ("Topic", "geometry_msgs/msg/PointStamped"),
+    "Marker": ("Topic", "visualization_msgs/msg/Marker"),
+}
+
+
+def displays() -> dict[str, Any]:
+    manager = yaml.safe_load(CONFIG.read_text())["Visualization Manager"]
+    return {display["Class"].split("/")[1]: display for display in manager["Displays"]}
+
+
+def test_every_display_finds_its_topic_with_a_quality_that_fits(make_robot):
+    robot = make_robot()
+    found = displays()
+    for kind, (key, type_name) in SHOWN.items():
+        if find_spec(type_name.split("/")[0]) is None:
+            continue  # then it is not published, as the file says
+        topic = found[kind][key]
+        senders = wait_for(
+            lambda name=topic["Value"]: robot.node.get_publishers_info_by_topic(name)
+        )
+        for sender in senders:
+            assert sender.topic_type == type_name
+            if topic["Reliability Policy"] == "Reliable":
+                assert sender.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+            if topic["Durability Policy"] == "Transient Local":
+                assert sender.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    assert "world" in robot.composition.buffer.core.frames()
+
+
+def test_what_a_person_points_at_reaches_the_head(make_robot):
+    robot = make_robot("--target", "none")
+    manager = yaml.safe_load(CONFIG.read_text())["Visualization Manager"]
+    (tool,) = [one for one in manager["Tools"] if one["Class"].endswith("/PublishPoint")]
+    topic = tool["Topic"]["Value"]
+    for listener in wait_for(lambda: robot.node.get_subscriptions_info_by_topic(topic)):
+        assert listener.topic_type == "geometry_msgs/msg/PointStamped"
+
+
+@pytest.mark.parametrize("library", ["visualization_msgs", "tf2_msgs"])
+def test_the_file_says_what_it_needs(library):
+    assert library in CONFIG.read_text().split("Panels:")[0]
