@@ -41,6 +41,7 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import (
     Fault,
     Faults,
+    Oracle,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
@@ -336,7 +337,9 @@ def faulty_cycles() -> str:
         SimulatedServo(1, boot_time=0.0),
         SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
     ]
-    simulated = SimulatedBus(servos, faults.line, misfortune=faults)
+    simulated = SimulatedBus(
+        servos, faults.line, misfortune=faults, oracle=Oracle(10 * FAULTY_CYCLES)
+    )
     clock = SimulatedClock(PERIOD)
     line = SimulatedLine(simulated, clock)
     joints = [

@@ -32,6 +32,7 @@ class SimulatedBus:
         line: Every answer passes here on its way out.
         misfortune: What happens besides.
         echo: Whether the adapter sends back whatever it is sent.
+        oracle: Is told what has really reached the servos.
 
     Attributes:
         oracle: What has really reached the servos.
@@ -47,11 +48,12 @@ class SimulatedBus:
         *,
         misfortune: Misfortune | None = None,
         echo: bool = False,
+        oracle: Oracle | None = None,
     ) -> None:
         self._servos = tuple(servos)
         if not self._servos:
             raise SimulationError("a simulated bus needs at least one servo")
-        self.oracle = Oracle()
+        self.oracle = oracle or Oracle()
         for servo in self._servos:
             servo.oracle = self.oracle
         self._line = line

@@ -43,7 +43,7 @@ class Oracle:
         taken: Newest last.
     """
 
-    def __init__(self, keep: int = 1_000_000) -> None:
+    def __init__(self, keep: int = 10_000) -> None:
         self.taken: deque[Taken] = deque(maxlen=keep)
 
     def note(self, time: int, servo: ServoBody, names: Iterable[str]) -> None:

@@ -21,7 +21,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
+from head_tracking.simulation import Fault, Faults, Oracle, SimulatedBus, SimulatedServo
 
 PERIOD = 0.02
 FASTEST = 7.0  # rad/s
@@ -41,7 +41,11 @@ class Ordeal:
         self.servos = [
             SimulatedServo(i + 1, servo_model(name), boot_time=0.0) for i, name in enumerate(models)
         ]
-        self.bench = Bench(SimulatedBus(self.servos, self.faults.line, misfortune=self.faults))
+        self.bench = Bench(
+            SimulatedBus(
+                self.servos, self.faults.line, misfortune=self.faults, oracle=Oracle(1_000_000)
+            )
+        )
         self.joints = [_joint(servo.id, servo.model) for servo in self.servos]
         bench = self.bench
         self.bus = ServoBus(bench.port, self.joints, bench.now, monotonic=bench.now)
