@@ -207,8 +207,8 @@ def test_joints_go_anywhere_within_their_limits(robot, viewer, page):
     before = robot.at_rest()
     commands = robot.listen("joint_commands", JointState)
     press(page, "Randomise")
-    wait_for(lambda: len(commands) == 2, PATIENCE)
-    sent = {message.name[0]: message.position[0] for message in commands}
+    wait_for(lambda: commands, PATIENCE)
+    sent = dict(zip(commands[0].name, commands[0].position, strict=True))
     assert all(limits[name].lower <= sent[name] <= limits[name].upper for name in HEAD)
     assert [sent[name] for name in HEAD] != pytest.approx(before, abs=1e-3)
     for joint in HEAD:
