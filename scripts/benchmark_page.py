@@ -52,7 +52,10 @@ def send():
     message.header.stamp = node.get_clock().now().to_msg()
     sender.publish(message)
 node.create_timer(0.02, send)
-rclpy.spin(node)
+try:
+    rclpy.spin(node)
+except rclpy.executors.ExternalShutdownException:
+    pass
 """
 SOURCES = """\
 /**/joint_state_publisher:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 
@@ -41,10 +43,10 @@ class FreeJoints:
         )
         self._servos_seen |= servos
 
-    def put(self, model: RobotModel, joint: str, position: float) -> None:
-        """Says where a joint is [rad or m]; those of which nothing was said are at 0."""
+    def put(self, model: RobotModel, positions: Mapping[str, float]) -> None:
+        """Says where joints are [rad or m]; those of which nothing was said are at 0."""
         self._model = model
-        self._positions[joint] = position
+        self._positions.update(positions)
         self._timer.reset()
 
     def _send(self) -> None:

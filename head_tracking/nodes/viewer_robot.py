@@ -221,10 +221,13 @@ class ViewerRobot:
         """Sets a parameter."""
         return self._parameters.set(node, name, value)
 
-    def move_joint(self, joint: str, position: float) -> Outcome:
-        """Moves a servo's joint; without hardware, says itself where the joint is."""
+    def move_joints(self, positions: Mapping[str, float]) -> Outcome:
+        """Moves joints of servos; without hardware, says itself where joints are.
+
+        All go into one message: of several, whoever drives the servos takes the newest.
+        """
         if self.free_joints() and self._model is not None:
-            self._free.put(self._model, joint, position)
+            self._free.put(self._model, positions)
             return Outcome(True, "")
         said = ""
         if self.tracking() and self.mode() is not Mode.POINT:
@@ -232,7 +235,9 @@ class ViewerRobot:
             if not outcome.done:
                 return outcome
             said = "tracking was switched off to move joints by hand"
-        message = JointStateMsg(name=[joint], position=[position])
+        message = JointStateMsg(
+            name=list(positions), position=[float(position) for position in positions.values()]
+        )
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._commands.publish(message)
         return Outcome(True, said)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import viser
@@ -124,25 +125,26 @@ class JointsPanel:
 
         def on_update(event: viser.GuiEvent[Any]) -> None:
             if by_person(event):
-                notify(event, self._move(joint.name, slider.value), joint.name)
+                notify(event, self._move({joint.name: slider.value}), joint.name)
 
         slider.on_update(on_update)
         return slider
 
-    def _move(self, joint: str, position: float) -> Outcome:
-        self._touched[joint] = time.monotonic()
-        return self._robot.move_joint(joint, float(position))
+    def _move(self, positions: Mapping[str, float]) -> Outcome:
+        self._touched.update(dict.fromkeys(positions, time.monotonic()))
+        return self._robot.move_joints(positions)
 
     def _set_all(self, event: viser.GuiEvent[Any], where: Any) -> None:
         movable = self._movable(self._robot.servos())
         if not movable:
             text = "no joint can be moved from here; is torque switched on?"
             notify(event, Outcome(False, text), "Joints")
-        for name in sorted(movable):
-            position = where(self._joints[name])
-            outcome = self._move(name, position)
+            return
+        positions = {name: where(self._joints[name]) for name in sorted(movable)}
+        outcome = self._move(positions)
+        for name, position in positions.items():
             self._sliders[name].value = position
-            notify(event, outcome, name)
+        notify(event, outcome, "Joints")
 
     def _anywhere(self, joint: Joint) -> float:
         return round(self._random.uniform(*_range(joint)), 3)

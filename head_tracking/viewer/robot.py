@@ -184,8 +184,8 @@ class Robot(Protocol):
     def set_value(self, node: str, name: str, value: Any) -> Outcome:
         """Sets a parameter."""
 
-    def move_joint(self, joint: str, position: float) -> Outcome:
-        """Moves one joint [rad or m]."""
+    def move_joints(self, positions: Mapping[str, float]) -> Outcome:
+        """Moves joints, all in one command [rad or m]."""
 
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Lets a servo hold or go; all of them for an empty name."""

@@ -111,11 +111,12 @@ def test_what_can_t_be_is_refused_with_a_reason(seen):
 def test_a_joint_moved_by_hand_switches_tracking_off(robot, seen):
     assert seen.look_at("base_link", (1.0, 0.8, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    outcome = seen.move_joint("head_pan_joint", -0.4)
+    outcome = seen.move_joints({"head_pan_joint": -0.4, "head_tilt_joint": 0.3})
     assert outcome.done
     assert "switched off" in outcome.text
     assert seen.tracking() is False
     wait_for(lambda: head_is_at(robot, -0.4))
+    wait_for(lambda: abs(robot.true("head_tilt_joint") - 0.3) < 2 * DEGREE)
     assert seen.set_tracking(True).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
 
@@ -177,7 +178,7 @@ def test_without_hardware_the_page_says_where_the_joints_are():
             seen = node.robot
             wait_for(lambda: seen.model() is not None and seen.free_joints())
             assert "head_pan_joint" not in seen.observe().joints
-            assert seen.move_joint("head_pan_joint", 0.4).done
+            assert seen.move_joints({"head_pan_joint": 0.4}).done
             wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
             assert seen.observe().joints["head_tilt_joint"] == 0.0
             assert not seen.stop().done
