@@ -1,9 +1,13 @@
+import signal
 from pathlib import Path
 
 import hypothesis
 import pytest
 
 from head_tracking.transforms import RobotModel, load_robot_model
+
+# a shell's background jobs ignore it, and so would every program that the tests start
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # speed is the machine's business, not a test's
 hypothesis.settings.register_profile("untimed", deadline=None)
