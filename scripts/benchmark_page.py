@@ -62,17 +62,6 @@ SOURCES = """\
   ros__parameters: {source_list: [servo_states, arm_states]}
 """
 
-# the target moves in every state
-COUNT_UPDATES = """() => {
-  window.updates = 0;
-  const queue = window.__viserMutable.messageQueue, push = queue.push;
-  queue.push = function (...messages) {
-    for (const message of messages)
-      if (message.type === "SetPositionMessage" && message.name === "/target")
-        window.updates += 1;
-    return push.apply(this, messages);
-  };
-}"""
 COUNT_FRAMES = """() => {
   const info = window.__viserTestpoints.rendererInfo.render;
   window.frameCount = {offered: 0, drawn: 0};
@@ -85,7 +74,7 @@ COUNT_FRAMES = """() => {
   };
   requestAnimationFrame(tick);
 }"""
-COUNTED = "({...window.frameCount, updates: window.updates})"
+COUNTED = "({...window.frameCount})"
 
 
 class Fluidity(NamedTuple):
@@ -93,14 +82,12 @@ class Fluidity(NamedTuple):
 
     Attributes:
         read: states a second that reach a client that draws nothing.
-        updates: states a second that reach the page in Chromium.
         drawn: frames a second that it drew.
         offered: frames a second that the browser offered it (requestAnimationFrame).
         viewer: the viewer's process while the client read [share of a core].
     """
 
     read: float
-    updates: float
     drawn: float
     offered: float
     viewer: float
@@ -123,14 +110,14 @@ def fluidity() -> str:
                 found[name].append(_fluidity(robot, sources))
                 print(name, found[name][-1], file=sys.stderr, flush=True)
     rows = [
-        "| robot | states a second, read only | states a second in Chromium | frames drawn a "
-        "second | frames offered a second | the viewer's process |",
-        "|---|---|---|---|---|---|",
+        "| robot | states a second, read only | frames drawn a second | frames offered a second | "
+        "the viewer's process |",
+        "|---|---|---|---|---|",
     ]
     for name, runs in found.items():
-        read, updates, drawn, offered, viewer = map(statistics.median, zip(*runs, strict=True))
+        read, drawn, offered, viewer = map(statistics.median, zip(*runs, strict=True))
         rows.append(
-            f"| {name} | {read:.1f} | {updates:.1f} | {drawn:.1f} | {offered:.1f} | "
+            f"| {name} | {read:.1f} | {drawn:.1f} | {offered:.1f} | "
             f"{100 * viewer:.0f} % of a core |"
         )
     return "\n".join(rows)
@@ -147,14 +134,13 @@ def _fluidity(robot: str, sources: Path) -> Fluidity:
         read, viewer = _read_only(run)
         browser = resources.enter_context(open_browser())
         page = open_page(browser, run.port)
-        page.evaluate(COUNT_UPDATES)
         page.evaluate(COUNT_FRAMES)
         page.wait_for_timeout(1e3 * SETTLING)
         before, start = page.evaluate(COUNTED), time.monotonic()
         page.wait_for_timeout(1e3 * SECONDS)
         after, seconds = page.evaluate(COUNTED), time.monotonic() - start
         rate = {name: (after[name] - before[name]) / seconds for name in after}
-        return Fluidity(read, rate["updates"], rate["drawn"], rate["offered"], viewer)
+        return Fluidity(read, rate["drawn"], rate["offered"], viewer)
 
 
 def _read_only(run: SimulatedRun) -> tuple[float, float]:
@@ -187,7 +173,6 @@ class Sample(NamedTuple):
 
     at: float
     viewer: float
-    updates: int
     told: int
 
 
@@ -196,22 +181,19 @@ def left_open(minutes: float) -> str:
     _own_domain()
     rows = [
         "| minute | viewer: memory, MB | threads | file descriptors | processor | page: JS heap, "
-        "MB | DOM nodes | process, MB | states a second | robot: memory, MB | bus cycles a second "
-        "|",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "MB | DOM nodes | process, MB | robot: memory, MB | bus cycles a second |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     with SimulatedRun("--viewer") as run, open_browser() as browser:
         viewer = run.viewer_pid
         page = open_page(browser, run.port, 600, 500)
         open_tab(page, "Health")  # what changes most
-        page.evaluate(COUNT_UPDATES)
         debugger = page.context.new_cdp_session(page)
         debugger.send("Performance.enable")
         start = time.monotonic()
 
         def sample() -> Sample:
-            updates = page.evaluate("window.updates")
-            return Sample(time.monotonic(), processor_time(viewer), updates, len(run.told))
+            return Sample(time.monotonic(), processor_time(viewer), len(run.told))
 
         before = sample()
         for number in range(SAMPLES + 1):
@@ -226,7 +208,7 @@ def left_open(minutes: float) -> str:
                 f"| {(now.at - start) / 60:.1f} | {memory(viewer):.1f} | {threads(viewer)} | "
                 f"{file_descriptors(viewer)} | "
                 f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core | {heap:.1f} | "
-                f"{nodes} | {_renderers():.0f} | {(now.updates - before.updates) / seconds:.1f} | "
+                f"{nodes} | {_renderers():.0f} | "
                 f"{memory(run.pid):.1f} | {statistics.fmean(rates):.1f} |"
             )
             print(rows[-1], file=sys.stderr, flush=True)
