@@ -16,8 +16,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Float64, String
 
+from head_tracking.nodes.images import raw_image
 from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.viewer.robot import Health, Level
+from head_tracking.vision.images import ImageError, decode_picture
+from head_tracking.vision.opencv import OpenCVMissingError
 
 _ERRORS = ("/tracking_error", "/pointing_error")
 _TURNS_THE_HEAD = ("head_tracker", "point_head")
@@ -165,16 +168,17 @@ class RunningTopics:
 
 
 def picture(message: Image) -> npt.NDArray[np.uint8] | None:
-    """An image message as RGB; None for an encoding that is no picture, or a damaged message."""
-    channels = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1}.get(message.encoding)
-    height, width, step = message.height, message.width, message.step
-    if channels is None or not height * width or step < width * channels:
+    """An image message as RGB; None if it is damaged, or its encoding can't be shown here."""
+    image = raw_image(message)
+    try:
+        match image.encoding:
+            case "rgb8" | "rgba8":  # the usual ones do without OpenCV
+                return image.rows("u1", len(image.encoding) - 1)[..., :3]
+            case "bgr8" | "bgra8":
+                return image.rows("u1", len(image.encoding) - 1)[..., 2::-1]
+            case "mono8":
+                return np.repeat(image.rows("u1", 1), 3, axis=2)
+            case _:
+                return decode_picture(image).bgr[..., ::-1]
+    except (ImageError, OpenCVMissingError):
         return None
-    data = np.frombuffer(message.data, np.uint8)
-    if data.size < height * step:
-        return None
-    rows = data[: height * step].reshape(height, step)[:, : width * channels]
-    pixels = rows.reshape(height, width, channels)
-    if channels == 1:
-        return np.repeat(pixels, 3, axis=2)
-    return pixels[..., 2::-1] if message.encoding.startswith("bgr") else pixels[..., :3]

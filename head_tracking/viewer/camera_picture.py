@@ -17,7 +17,7 @@ _PERIOD = 0.1  # s
 _WIDEST = 480  # pixels
 _NOTHING = (
     '<div style="padding:0 0.8em;font-size:0.85em">nothing has come yet, or nothing that can be '
-    "shown (rgb8, bgr8, rgba8, bgra8, mono8)</div>"
+    "shown (without OpenCV: rgb8, bgr8, rgba8, bgra8, mono8)</div>"
 )
 
 
