@@ -25,7 +25,7 @@ from head_tracking.tf import (
 )
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.messages import transform_stamped
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import (
     RateLimiter,
     RobotModel,
@@ -118,10 +118,10 @@ class RobotStatePublisherNode(Node):
             self._sender = TransformBroadcaster(self)
             self._static_sender = StaticTransformBroadcaster(self)
         self._take(p.model())
-        TransformListener(self._buffer, self, frame_prefix=p.frame_prefix)
         self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
-        if broadcasting_possible():
-            self.create_subscription(JointState, "joint_states", self._on_joints, MEASUREMENT)
+        TransformListener(
+            self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
+        )
         self.create_service(Trigger, "~/frames", self._on_frames)
 
     def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
@@ -137,7 +137,7 @@ class RobotStatePublisherNode(Node):
         self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
 
     def _on_joints(self, message: JointState) -> None:
-        if self._limiter.accept(stamp_to_ns(message.header.stamp)):
+        if broadcasting_possible() and self._limiter.accept(stamp_to_ns(message.header.stamp)):
             moving = self._edges(moving=True)
             if moving:
                 self._sender.sendTransform(moving)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
@@ -39,6 +40,7 @@ class TransformListener:
         tf_static_topic: instead of `/tf_static`.
         static_only: listen on `/tf_static` only.
         frame_prefix: put before the names of the robot's links.
+        on_joints: called with every message of `joint_states` that the buffer has taken.
     """
 
     def __init__(
@@ -53,9 +55,11 @@ class TransformListener:
         tf_static_topic: str = "/tf_static",
         static_only: bool = False,
         frame_prefix: str = "",
+        on_joints: Callable[[JointState], object] = lambda _: None,
     ) -> None:
         self.buffer = buffer
         self._prefix = frame_prefix
+        self._joints_taken = on_joints
         self._thread: threading.Thread | None = None
         self._stopped = threading.Event()
         self.node = _own_node(self, node) if node is None or spin_thread else node
@@ -119,6 +123,8 @@ class TransformListener:
             )
         except InvalidArgumentException as error:
             self._log.error(f"joint_states: {error}", throttle_duration_sec=1.0)
+        else:
+            self._joints_taken(message)
 
     def _on_transforms(self, message: TFMessage) -> None:
         for transform in message.transforms:

@@ -239,7 +239,10 @@ def test_stop_relaxes_everything(robot, page):
     open_tab(page, "Steer")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
     press(page, "Point head")
-    wait_for(lambda: robot.true("head_pan_joint") > 0.2, PATIENCE)
+    wait_for(
+        lambda: abs(robot.true("head_pan_joint") - math.atan2(0.5, 1 - 0.0115)) < 2 * DEGREE,
+        PATIENCE,
+    )
     press(page, "STOP: relax everything")
     bus = robot.composition.nodes["servo_bus"]
     wait_for(lambda: not any(s.torque for s in bus.status().states.values()), PATIENCE)
