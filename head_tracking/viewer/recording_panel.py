@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -78,7 +79,7 @@ class RecordingPanel:
             return
         self._close()
         with self._box:
-            end = max(round(recording.duration, 2), _STEP)
+            end = max(round(math.ceil(recording.duration / _STEP) * _STEP, 2), _STEP)
             self._time = self._gui.add_slider("Time (s)", 0.0, end, _STEP, 0.0, order=0.0)
         self._time.on_update(self._on_scrub)
         self._recording = recording
