@@ -57,10 +57,7 @@ ONLY_IN = {
     },
 }
 
-TABLES = (
-    "configuration", "control_table", "conversions", "exceptions", "hardware_errors", "models",
-    "protocol1", "protocol2", "units",
-)  # fmt: skip
+TABLES = ("configuration", "control_table", "exceptions", "models", "protocol")
 """What the simulator shares with the driver."""
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
@@ -142,12 +139,3 @@ def test_exported_names_exist_and_are_sorted_as_the_linter_wants(name):
     assert len(exported) == len(set(exported))
     for member in exported:
         assert hasattr(package, member), f"{name} exports {member}, which is not there"
-
-
-def test_modules_stay_small():
-    long = {
-        str(path.relative_to(PACKAGE)): lines
-        for path in modules()
-        if (lines := len(path.read_text().splitlines())) > 330
-    }
-    assert not long

@@ -31,12 +31,17 @@ from head_tracking.dynamixel.exceptions import (
     UnknownRegisterError,
     WrongModelError,
 )
-from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
 from head_tracking.dynamixel.identification import ServoIdentity
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.mount import ServoMount
 from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply, ServoPort
-from head_tracking.dynamixel.protocol1 import ErrorBits, Instruction, describe_errors
+from head_tracking.dynamixel.protocol import (
+    ErrorBits,
+    HardwareErrors,
+    Instruction,
+    XL320Errors,
+    describe_errors,
+)
 from head_tracking.dynamixel.sdk import serial_ports
 from head_tracking.dynamixel.servo_bus import ServoBus
 from head_tracking.dynamixel.servo_state import (

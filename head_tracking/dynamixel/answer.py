@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from head_tracking.dynamixel.status_packets import Status
+from head_tracking.dynamixel.protocol import Status
 
 
 class Failure(Enum):
@@ -47,8 +47,3 @@ class Window(NamedTuple):
             return answer
         offset = self.address - self.start
         return answer._replace(data=answer.data[offset : offset + self.length])
-
-
-def joint_size(count: int, length: int) -> int:
-    """Return how many bytes of data the joint answer to a fast sync read has."""
-    return (length + 4) * count - 3

@@ -9,7 +9,7 @@ from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.identification import ServoIdentity, identify
 from head_tracking.dynamixel.mount import ServoMount
 from head_tracking.dynamixel.port import ServoPort
-from head_tracking.dynamixel.protocol1 import NO_ERROR
+from head_tracking.dynamixel.protocol import NO_ERROR
 from head_tracking.dynamixel.servo_link import Feedback, ServoLink
 from head_tracking.dynamixel.servo_state import Health, ServoStatistics
 

@@ -7,15 +7,24 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from head_tracking.dynamixel.answer import Answer, Failure, Window, joint_size
+from head_tracking.dynamixel.answer import Answer, Failure, Window
 from head_tracking.dynamixel.debts import Debts
 from head_tracking.dynamixel.line import Line
-from head_tracking.dynamixel.packets import group_packet, read_packet
 from head_tracking.dynamixel.patience import Patience
 from head_tracking.dynamixel.port import ReadMethod
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
-from head_tracking.dynamixel.sdk import instruction_packet
-from head_tracking.dynamixel.status_packets import DIALECTS, Status, split_fast_status
+from head_tracking.dynamixel.protocol import (
+    BROADCAST_ID,
+    OVERHEAD,
+    Instruction,
+    Status,
+    bulk_read_packet,
+    encode_packet,
+    find_status,
+    joint_status_size,
+    read_packet,
+    split_joint_status,
+    sync_read_packet,
+)
 
 _CHUNK: Final = 4096
 _REMAINDER: Final = 0.0005  # s that are listened on after a damaged answer
@@ -92,7 +101,7 @@ class Conversation:
 
     def ping(self, protocol: int, servo_id: int) -> Answer:
         """Ask a servo whether it is there."""
-        packet = instruction_packet(protocol, servo_id, Instruction.PING)
+        packet = encode_packet(protocol, servo_id, Instruction.PING)
         answer = self.ask(protocol, servo_id, packet, PING_LENGTHS[protocol])
         if answer is Failure.SILENT and self._mirrored and protocol == 1:
             if self._echoes is None:
@@ -160,7 +169,12 @@ class Conversation:
         if extra is None:
             return iter([Failure.SILENT] * len(ids))
         window = Window(address, length, extra)
-        self._begin(group_packet(method, ids, window.start, window.size))
+        if method is ReadMethod.BULK:
+            request = bulk_read_packet(ids, window.start, window.size)
+        else:
+            fast = method is ReadMethod.FAST_SYNC
+            request = sync_read_packet(ids, window.start, window.size, fast=fast)
+        self._begin(request)
         if method is ReadMethod.FAST_SYNC:
             answers = self._fast(ids, window.size)
         else:
@@ -182,11 +196,11 @@ class Conversation:
         yield from [Failure.SILENT] * (len(ids) - heard)
 
     def _fast(self, ids: tuple[int, ...], length: int) -> Iterator[Answer]:
-        answer = self._listen(2, BROADCAST_ID, joint_size(len(ids), length))
+        answer = self._listen(2, BROADCAST_ID, joint_status_size(len(ids), length))
         if not isinstance(answer, Status):
             yield from [answer] * len(ids)
             return
-        shares = split_fast_status(answer, length, len(ids))
+        shares = split_joint_status(answer, length, len(ids))
         if tuple(share.id for share in shares) == ids:
             yield from shares
         else:
@@ -195,7 +209,7 @@ class Conversation:
     def _fast_extra(self, count: int, length: int) -> int | None:
         """Return how many bytes more to ask for, as `Debts.extra` does."""
         for extra in range(_FAST_TRIES):
-            if self._debts.extra(2, (BROADCAST_ID,), joint_size(count, length + extra)) == 0:
+            if self._debts.extra(2, (BROADCAST_ID,), joint_status_size(count, length + extra)) == 0:
                 return extra
         return None
 
@@ -250,16 +264,21 @@ class Conversation:
 
     def _listen(self, protocol: int, servo_id: int, length: int, following: bytes = b"") -> Answer:
         """Wait for the answer of a servo, then send the following question, if both are there."""
-        dialect = DIALECTS[protocol]
-        size = dialect.overhead + length
+        size = OVERHEAD[protocol] + length
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._patience.allowance
         self._mirrored = self._quiet = False
         if not self._buffer and not self._debts:
             data = self._line.read(_CHUNK, deadline)
             if len(data) == size:
-                status = dialect.whole(data, servo_id)
-                if status is not None and data not in self._sent:
+                found = find_status(protocol, data)
+                status = found.status
+                if (
+                    status is not None
+                    and status.id == servo_id
+                    and found.end == size
+                    and data not in self._sent
+                ):
                     now = self._wire_free = self._clock()
                     if following:
                         self._tell(following)
@@ -309,9 +328,8 @@ class Conversation:
         Returns:
             The packet, or None; and whether there was a damaged one.
         """
-        find = DIALECTS[protocol].find
         while True:
-            found = find(self._buffer)
+            found = find_status(protocol, self._buffer)
             if found.status is None:
                 return None, found.damaged
             del self._buffer[: found.end]

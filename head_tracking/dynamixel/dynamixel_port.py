@@ -17,17 +17,18 @@ from head_tracking.dynamixel.exceptions import (
     PortMissingError,
     ReplyTimeoutError,
 )
-from head_tracking.dynamixel.packets import sync_write_packet
 from head_tracking.dynamixel.patience import Patience
 from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply
-from head_tracking.dynamixel.protocol1 import (
+from head_tracking.dynamixel.protocol import (
     BROADCAST_ID,
     Instruction,
+    Status,
+    encode_packet,
+    sync_write_packet,
+    write_packet,
 )
-from head_tracking.dynamixel.protocol2 import Instruction2
 from head_tracking.dynamixel.replies import reply_of
-from head_tracking.dynamixel.sdk import SerialDevice, check_baud_rate, instruction_packet
-from head_tracking.dynamixel.status_packets import Status
+from head_tracking.dynamixel.sdk import SerialDevice, check_baud_rate
 
 _LOST = (OSError, termios.error)
 
@@ -221,8 +222,7 @@ class DynamixelPort:
             CommunicationError: No usable answer.
             PortLostError: The device has gone.
         """
-        where = bytes((address,)) if protocol == 1 else address.to_bytes(2, "little")
-        packet = instruction_packet(protocol, servo_id, Instruction.WRITE, where + data)
+        packet = write_packet(protocol, servo_id, address, data)
         if not acknowledged:
             self._tell(packet)
             return 0
@@ -267,7 +267,7 @@ class DynamixelPort:
             CommunicationError: No usable answer.
             PortLostError: The device has gone.
         """
-        packet = instruction_packet(2, servo_id, Instruction2.REBOOT)
+        packet = encode_packet(2, servo_id, Instruction.REBOOT)
         self._reply(2, servo_id, self._ask(2, servo_id, packet, 0), 0, "reboot")
 
     def find_all(self) -> dict[int, tuple[int, int]]:
@@ -276,7 +276,7 @@ class DynamixelPort:
         Raises:
             PortLostError: The device has gone.
         """
-        packet = instruction_packet(2, BROADCAST_ID, Instruction.PING)
+        packet = encode_packet(2, BROADCAST_ID, Instruction.PING)
         # Each servo waits until those with lower ids have had their time; dynamixel_sdk reckons so.
         seconds = 253 * (14 * 10.0 / self._baud_rate + 0.003) + 0.016
         try:

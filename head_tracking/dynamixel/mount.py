@@ -5,16 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from head_tracking.dynamixel.conversions import (
-    decode_sign_magnitude,
-    radians_to_ticks,
-    speed_to_register,
-    ticks_to_radians,
-)
+from head_tracking.dynamixel.control_table import decode_sign_magnitude
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import AX_12, ServoModel
-from head_tracking.dynamixel.protocol1 import MAX_ID as MAX_ID_1
-from head_tracking.dynamixel.protocol2 import MAX_ID as MAX_ID_2
+from head_tracking.dynamixel.protocol import MAX_ID
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +53,7 @@ class ServoMount:
         object.__setattr__(self, "_lowest_turn", middle - self.model.ticks // 2)
 
     def _check_id(self) -> None:
-        highest = MAX_ID_1 if self.model.protocol == 1 else MAX_ID_2
+        highest = MAX_ID[self.model.protocol]
         if not _is_integer(self.id) or not 0 <= self.id <= highest:
             raise ConfigurationError(
                 f"{self.joint_name}: id {self.id!r} is no servo id; allowed are 0 to {highest}"
@@ -156,3 +150,37 @@ class ServoMount:
 
 def _is_integer(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
+
+
+def ticks_to_radians(ticks: float, zero: float, radians_per_tick: float) -> float:
+    """Return the angle of a tick, in rad, counter-clockwise from the tick `zero`."""
+    return (ticks - zero) * radians_per_tick
+
+
+def radians_to_ticks(angle: float, zero: float, radians_per_tick: float) -> float:
+    """Return the (unrounded) tick of an angle in rad; inverse of `ticks_to_radians`.
+
+    Raises:
+        RangeError: The angle is not a finite number.
+    """
+    if not math.isfinite(angle):
+        raise RangeError(f"an angle of {angle} has no tick; it must be a finite number of radians")
+    return zero + angle / radians_per_tick
+
+
+def speed_to_register(speed: float, unit: float, maximum: int) -> int:
+    """Return the Moving Speed value next to `speed` (rad/s), from 1 to `maximum`.
+
+    Never 0: in joint mode 0 stands for full speed.
+
+    Args:
+        speed: Wanted speed, rad/s, above 0.
+        unit: Speed of one count, rad/s.
+        maximum: Highest value of the register.
+
+    Raises:
+        RangeError: The speed is not a finite number above 0.
+    """
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise RangeError(f"a speed of {speed} rad/s is not possible; it must be finite and above 0")
+    return max(1, min(maximum, round(speed / unit)))

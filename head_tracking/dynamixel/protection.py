@@ -11,7 +11,7 @@ from head_tracking.dynamixel.bus_servo import BusServo
 from head_tracking.dynamixel.command import Torque
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.journal import Journal
-from head_tracking.dynamixel.protocol1 import ErrorBits, describe_errors
+from head_tracking.dynamixel.protocol import ErrorBits, describe_errors
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
 from head_tracking.dynamixel.settings import BusSettings
 

@@ -5,9 +5,14 @@ from __future__ import annotations
 from head_tracking.dynamixel.answer import Answer
 from head_tracking.dynamixel.exceptions import CorruptReplyError
 from head_tracking.dynamixel.port import Reply
-from head_tracking.dynamixel.protocol1 import ErrorBits, describe_errors
-from head_tracking.dynamixel.protocol2 import ALERT, StatusCode, describe_status
-from head_tracking.dynamixel.status_packets import Status
+from head_tracking.dynamixel.protocol import (
+    ALERT,
+    ErrorBits,
+    Status,
+    StatusCode,
+    describe_errors,
+    describe_status,
+)
 
 
 def reply_of(protocol: int, servo_id: int, answer: Answer, length: int, what: str) -> Reply:

@@ -14,18 +14,12 @@ from contextlib import suppress
 from typing import Final
 
 import serial
-from dynamixel_sdk import (
-    COMM_SUCCESS,
-    PortHandler,
-    Protocol1PacketHandler,
-    Protocol2PacketHandler,
-)
+from dynamixel_sdk import PortHandler
 from serial.tools import list_ports
 
 from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
-from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
+from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.port_diagnosis import port_error
-from head_tracking.dynamixel.protocol2 import stuff
 from head_tracking.dynamixel.serial_line import SerialLine
 
 _USUAL_BAUD_RATES: Final = (
@@ -82,56 +76,6 @@ class SerialDevice:
         """Close the device, also one that has gone."""
         with suppress(OSError, termios.error):
             self._handler.closePort()
-
-
-class _Catcher:
-    """Takes the place of the SDK's port handler and keeps what is written."""
-
-    def __init__(self) -> None:
-        self.is_using = False
-        self.packet = b""
-
-    def clearPort(self) -> None:
-        pass
-
-    def writePort(self, packet: list[int]) -> int:
-        self.packet = bytes(packet)
-        return len(packet)
-
-
-class _StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]
-    """The SDK's packet handler, which makes a stuffed packet but sends the other one."""
-
-    def addStuffing(self, packet: list[int]) -> list[int]:
-        content = stuff(bytes(packet[7:-2]))
-        packet[7:-2] = content
-        packet[5:7] = (len(content) + 2).to_bytes(2, "little")
-        return packet
-
-
-_PACKET_HANDLERS: Final = {1: Protocol1PacketHandler(), 2: _StuffingPacketHandler()}
-
-
-def instruction_packet(
-    protocol: int, servo_id: int, instruction: int, parameters: bytes = b""
-) -> bytes:
-    """Return an instruction packet as it goes over the wire.
-
-    Raises:
-        CommunicationError: It would be too long.
-    """
-    if protocol == 1:
-        packet = [0xFF, 0xFF, servo_id, len(parameters) + 2, instruction, *parameters, 0]
-    else:
-        low, high = (len(parameters) + 3).to_bytes(2, "little")
-        packet = [0xFF, 0xFF, 0xFD, 0, servo_id, low, high, instruction, *parameters, 0, 0]
-    handler, port = _PACKET_HANDLERS[protocol], _Catcher()
-    result = handler.txPacket(port, packet)
-    if result != COMM_SUCCESS:
-        raise CommunicationError(
-            f"no packet of {len(parameters)} parameters: {handler.getTxRxResult(result)}"
-        )
-    return port.packet
 
 
 def check_baud_rate(baud_rate: int) -> None:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 from typing import Concatenate, Final, NamedTuple, ParamSpec, TypeVar
 
-from head_tracking.dynamixel.control_table import Block, Register
-from head_tracking.dynamixel.conversions import SIGN_BIT
+from head_tracking.dynamixel.control_table import SIGN_BIT, Block, Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     CorruptReplyError,
@@ -17,8 +16,13 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.port import Reply, ServoPort
-from head_tracking.dynamixel.protocol1 import REFUSALS, ErrorBits, describe_errors
-from head_tracking.dynamixel.protocol2 import ALERT, describe_status
+from head_tracking.dynamixel.protocol import (
+    ALERT,
+    REFUSALS,
+    ErrorBits,
+    describe_errors,
+    describe_status,
+)
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

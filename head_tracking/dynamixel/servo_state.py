@@ -8,7 +8,7 @@ from enum import Enum, IntFlag
 from typing import NamedTuple
 
 from head_tracking.dynamixel.adapter import Adapter
-from head_tracking.dynamixel.protocol1 import NO_ERROR
+from head_tracking.dynamixel.protocol import NO_ERROR
 
 
 class Health(Enum):

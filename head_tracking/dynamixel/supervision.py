@@ -14,7 +14,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.journal import Journal
 from head_tracking.dynamixel.port import ReadMethod, Reply, ServoPort
-from head_tracking.dynamixel.protocol1 import NO_ERROR, ErrorBits
+from head_tracking.dynamixel.protocol import NO_ERROR, ErrorBits
 from head_tracking.dynamixel.reading_plan import ReadingPlan
 from head_tracking.dynamixel.servo_state import EventKind, ServoState
 from head_tracking.dynamixel.settings import BusSettings

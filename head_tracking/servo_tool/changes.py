@@ -10,7 +10,7 @@ from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.eeprom import PAUSE, write_eeprom
 from head_tracking.dynamixel.exceptions import DynamixelError
 from head_tracking.dynamixel.models import MODELS, ServoModel
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID
+from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo_link import ServoLink
 from head_tracking.servo_tool.exceptions import RefusedError, ToolError
 from head_tracking.servo_tool.registers import find_register, in_words, parse_value

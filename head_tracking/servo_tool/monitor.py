@@ -12,7 +12,7 @@ from rich.text import Text
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import CommunicationError, CorruptReplyError
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.dynamixel.protocol1 import describe_errors
+from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo_link import Feedback, ServoLink
 from head_tracking.servo_tool.exceptions import ToolError
 from head_tracking.servo_tool.workshop import Workshop, find_servo, protocol_of

@@ -7,11 +7,16 @@ import re
 from enum import IntFlag
 from typing import Final
 
-from head_tracking.dynamixel.control_table import NUMBER, ControlTable, Register, Sign
-from head_tracking.dynamixel.conversions import encode_sign_magnitude
+from head_tracking.dynamixel.control_table import (
+    NUMBER,
+    ControlTable,
+    Register,
+    Sign,
+    encode_sign_magnitude,
+)
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.dynamixel.protocol1 import describe_errors
+from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.servo_tool.exceptions import ToolError
 
 _QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)

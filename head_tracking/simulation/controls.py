@@ -6,10 +6,14 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Final, Protocol
 
-from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.conversions import decode_sign_magnitude, encode_sign_magnitude
+from head_tracking.dynamixel.control_table import (
+    MX_ACCELERATION,
+    Memory,
+    Register,
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+)
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.dynamixel.units import MX_ACCELERATION
 from head_tracking.simulation.compliance import AX_DAMPING, ComplianceLaw, Side, slope_ticks
 from head_tracking.simulation.drive import Control, Drive, DriveSettings
 from head_tracking.simulation.memory import Refusal, RegisterMemory

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID, Instruction
-from head_tracking.dynamixel.protocol2 import Instruction2
+from head_tracking.dynamixel.protocol import BROADCAST_ID, Instruction
 from head_tracking.simulation.protocol1 import InstructionPacket, StatusPacket
 from head_tracking.simulation.protocol2 import InstructionPacket2, StatusPacket2, joint_status
 from head_tracking.simulation.servo import Packet, SimulatedServo, Status
 
 _SLOT = 1_000_000  # ns between the answers to a ping of all (ours; the SDK allows for 3 ms)
-_FAST = (Instruction2.FAST_SYNC_READ, Instruction2.FAST_BULK_READ)
-_SEPARATE = (Instruction2.SYNC_READ, Instruction2.BULK_READ)
+_FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+_SEPARATE = (Instruction.SYNC_READ, Instruction.BULK_READ)
 
 
 class Reading(NamedTuple):
@@ -43,7 +42,7 @@ def group_read(packet: Packet, servos: Sequence[SimulatedServo], now: int) -> li
             return None
         able = [servo for servo in servos if servo.model.bulk_read]
         return _read_in_turn(packet.bulk_read_shares(), able, now)
-    if code == Instruction2.PING:
+    if code == Instruction.PING:
         return _ping(servos, now)
     if code in _SEPARATE:
         return _read_in_turn(packet.reads(), servos, now)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
+from head_tracking.dynamixel.protocol import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
 from head_tracking.simulation.memory import Refusal
 from head_tracking.simulation.protocol1 import DamagedPacket, InstructionPacket, StatusPacket
 from head_tracking.simulation.servo_body import ServoBody

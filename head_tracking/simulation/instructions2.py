@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from head_tracking.dynamixel.protocol2 import (
+from head_tracking.dynamixel.protocol import (
     ALERT,
     BROADCAST_ID,
     CLEAR_MULTI_TURN,
-    Instruction2,
+    Instruction,
     StatusCode,
 )
 from head_tracking.simulation.memory import Refusal
@@ -40,7 +40,7 @@ class Protocol2:
         """Carry out a packet for this servo; return its answer, if it gives one."""
         servo_id = servo.id  # the answer to a change of the id still carries the old one
         silent = packet.id != servo_id
-        if silent and packet.instruction in (Instruction2.READ, Instruction2.PING):
+        if silent and packet.instruction in (Instruction.READ, Instruction.PING):
             return None  # a ping of all is the bus's business: their order matters
         answers = self._answers(servo, packet.instruction)
         code, data = self._dispatch(servo, packet)
@@ -72,39 +72,39 @@ class Protocol2:
         return ALERT if servo.alarms.active else 0
 
     def _answers(self, servo: ServoBody, instruction: int) -> bool:
-        if instruction == Instruction2.PING:
+        if instruction == Instruction.PING:
             return True
-        return servo.status_return_level >= (1 if instruction == Instruction2.READ else 2)
+        return servo.status_return_level >= (1 if instruction == Instruction.READ else 2)
 
     def _dispatch(self, servo: ServoBody, packet: InstructionPacket2) -> tuple[StatusCode, bytes]:
         parameters = packet.parameters
         match packet.instruction:
-            case Instruction2.PING:
+            case Instruction.PING:
                 return StatusCode.OK, self.ping(servo).data
-            case Instruction2.READ:
+            case Instruction.READ:
                 if len(parameters) != 4:
                     return StatusCode.DATA_LENGTH, b""
                 data = servo.read(*_place(parameters))
                 return (StatusCode.ACCESS, b"") if data is None else (StatusCode.OK, data)
-            case Instruction2.WRITE | Instruction2.REG_WRITE:
+            case Instruction.WRITE | Instruction.REG_WRITE:
                 if len(parameters) < 3:
                     return StatusCode.DATA_LENGTH, b""
-                take = servo.write if packet.instruction == Instruction2.WRITE else servo.keep
+                take = servo.write if packet.instruction == Instruction.WRITE else servo.keep
                 address = int.from_bytes(parameters[:2], "little")
                 return self.ERRORS[take(address, parameters[2:])], b""
-            case Instruction2.ACTION:
+            case Instruction.ACTION:
                 return (StatusCode.OK if servo.act() else StatusCode.INSTRUCTION), b""
-            case Instruction2.FACTORY_RESET:
+            case Instruction.FACTORY_RESET:
                 return self._reset(servo, packet), b""
-            case Instruction2.REBOOT:
+            case Instruction.REBOOT:
                 servo.reboot()
                 return _OK
-            case Instruction2.CLEAR:
+            case Instruction.CLEAR:
                 if parameters != CLEAR_MULTI_TURN:
                     return StatusCode.DATA_RANGE, b""
                 return (StatusCode.OK if servo.clear_turns() else StatusCode.RESULT_FAIL), b""
-            case Instruction2.SYNC_WRITE | Instruction2.BULK_WRITE if packet.id == BROADCAST_ID:
-                bulk = packet.instruction == Instruction2.BULK_WRITE
+            case Instruction.SYNC_WRITE | Instruction.BULK_WRITE if packet.id == BROADCAST_ID:
+                bulk = packet.instruction == Instruction.BULK_WRITE
                 share = packet.bulk_share(servo.id) if bulk else packet.sync_share(servo.id)
                 if share is not None:
                     servo.write(*share)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Self
 
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
+from head_tracking.dynamixel.protocol import BROADCAST_ID, NO_ERROR, ErrorBits, Instruction
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.stream_parser import StreamParser
 from head_tracking.simulation.sync_shares import find_share, join_shares

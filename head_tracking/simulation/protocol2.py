@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Self
 
-from head_tracking.dynamixel.protocol2 import (
+from head_tracking.dynamixel.protocol import (
     BROADCAST_ID,
     HEADER,
     MAX_ID,
     STATUS,
-    Instruction2,
+    Instruction,
     crc16,
     stuff,
     unstuff,
@@ -35,13 +35,13 @@ def _frame(servo_id: int, content: bytes) -> bytes:
         raise SimulationError(
             f"{len(content)} bytes do not fit into a packet; allowed are {_LONGEST - _OVERHEAD + 1}"
         )
-    packet = HEADER + bytes((servo_id,)) + (len(content) + 2).to_bytes(2, "little") + content
+    packet = HEADER[2] + bytes((servo_id,)) + (len(content) + 2).to_bytes(2, "little") + content
     return packet + crc16(packet).to_bytes(2, "little")
 
 
 def _unframe(packet: bytes) -> tuple[int, bytes] | None:
     """Return id and content, unstuffed, of exactly one whole packet."""
-    if len(packet) < _OVERHEAD or packet[:4] != HEADER:
+    if len(packet) < _OVERHEAD or packet[:4] != HEADER[2]:
         return None
     if int.from_bytes(packet[5:7], "little") + 7 != len(packet):
         return None
@@ -60,7 +60,7 @@ class InstructionPacket2:
 
     Attributes:
         id: The servo, or BROADCAST_ID.
-        instruction: Code; see `Instruction2`. Unknown codes can occur.
+        instruction: Code; see `Instruction`. Unknown codes can occur.
         parameters: Bytes after the code, not stuffed.
     """
 
@@ -81,45 +81,45 @@ class InstructionPacket2:
     @classmethod
     def ping(cls, servo_id: int = BROADCAST_ID) -> Self:
         """Return a ping of one servo, or of all."""
-        return cls(servo_id, Instruction2.PING)
+        return cls(servo_id, Instruction.PING)
 
     @classmethod
     def read(cls, servo_id: int, address: int, length: int) -> Self:
         """Return a read of `length` bytes."""
-        return cls(servo_id, Instruction2.READ, _words(address, length))
+        return cls(servo_id, Instruction.READ, _words(address, length))
 
     @classmethod
     def write(cls, servo_id: int, address: int, data: bytes) -> Self:
         """Return a write."""
-        return cls(servo_id, Instruction2.WRITE, _words(address) + data)
+        return cls(servo_id, Instruction.WRITE, _words(address) + data)
 
     @classmethod
     def reg_write(cls, servo_id: int, address: int, data: bytes) -> Self:
         """Return a write that waits for `action`."""
-        return cls(servo_id, Instruction2.REG_WRITE, _words(address) + data)
+        return cls(servo_id, Instruction.REG_WRITE, _words(address) + data)
 
     @classmethod
     def action(cls, servo_id: int = BROADCAST_ID) -> Self:
         """Return the packet that executes waiting writes."""
-        return cls(servo_id, Instruction2.ACTION)
+        return cls(servo_id, Instruction.ACTION)
 
     @classmethod
     def reboot(cls, servo_id: int) -> Self:
         """Return a restart."""
-        return cls(servo_id, Instruction2.REBOOT)
+        return cls(servo_id, Instruction.REBOOT)
 
     @classmethod
     def sync_read(
         cls, address: int, length: int, ids: Sequence[int], *, fast: bool = False
     ) -> Self:
         """Return one read of the same registers of several servos."""
-        code = Instruction2.FAST_SYNC_READ if fast else Instruction2.SYNC_READ
+        code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
         return cls(BROADCAST_ID, code, _words(address, length) + bytes(ids))
 
     @classmethod
     def bulk_read(cls, reads: Mapping[int, tuple[int, int]], *, fast: bool = False) -> Self:
         """Return one read of several servos: address and length by id."""
-        code = Instruction2.FAST_BULK_READ if fast else Instruction2.BULK_READ
+        code = Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ
         shares = (bytes((servo_id,)) + _words(*place) for servo_id, place in reads.items())
         return cls(BROADCAST_ID, code, b"".join(shares))
 
@@ -127,7 +127,7 @@ class InstructionPacket2:
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
         """Return one write for several servos; all shares have the same length."""
         length, shares = join_shares(data)
-        return cls(BROADCAST_ID, Instruction2.SYNC_WRITE, _words(address, length) + shares)
+        return cls(BROADCAST_ID, Instruction.SYNC_WRITE, _words(address, length) + shares)
 
     @classmethod
     def bulk_write(cls, writes: Mapping[int, tuple[int, bytes]]) -> Self:
@@ -136,7 +136,7 @@ class InstructionPacket2:
             bytes((servo_id,)) + _words(address, len(data)) + data
             for servo_id, (address, data) in writes.items()
         )
-        return cls(BROADCAST_ID, Instruction2.BULK_WRITE, b"".join(shares))
+        return cls(BROADCAST_ID, Instruction.BULK_WRITE, b"".join(shares))
 
     def sync_share(self, servo_id: int) -> tuple[int, bytes] | None:
         """Return address and data that a sync write holds for a servo; None if there are none."""
@@ -160,7 +160,7 @@ class InstructionPacket2:
     def reads(self) -> list[tuple[int, int, int]]:
         """Return id, address and length of each read of a sync or bulk read; none if malformed."""
         parameters = self.parameters
-        if self.instruction in (Instruction2.SYNC_READ, Instruction2.FAST_SYNC_READ):
+        if self.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
             address, length = self._words_at(0), self._words_at(2)
             return [(servo_id, address, length) for servo_id in parameters[4:]]
         if len(parameters) % 5:
@@ -211,7 +211,7 @@ def joint_status(shares: Sequence[StatusPacket2], lengths: Sequence[int]) -> byt
         lengths: Bytes of data of each servo that was asked.
     """
     size = 1 + sum(length + 4 for length in lengths)
-    packet = HEADER + bytes((BROADCAST_ID,)) + size.to_bytes(2, "little") + bytes((STATUS,))
+    packet = HEADER[2] + bytes((BROADCAST_ID,)) + size.to_bytes(2, "little") + bytes((STATUS,))
     for share, length in zip(shares, lengths, strict=False):
         packet += bytes((share.error, share.id)) + share.data.ljust(length, b"\0")
         packet += crc16(packet).to_bytes(2, "little")
@@ -239,7 +239,7 @@ class InstructionParser2(StreamParser[InstructionPacket2, DamagedPacket2]):
             if start < 0:
                 return len(buffer)
             begin = buffer[start : start + 7]
-            if HEADER.startswith(begin[:4]) and (len(begin) < 5 or _is_address(begin)):
+            if HEADER[2].startswith(begin[:4]) and (len(begin) < 5 or _is_address(begin)):
                 return start
             start += 1
 
@@ -255,6 +255,6 @@ class InstructionParser2(StreamParser[InstructionPacket2, DamagedPacket2]):
 
 def _is_address(begin: bytearray) -> bool:
     """Return whether a header is followed by a possible id and, if it is there, length."""
-    if begin[4] > MAX_ID and begin[4] != BROADCAST_ID:
+    if begin[4] > MAX_ID[2] and begin[4] != BROADCAST_ID:
         return False
     return len(begin) < 7 or 3 <= begin[5] | begin[6] << 8 <= _LONGEST - 7

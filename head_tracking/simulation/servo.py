@@ -6,7 +6,7 @@ from dataclasses import replace
 from random import Random
 
 from head_tracking.dynamixel.models import AX_12, ServoModel
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID
+from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.simulation.alarms import OVERLOAD_TIME
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.instructions1 import Protocol1

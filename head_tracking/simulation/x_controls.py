@@ -9,9 +9,8 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Final
 
-from head_tracking.dynamixel.control_table import Memory, Register
+from head_tracking.dynamixel.control_table import X_ACCELERATION, X_SPEED, Memory, Register
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.dynamixel.units import X_ACCELERATION, X_SPEED
 from head_tracking.simulation.compliance import ComplianceLaw
 from head_tracking.simulation.drive import Control, Drive, DriveSettings
 from head_tracking.simulation.memory import Refusal, RegisterMemory

@@ -7,14 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from head_tracking.dynamixel import ErrorBits, RangeError, describe_errors
-from head_tracking.dynamixel.conversions import (
+from head_tracking.dynamixel.control_table import (
     decode_sign_magnitude,
     encode_sign_magnitude,
     encode_unsigned,
-    radians_to_ticks,
-    speed_to_register,
-    ticks_to_radians,
 )
+from head_tracking.dynamixel.mount import radians_to_ticks, speed_to_register, ticks_to_radians
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from head_tracking.dynamixel.answer import Failure, Window
 from head_tracking.dynamixel.debts import Debts
 from head_tracking.dynamixel.patience import Patience
-from head_tracking.dynamixel.status_packets import Status
+from head_tracking.dynamixel.protocol import Status
 
 
 class Clock:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol2 import ALERT, crc16
+from head_tracking.dynamixel.protocol import ALERT, crc16
 from head_tracking.simulation import (
     Answer,
     InstructionPacket,

@@ -6,8 +6,7 @@ import pytest
 
 from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.models import MODELS, ServoModel
-from head_tracking.dynamixel.protocol1 import REFUSALS
-from head_tracking.dynamixel.protocol2 import StatusCode
+from head_tracking.dynamixel.protocol import REFUSALS, StatusCode
 from head_tracking.simulation import (
     InstructionPacket,
     InstructionPacket2,

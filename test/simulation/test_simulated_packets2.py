@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_golden_vectors import INSTRUCTIONS_2, STATUSES_2
 
-from head_tracking.dynamixel.protocol2 import crc16
+from head_tracking.dynamixel.protocol import crc16
 from head_tracking.simulation import (
     DamagedPacket2,
     InstructionPacket2,

@@ -13,7 +13,7 @@ from head_tracking.dynamixel import (
     UnknownRegisterError,
     servo_model,
 )
-from head_tracking.dynamixel.protocol1 import REFUSALS
+from head_tracking.dynamixel.protocol import REFUSALS
 from head_tracking.simulation import (
     InstructionPacket,
     SimulatedServo,

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_golden_vectors import INSTRUCTIONS_2, STATUSES_2
 
-from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol2 import ALERT, Instruction2, StatusCode
+from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
+from head_tracking.dynamixel.protocol import Instruction as Instruction2
 from head_tracking.simulation import InstructionPacket2, SimulatedServo, StatusPacket2
 
 Packet = InstructionPacket2
