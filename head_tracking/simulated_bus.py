@@ -46,8 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         bus = SimulatedBus(
             [_servo(option, options, random) for option in servos],
-            faults.line,
-            misfortune=faults,
+            faults=faults,
             echo=options.echo,
         )
         with SimulatedPort(

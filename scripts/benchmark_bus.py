@@ -41,12 +41,12 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import (
     Fault,
     Faults,
-    Oracle,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
     SimulatedPort,
     SimulatedServo,
+    WriteLog,
 )
 
 SERVER = Path(__file__).parent / "paced_bus.py"
@@ -337,9 +337,7 @@ def faulty_cycles() -> str:
         SimulatedServo(1, boot_time=0.0),
         SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
     ]
-    simulated = SimulatedBus(
-        servos, faults.line, misfortune=faults, oracle=Oracle(10 * FAULTY_CYCLES)
-    )
+    simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
     clock = SimulatedClock(PERIOD)
     line = SimulatedLine(simulated, clock)
     joints = [
@@ -366,7 +364,7 @@ def faulty_cycles() -> str:
         lowest, highest = joint.tick_range
         outside += sum(
             not lowest <= taken.goal <= highest
-            for taken in simulated.oracle.taken
+            for taken in simulated.write_log.writes
             if taken.id == joint.id and "Goal Position" in taken.names
         )
     struck = sum(faults.counts.values())

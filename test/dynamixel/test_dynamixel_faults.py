@@ -21,7 +21,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.simulation import Fault, Faults, Oracle, SimulatedBus, SimulatedServo
+from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo, WriteLog
 
 PERIOD = 0.02
 FASTEST = 7.0  # rad/s
@@ -42,9 +42,7 @@ class Ordeal:
             SimulatedServo(i + 1, servo_model(name), boot_time=0.0) for i, name in enumerate(models)
         ]
         self.bench = Bench(
-            SimulatedBus(
-                self.servos, self.faults.line, misfortune=self.faults, oracle=Oracle(1_000_000)
-            )
+            SimulatedBus(self.servos, faults=self.faults, write_log=WriteLog(1_000_000))
         )
         self.joints = [_joint(servo.id, servo.model) for servo in self.servos]
         bench = self.bench
@@ -89,7 +87,7 @@ class Ordeal:
         ranges = {joint.id: joint.tick_range for joint in self.joints}
         return sum(
             not ranges[taken.id][0] <= taken.goal <= ranges[taken.id][1]
-            for taken in self.bench.bus.oracle.taken
+            for taken in self.bench.bus.write_log.writes
             if "Goal Position" in taken.names
         )
 
@@ -97,7 +95,7 @@ class Ordeal:
         """Goals that came with a speed of 0, which is full speed."""
         return sum(
             taken.speed == 0 and "Goal Position" in taken.names
-            for taken in self.bench.bus.oracle.taken
+            for taken in self.bench.bus.write_log.writes
         )
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from simulated_device import Bench
+from simulated_packets import StatusPacket2
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -28,7 +29,7 @@ from head_tracking.dynamixel.protocol import (
     stuff,
     unstuff,
 )
-from head_tracking.simulation import SimulatedServo, StatusPacket2
+from head_tracking.simulation import SimulatedServo
 
 ACK = "FF FF FD 00 01 04 00 55 00 A1 0C"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from simulated_packets import InstructionPacket
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.dynamixel_port import DynamixelPort
@@ -21,13 +22,7 @@ from head_tracking.servo_tool.main import DONE, FAILED, REFUSED
 from head_tracking.servo_tool.registers import find_register, in_words, parse_value
 from head_tracking.servo_tool.terminal import Terminal
 from head_tracking.servo_tool.workshop import Workshop
-from head_tracking.simulation import (
-    InstructionPacket,
-    SimulatedBus,
-    SimulatedClock,
-    SimulatedLine,
-    SimulatedServo,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 AX_12 = servo_model("AX-12")
 XL430 = servo_model("XL430-W250")
@@ -264,7 +259,7 @@ def test_set_says_what_is_wrong_and_writes_nothing(
 def test_set_refuses_goals_beyond_the_servos_limits(bench: Bench) -> None:
     bench[7].set_register("Max Position Limit", 2000)
     assert bench.run("set", "7", "Goal Position", "2001") == REFUSED
-    assert bench.bus.oracle.goals(7) == []
+    assert bench.bus.write_log.goals(7) == []
 
 
 @pytest.mark.parametrize("register", ["Goal Position", "Moving Speed"])

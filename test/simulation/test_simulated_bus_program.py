@@ -10,14 +10,9 @@ from pathlib import Path
 
 import pytest
 import serial
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking import simulated_bus
-from head_tracking.simulation import (
-    InstructionPacket,
-    InstructionPacket2,
-    StatusPacket,
-    StatusPacket2,
-)
 
 PATIENCE = 20.0
 PING = InstructionPacket.ping(1).encode()

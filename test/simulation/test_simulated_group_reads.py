@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, crc16
-from head_tracking.simulation import (
-    Answer,
-    InstructionPacket,
-    InstructionPacket2,
-    SimulatedBus,
-    SimulatedServo,
-    StatusPacket,
-    StatusPacket2,
-)
+from head_tracking.simulation import Answer, SimulatedBus, SimulatedServo
 
 Packet = InstructionPacket2
 XM430 = servo_model("XM430-W350")
@@ -38,7 +31,7 @@ def position(servo_id: int, error: int = 0) -> StatusPacket2:
 def test_sync_read_is_answered_in_the_order_of_the_list() -> None:
     answers = bus().receive(Packet.sync_read(132, 4, (2, 1)).encode(), 0)
     assert statuses(answers) == [position(2), position(1)]
-    assert [answer.follows for answer in answers] == [False, True]
+    assert [answer.turn for answer in answers] == [0, 1]
     golden = bytes.fromhex(INSTRUCTIONS_2["sync read position"][0])
     assert statuses(bus().receive(golden, 0)) == [position(1), position(2)]
 

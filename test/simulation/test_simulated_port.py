@@ -13,18 +13,11 @@ from pathlib import Path
 
 import pytest
 import serial
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.simulation import (
-    InstructionPacket,
-    InstructionPacket2,
-    PortLinkError,
-    SimulatedPort,
-    SimulatedServo,
-    StatusPacket,
-    UnknownServoError,
-)
+from head_tracking.simulation import PortLinkError, SimulatedPort, SimulatedServo, UnknownServoError
 
 PING = InstructionPacket.ping(1).encode()
 PONG = StatusPacket(1).encode()

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_golden_vectors import INSTRUCTIONS_2, STATUSES_2
+from simulated_packets import InstructionPacket2, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
 from head_tracking.dynamixel.protocol import Instruction as Instruction2
-from head_tracking.simulation import InstructionPacket2, SimulatedServo, StatusPacket2
+from head_tracking.simulation import SimulatedServo
 
 Packet = InstructionPacket2
 MS = 1_000_000
@@ -30,7 +31,7 @@ def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
     register = servo.model.control_table[name]
     data = value.to_bytes(register.size, "little", signed=value < 0)
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
-    assert isinstance(status, StatusPacket2)
+    assert status is not None
     return status.error
 
 
