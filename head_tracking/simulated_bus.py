@@ -56,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             latency=options.latency * 1e-3,
             match_baud_rate=options.baud is not None,
             spinning=options.exact,
+            on_failure=stopped.set,
         ) as port:
             print(port.port_name, flush=True)
             print(_summary(servos, options.baud), file=sys.stderr)
@@ -63,9 +64,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SimulationError as error:
         print(f"simulated_bus: {error}", file=sys.stderr)
         return 1
+    if port.overlaps:
+        times = ", ".join(f"{kind.value} {n}" for kind, n in port.overlaps.most_common())
+        print(f"two speakers at once: {times}", file=sys.stderr)
     if faults.counts:
         counts = ", ".join(f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common())
         print(f"faults: {counts}", file=sys.stderr)
+    if port.failure is not None:
+        print("simulated_bus: the simulator itself failed; the port has vanished", file=sys.stderr)
+        return 1
     return 0
 
 

@@ -103,7 +103,8 @@ class PseudoTerminal:
         try:
             if os.path.islink(self.link):
                 target = os.path.realpath(self.link)
-                if os.path.exists(target) and not _is_abandoned(target):
+                ours = target == self.name  # a killed one's number, given out again
+                if os.path.exists(target) and not ours and not _is_abandoned(target):
                     raise PortLinkError(
                         f"cannot make the link {self.link}: it leads to {target}, which is in use, "
                         "perhaps by another simulated bus; end that one, or choose another path"

@@ -29,39 +29,43 @@ class Overlap(Enum):
 
 
 class _Transmission:
-    """Bytes of servos on the wire.
+    """Bytes on the wire, or of the adapter, on their way to the master.
 
     Attributes:
         start: When the first byte begins, ns.
         data: The bytes, as the master will hear them.
+        byte_time: Time of one, ns.
         late: Time by which the adapter hands them on late, ns.
         stalled: Whether a fault made them late.
     """
 
-    def __init__(self, start: int, data: bytes, late: int = 0, stalled: bool = False) -> None:
-        self.start, self.data = start, bytearray(data)
+    def __init__(
+        self, start: int, data: bytes, byte_time: int, late: int = 0, stalled: bool = False
+    ) -> None:
+        self.start, self.data, self.byte_time = start, bytearray(data), byte_time
         self.late, self.stalled = late, stalled
 
-    def end(self, byte_time: int) -> int:
-        """Return when the last byte ends, ns."""
-        return self.start + len(self.data) * byte_time
+    @property
+    def end(self) -> int:
+        """When the last byte ends, ns."""
+        return self.start + len(self.data) * self.byte_time
 
-    def covered(self, start: int, end: int, byte_time: int) -> range:
+    def covered(self, start: int, end: int) -> range:
         """Return the numbers of its bytes that share a moment with a span of time."""
-        first = max(0, (start - self.start) // byte_time)
-        return range(first, min(len(self.data), -(-(end - self.start) // byte_time)))
+        first = max(0, (start - self.start) // self.byte_time)
+        return range(first, min(len(self.data), -(-(end - self.start) // self.byte_time)))
 
-    def absorb(self, other: _Transmission, byte_time: int) -> bool:
+    def absorb(self, other: _Transmission) -> bool:
         """Hear one that begins later at the same time; return whether it mattered."""
         offset = other.start - self.start
+        first = offset // self.byte_time
         changed = False
-        if offset % byte_time:
-            for number in self.covered(other.start, other.end(byte_time), byte_time):
+        if offset % self.byte_time:
+            for number in self.covered(other.start, other.end):
                 self.data[number] ^= _GARBLED
-            self.data += other.data[len(self.data) - offset // byte_time :]
+            self.data += other.data[len(self.data) - first :]
             changed = True
         else:
-            first = offset // byte_time
             for number, byte in enumerate(other.data, first):
                 if number < len(self.data):
                     changed |= self.data[number] != byte
@@ -101,8 +105,7 @@ class SerialLine:
         self.overlaps: Counter[Overlap] = Counter()
         self._paced, self._latency, self._match = paced, latency, match_baud_rate
         self._sent = 0  # when the master's last byte ends
-        self._on_the_wire: list[tuple[_Transmission, int]] = []  # with the time of a byte
-        self._coming: list[tuple[int, bytes]] = []  # when what the adapter adds arrives
+        self._coming: list[_Transmission] = []
 
     def send(self, data: bytes, now: int, baud_rate: int) -> None:
         """Take bytes from the master."""
@@ -110,87 +113,74 @@ class SerialLine:
         for sent in _pieces(data):
             start = max(now, self._sent)
             self._sent = start + len(sent) * byte_time
-            alone = not byte_time or not self._on_the_wire
+            alone = not byte_time or not self._coming
             heard = sent if alone else self._speak_over(sent, start, byte_time)
-            rate = baud_rate if self._match else None
-            self._answer(self.bus.receive(heard, self._sent, rate), byte_time)
+            answers = self.bus.receive(heard, self._sent, baud_rate if self._match else None)
+            if answers:
+                self._answer(answers, byte_time)
 
     def _speak_over(self, piece: bytes, start: int, byte_time: int) -> bytes:
         """Let the master talk while others may; return what servos hear."""
-        heard = _Transmission(start, piece)
-        for status, status_byte_time in self._on_the_wire:
-            if status.start >= self._sent or status.end(status_byte_time) <= start:
+        heard = _Transmission(start, piece, byte_time)
+        for status in self._coming:
+            if status.start >= self._sent or status.end <= start:
                 continue
             self.overlaps[Overlap.STALLED if status.stalled else Overlap.REQUEST] += 1
-            for number in heard.covered(status.start, status.end(status_byte_time), byte_time):
-                heard.data[number] ^= _GARBLED
-            for number in status.covered(start, self._sent, status_byte_time):
-                status.data[number] ^= _GARBLED
+            for spoken, other in ((heard, status), (status, heard)):
+                for number in spoken.covered(other.start, other.end):
+                    spoken.data[number] ^= _GARBLED
         return bytes(heard.data)
 
     def _answer(self, answers: list[Answer], byte_time: int) -> None:
         """Put the answers to one piece on the wire."""
-        unit = byte_time or _NOMINAL
         turn, turn_start, turn_end = 0, self._sent, self._sent
         mine: list[_Transmission] = []
         for answer in answers:
             if answer.echo:
-                self._coming.append((self._handed_on(self._sent), answer.data))
+                self._coming.append(_Transmission(self._sent, answer.data, 0))
                 continue
             if answer.turn != turn:
                 turn, turn_start = answer.turn, turn_end
             start = turn_start + answer.delay + answer.stalled
-            spoken = _Transmission(start, answer.data, answer.late, answer.stalled > 0)
-            turn_end = max(turn_end, spoken.end(byte_time))
-            others = self._on_the_wire if byte_time else [(one, unit) for one in mine]
-            for other, other_unit in others:
-                if other.start < spoken.end(unit) and spoken.start < other.end(other_unit):
-                    spoken = self._merge(spoken, other, unit, twins=other in mine)
+            spoken = _Transmission(
+                start, answer.data, byte_time or _NOMINAL, answer.late, answer.stalled > 0
+            )
+            turn_end = max(turn_end, spoken.end if self._paced else start)
+            for other in list(self._coming if self._paced else mine):
+                if other.start < spoken.end and spoken.start < other.end:
+                    spoken = self._merged(spoken, other, twins=other in mine)
+                    self._coming.remove(other)
                     mine = [one for one in mine if one is not other]
-                    self._on_the_wire = [o for o in self._on_the_wire if o[0] is not other]
             mine.append(spoken)
-            self._on_the_wire.append((spoken, byte_time))
+            self._coming.append(spoken)
 
-    def _merge(
-        self, one: _Transmission, other: _Transmission, unit: int, *, twins: bool
-    ) -> _Transmission:
+    def _merged(self, one: _Transmission, other: _Transmission, *, twins: bool) -> _Transmission:
         first, second = sorted((one, other), key=lambda spoken: spoken.start)
         kind = Overlap.TWINS if twins else Overlap.STATUS
         kind = Overlap.STALLED if one.stalled or other.stalled else kind
-        if first.absorb(second, unit):
+        if first.absorb(second):
             self.overlaps[kind] += 1
         return first
 
-    def _handed_on(self, time: int) -> int:
+    def _due(self, spoken: _Transmission) -> int:
+        time = (spoken.end if self._paced else spoken.start) + spoken.late
         return -(-time // self._latency) * self._latency if self._latency else time
-
-    def _due(self, spoken: _Transmission, byte_time: int) -> int:
-        return self._handed_on(spoken.end(byte_time) + spoken.late)
 
     @property
     def due(self) -> int | None:
         """When the next bytes arrive at the master, ns; None if none are under way."""
-        if not self._on_the_wire and not self._coming:
-            return None
-        times = [self._due(*entry) for entry in self._on_the_wire]
-        return min(times + [time for time, _ in self._coming])
+        return min(map(self._due, self._coming)) if self._coming else None
 
     def take(self, now: int) -> bytes:
         """Return what has arrived at the master."""
-        if not self._on_the_wire and not self._coming:
+        if not self._coming:
             return b""
-        arrived = [(time, data) for time, data in self._coming if time <= now]
-        for spoken, byte_time in self._on_the_wire:
-            time = self._due(spoken, byte_time)
-            if time <= now:
-                arrived.append((time, bytes(spoken.data)))
-        self._coming = [entry for entry in self._coming if entry[0] > now]
-        self._on_the_wire = [entry for entry in self._on_the_wire if self._due(*entry) > now]
-        return b"".join(data for _, data in sorted(arrived, key=lambda entry: entry[0]))
+        arrived = [spoken for spoken in self._coming if self._due(spoken) <= now]
+        self._coming = [spoken for spoken in self._coming if spoken not in arrived]
+        return b"".join(bytes(spoken.data) for spoken in sorted(arrived, key=self._due))
 
     def clear(self) -> None:
         """Forget what is under way."""
-        self._on_the_wire.clear()
         self._coming.clear()
 
 

@@ -90,6 +90,33 @@ def test_faults_are_told_at_the_end(start) -> None:
     assert "faults: drop 1" in program.stop()[1]
 
 
+def test_a_second_one_leaves_the_link_of_a_live_one_alone(start, tmp_path: Path) -> None:
+    link = str(tmp_path / "servos")
+    first = start("--link", link)
+    second = start("--link", link)
+    assert second.process.wait(PATIENCE) == 1
+    assert "in use" in second.process.stderr.read()
+    assert ask(link, PING, 6) == PONG
+    first.process.kill()
+    first.process.wait(PATIENCE)
+    assert ask(start("--link", link).port, PING, 6) == PONG
+
+
+def test_a_fast_sync_read_of_65535_bytes_kills_nobody(start) -> None:
+    program = start("--servo", "XL430-W250:1")
+    packet = InstructionPacket2.sync_read(0, 65_535, (1, 2), fast=True).encode()
+    assert ask(program.port, packet, 0) == b""
+    assert ask(program.port, InstructionPacket2.ping(1).encode(), 14)
+    assert program.stop()[0] == 0
+
+
+def test_two_speakers_are_told_at_the_end(start) -> None:
+    program = start("--servo", "AX-12:1", "--servo", "AX-18A:1")
+    read = InstructionPacket.read(1, 0, 2).encode()
+    assert StatusPacket.decode(ask(program.port, read, 8)) is None
+    assert "two speakers at once: servos with the same id 1" in program.stop()[1]
+
+
 def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:
     link = str(tmp_path / "servos")
     program = start("--link", link, "--unplug-every", "0.1")

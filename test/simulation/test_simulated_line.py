@@ -274,3 +274,18 @@ def test_a_servo_that_is_late_talks_into_what_others_say() -> None:
     at(clock, line, 10_000, READ_2)  # heard while servo 1 answers at last, at 10080 us
     everything(line, clock)
     assert set(line.overlaps) == {Overlap.STALLED}
+
+
+def test_an_armed_watchdog_that_was_forgotten_can_be_seen() -> None:
+    model = servo_model("XM430-W350")
+    bus = SimulatedBus([SimulatedServo(1, model)])
+    clock = SimulatedClock(1)
+    line = SimulatedLine(bus, clock)
+    for address, value in ((98, 5), (64, 1)):
+        line.write(InstructionPacket2.write(1, address, bytes((value,))).encode())
+        assert line.read(100, clock() + 0.1)
+    assert [w.names for w in bus.write_log.writes] == [("Bus Watchdog",), ("Torque Enable",)]
+    clock.now += 10_000_000 * US
+    line.write(InstructionPacket2.read(1, 98, 1).encode())
+    status = StatusPacket2.decode(line.read(100, clock() + 0.1))
+    assert status is not None and status.data == b"\xff"
