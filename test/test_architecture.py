@@ -49,12 +49,7 @@ ONLY_IN = {
     "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
     "xacro": {"transforms/urdf.py"},
     "dynamixel_sdk": {"dynamixel/sdk.py"},
-    "rich": {
-        "servo_tool/info.py",
-        "servo_tool/monitor.py",
-        "servo_tool/scan.py",
-        "servo_tool/terminal.py",
-    },
+    "rich": {"servo_tool/bench.py", "servo_tool/looks.py"},
 }
 
 TABLES = ("configuration", "control_table", "exceptions", "models", "protocol")

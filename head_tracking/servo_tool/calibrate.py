@@ -11,8 +11,7 @@ from head_tracking.dynamixel.exceptions import CommunicationError, Configuration
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.mount import ServoMount
 from head_tracking.dynamixel.servo_link import ServoLink
-from head_tracking.servo_tool.exceptions import RefusedError, ToolError
-from head_tracking.servo_tool.workshop import Workshop, find_servo
+from head_tracking.servo_tool.bench import RefusedError, ToolError, Workshop, find_servo
 
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad

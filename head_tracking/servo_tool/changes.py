@@ -12,9 +12,14 @@ from head_tracking.dynamixel.exceptions import DynamixelError
 from head_tracking.dynamixel.models import MODELS, ServoModel
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo_link import ServoLink
-from head_tracking.servo_tool.exceptions import RefusedError, ToolError
+from head_tracking.servo_tool.bench import (
+    RefusedError,
+    ToolError,
+    Workshop,
+    find_servo,
+    protocol_of,
+)
 from head_tracking.servo_tool.registers import find_register, in_words, parse_value
-from head_tracking.servo_tool.workshop import Workshop, find_servo, protocol_of
 
 _STIFFENING: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 _TORQUE_BY_GOAL: Final = 8  # bit of Drive Mode

@@ -10,14 +10,10 @@ from pathlib import Path
 from head_tracking.command_line import between, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
+from head_tracking.servo_tool.bench import RefusedError, Terminal, ToolError, Workshop
 from head_tracking.servo_tool.calibrate import Wanted, calibrate
 from head_tracking.servo_tool.changes import relax, set_baud_rate, set_id, set_register
-from head_tracking.servo_tool.exceptions import RefusedError, ToolError
-from head_tracking.servo_tool.info import info
-from head_tracking.servo_tool.monitor import monitor
-from head_tracking.servo_tool.scan import USUAL_BAUD_RATES, scan
-from head_tracking.servo_tool.terminal import Terminal
-from head_tracking.servo_tool.workshop import Workshop
+from head_tracking.servo_tool.looks import USUAL_BAUD_RATES, info, monitor, scan
 
 DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
 """Exit codes; 2 is argparse's, for a command line that makes no sense."""

@@ -16,12 +16,10 @@ from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import MODELS, servo_model
 from head_tracking.dynamixel.port_diagnosis import port_error
 from head_tracking.servo_tool import main as tool
+from head_tracking.servo_tool.bench import RefusedError, Terminal, ToolError, Workshop
 from head_tracking.servo_tool.calibrate import Wanted, mount_of
-from head_tracking.servo_tool.exceptions import RefusedError, ToolError
 from head_tracking.servo_tool.main import DONE, FAILED, REFUSED
 from head_tracking.servo_tool.registers import find_register, in_words, parse_value
-from head_tracking.servo_tool.terminal import Terminal
-from head_tracking.servo_tool.workshop import Workshop
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 AX_12 = servo_model("AX-12")
