@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
-from head_tracking.dynamixel.eeprom import PAUSE, write_eeprom
 from head_tracking.dynamixel.exceptions import DynamixelError
 from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
-from head_tracking.dynamixel.servo_link import ServoLink
+from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.servo_tool.bench import (
     RefusedError,
     ToolError,
@@ -41,7 +40,7 @@ def set_register(
     return set_baud_rate(workshop, servo_id, link.model.baud_rates.get(value, 0), model)
 
 
-def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) -> None:
+def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     terminal = workshop.terminal
     told = f"{value} {in_words(link.model, register, value)}".strip()
     if register.name == "Status Return Level":
@@ -51,7 +50,7 @@ def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) ->
         _check_torque(link)
         _ask(workshop, link, f"{register.name} = {told} (now {before})")
         if register.memory is Memory.EEPROM:
-            write_eeprom(link, {register.name: value}, workshop.pause)
+            run(link.write_eeprom({register.name: value}), workshop.pause)
         else:
             link.set(register.name, value)
     elif register.name == "Torque Enable" and value:
@@ -64,7 +63,7 @@ def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) ->
     terminal.show(f"servo {link.id}: {register.name} = {told}")
 
 
-def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
+def _set_return_level(workshop: Workshop, link: Servo, value: int) -> None:
     """Set what a servo answers; it may be one that answers nothing but pings."""
     register = link.model.control_table["Status Return Level"]
     kept = register.memory is Memory.EEPROM
@@ -73,7 +72,7 @@ def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
         link.release()
     link.acknowledges_writes = False  # the answer, if any, is by the new level
     link.write(link.model.control_table.block(register.name), value)
-    workshop.pause(PAUSE)
+    workshop.pause(EEPROM_PAUSE)
     if value == 0:
         workshop.terminal.say(
             f"servo {link.id} answers nothing but pings from now on; this tool needs --model "
@@ -85,7 +84,7 @@ def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
         raise ToolError(f"servo {link.id} keeps {after} in {register.name}")
 
 
-def _ask(workshop: Workshop, link: ServoLink, what: str) -> None:
+def _ask(workshop: Workshop, link: Servo, what: str) -> None:
     workshop.terminal.confirm(f"Set {what} in servo {link.id} ({link.model.name})?")
 
 
@@ -111,7 +110,7 @@ def set_id(workshop: Workshop, servo_id: int, new_id: int, model: ServoModel | N
         _check_memory(link)
         workshop.terminal.confirm(f"Give servo {servo_id} ({link.model.name}) the id {new_id}?")
         link.write(link.model.control_table.block("ID"), new_id)
-        workshop.pause(PAUSE)
+        workshop.pause(EEPROM_PAUSE)
         if protocol_of(port, new_id) is None:
             raise ToolError(f"the servo does not answer with id {new_id}; look for it: servo scan")
     workshop.terminal.show(f"servo {servo_id} has the id {new_id} now")
@@ -138,7 +137,7 @@ def set_baud_rate(workshop: Workshop, servo_id: int, rate: int, model: ServoMode
     with workshop.port() as port:
         link = find_servo(port, servo_id, model)
         link.write(link.model.control_table.block("Baud Rate"), codes[rate])
-        workshop.pause(PAUSE)
+        workshop.pause(EEPROM_PAUSE)
     with workshop.port(rate) as port:
         if protocol_of(port, servo_id) is None:
             raise ToolError(
@@ -168,7 +167,7 @@ def _relax_all(port: DynamixelPort) -> None:
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
 
 
-def _check_torque(link: ServoLink) -> None:
+def _check_torque(link: Servo) -> None:
     if link.get("Torque Enable"):
         raise RefusedError(
             f"the torque of servo {link.id} is on, and its memory must not be changed then; hold "
@@ -176,13 +175,13 @@ def _check_torque(link: ServoLink) -> None:
         )
 
 
-def _check_memory(link: ServoLink) -> None:
+def _check_memory(link: Servo) -> None:
     _check_torque(link)
     if "Lock" in link.model.control_table and link.get("Lock"):
         raise RefusedError(f"the memory of servo {link.id} is locked; switch its power off and on")
 
 
-def _check_goal(link: ServoLink, register: Register, value: int) -> None:
+def _check_goal(link: Servo, register: Register, value: int) -> None:
     """Refuse goals beyond the servo's own limits, and those that switch torque on."""
     if register.name in _STIFFENING and _stiffens(link) and not link.get("Torque Enable"):
         raise RefusedError(
@@ -199,14 +198,14 @@ def _check_goal(link: ServoLink, register: Register, value: int) -> None:
         )
 
 
-def _stiffens(link: ServoLink) -> bool:
+def _stiffens(link: Servo) -> bool:
     """Return whether goals switch torque on: AX servos do so, others if they are told to."""
     if "Drive Mode" in link.model.control_table and link.model.protocol == 2:
         return bool(link.get("Drive Mode") & _TORQUE_BY_GOAL)
     return link.model.sign_magnitude
 
 
-def _goes_to_positions(link: ServoLink) -> bool:
+def _goes_to_positions(link: Servo) -> bool:
     table = link.model.control_table
     if "Operating Mode" in table:
         return link.get("Operating Mode") == 3
@@ -216,7 +215,7 @@ def _goes_to_positions(link: ServoLink) -> bool:
     return low != high
 
 
-def _hold(link: ServoLink) -> None:
+def _hold(link: Servo) -> None:
     """Switch torque on where the servo stands, not on the way to an old goal."""
     if not _goes_to_positions(link):
         raise RefusedError(
@@ -225,6 +224,7 @@ def _hold(link: ServoLink) -> None:
         )
     low, high = (link.get(name) for name in link.model.position_limits)
     try:
-        link.pin(low, high)
+        link.range = (low, high)
+        run(link.pin())
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
