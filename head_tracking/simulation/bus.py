@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -96,10 +96,7 @@ class SimulatedBus:
         for servo in self._servos:
             servo.write_log = self.write_log
         self._line, self._faults, self._echo = line, faults, echo
-        protocols = sorted({servo.model.protocol for servo in self._servos})
-        self._parsers = {
-            protocol: PacketParser(protocol, _MAX_GAP[protocol]) for protocol in protocols
-        }
+        self.allow_gaps(_MAX_GAP)
 
     def __iter__(self) -> Iterator[SimulatedServo]:
         return iter(self._servos)
@@ -115,6 +112,11 @@ class SimulatedBus:
                 return servo
         ids = ", ".join(str(servo.id) for servo in self._servos)
         raise UnknownServoError(f"no simulated servo has id {servo_id}; there are {ids}")
+
+    def allow_gaps(self, longest: Mapping[int, int]) -> None:
+        """Set the pause within a packet that servos bear, ns, by protocol."""
+        protocols = sorted({servo.model.protocol for servo in self._servos})
+        self._parsers = {number: PacketParser(number, longest[number]) for number in protocols}
 
     @property
     def at_rest(self) -> bool:

@@ -303,3 +303,13 @@ def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() ->
     assert not line.overlaps
     clock.now += 200_000 * US
     assert len(transaction(line, clock, READ_2)[0]) == 14
+
+
+@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (2_000, False)])
+def test_servos_of_protocol_2_forget_what_is_interrupted(pause: int, answered: bool) -> None:
+    line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
+    ping = InstructionPacket2.ping(1).encode()
+    line.write(ping[:6])
+    clock.now += pause * US
+    assert bool(transaction(line, clock, ping[6:])[0]) == answered
+    assert transaction(line, clock, ping)[0]
