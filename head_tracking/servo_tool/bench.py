@@ -28,7 +28,7 @@ _LOOKS = 10.0  # Hz
 _PLAIN_WIDTH = 120  # where there is no terminal that has one
 _ATTEMPTS = 3
 _TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
-_MODEL_NUMBER = (0, 2)  # address and bytes, the same for all models
+MODEL_NUMBER = (0, 2)  # address and bytes, the same for all models
 
 
 class ToolError(Exception):
@@ -250,7 +250,7 @@ def read_model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int 
     """Return the model number of a servo; None if it answers no reads."""
     for _ in range(_ATTEMPTS):
         try:
-            reply = port.read(servo_id, *_MODEL_NUMBER, protocol)
+            reply = port.read(servo_id, *MODEL_NUMBER, protocol)
         except CommunicationError:
             continue
         return int.from_bytes(reply.data, "little")

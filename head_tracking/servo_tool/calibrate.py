@@ -39,8 +39,12 @@ def calibrate(
     margin: float,
 ) -> int:
     """Ask for three poses of each joint, write the configuration and return the exit code."""
-    if output is not None and output.exists():
-        workshop.terminal.confirm(f"Replace {output}?")
+    _check_twice("name", [servo.name for servo in wanted])
+    _check_twice("id", [servo.id for servo in wanted])
+    if output is not None:
+        _check_writable(output)
+        if output.exists():
+            workshop.terminal.confirm(f"Replace {output}?")
     mounts: list[ServoCalibration] = []
     with workshop.port() as port:
         links = [find_servo(port, servo.id, model) for servo in wanted]
@@ -57,9 +61,36 @@ def calibrate(
         try:
             output.write_text(text)
         except OSError as error:
-            raise ToolError(f"cannot write {output}: {error.strerror}") from error
+            workshop.terminal.show(text)
+            raise ToolError(
+                f"cannot write {output}: {error.strerror}; what it should hold is shown instead"
+            ) from error
         workshop.terminal.say(f"written to {output}")
     return 0
+
+
+def _check_twice(what: str, values: Sequence[str | int]) -> None:
+    for value in values:
+        if values.count(value) > 1:
+            raise RefusedError(
+                f"{what} {value} is there {values.count(value)} times; each joint needs a name and "
+                "a servo of its own"
+            )
+
+
+def _check_writable(output: Path) -> None:
+    """Find out before the first pose whether the file can be written."""
+    new = not output.exists()
+    try:
+        with output.open("a"):
+            pass
+        if new:
+            output.unlink()
+    except OSError as error:
+        raise ToolError(
+            f"cannot write {output}: {error.strerror}; choose a file in a directory that is there "
+            "and that you may write to"
+        ) from error
 
 
 def _calibrate(workshop: Workshop, servo: Wanted, link: Servo, margin: float) -> ServoCalibration:

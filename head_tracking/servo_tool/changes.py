@@ -18,7 +18,13 @@ from head_tracking.servo_tool.bench import (
     find_servo,
     protocol_of,
 )
-from head_tracking.servo_tool.registers import find_register, in_words, parse_value
+from head_tracking.servo_tool.registers import (
+    UNLIMITED,
+    asks_for_full_speed,
+    find_register,
+    in_words,
+    parse_value,
+)
 
 _STIFFENING: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 _TORQUE_BY_GOAL: Final = 8  # bit of Drive Mode
@@ -33,6 +39,7 @@ def set_register(
         register = find_register(link.model.control_table, name)
         value = parse_value(register, text)
         if register.name not in ("ID", "Baud Rate"):
+            _check_speed(link, register, value, text)
             _set(workshop, link, register, value)
             return 0
     if register.name == "ID":
@@ -42,7 +49,8 @@ def set_register(
 
 def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     terminal = workshop.terminal
-    told = f"{value} {in_words(link.model, register, value)}".strip()
+    words = in_words(link.model, register, value)
+    told = f"{value} {words}".strip() if value or not _is_wheel(link) else str(value)
     if register.name == "Status Return Level":
         _set_return_level(workshop, link, value)
     elif register.memory is Memory.EEPROM or register.name == "Lock":
@@ -54,11 +62,9 @@ def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> Non
         else:
             link.set(register.name, value)
     elif register.name == "Torque Enable" and value:
-        _hold(link)
-        speed = link.model.goal.registers[1 if link.model.position_first else 0].name
-        terminal.say(f"it stands still; its {speed} is {link.get(speed)} now, its lowest")
+        _hold(workshop, link)
     else:
-        _check_goal(link, register, value)
+        _check_goal(workshop, link, register, value)
         link.set(register.name, value)
     terminal.show(f"servo {link.id}: {register.name} = {told}")
 
@@ -181,9 +187,27 @@ def _check_memory(link: Servo) -> None:
         raise RefusedError(f"the memory of servo {link.id} is locked; switch its power off and on")
 
 
-def _check_goal(link: Servo, register: Register, value: int) -> None:
+def _check_speed(link: Servo, register: Register, value: int, text: str) -> None:
+    """Refuse a speed of 0 that is full speed, unless it is called so."""
+    if register.name not in UNLIMITED or value:
+        return
+    full, asked = register.name == "Profile Velocity" or not _is_wheel(link), text.strip()
+    if full and not asks_for_full_speed(text):
+        lowest = in_words(link.model, register, 1)
+        raise RefusedError(
+            f"{asked} is 0 in {register.name}, and that is not a stop but full speed; the slowest "
+            f"is 1, {lowest}. If full speed is wanted: servo set {link.id} '{register.name}' full"
+        )
+    if not full and asks_for_full_speed(text):
+        raise RefusedError(f"servo {link.id} is in wheel mode, where 0 is a stop, not full speed")
+
+
+def _check_goal(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     """Refuse goals beyond the servo's own limits, and those that switch torque on."""
-    if register.name in _STIFFENING and _stiffens(link) and not link.get("Torque Enable"):
+    if register.name not in _STIFFENING:
+        return
+    relaxed = not link.get("Torque Enable")
+    if relaxed and _stiffens(link):
         raise RefusedError(
             f"servo {link.id} is relaxed, and this would switch its torque on while it is on the "
             f"way to a goal; switch it on first: servo set {link.id} 'Torque Enable' 1"
@@ -196,6 +220,15 @@ def _check_goal(link: Servo, register: Register, value: int) -> None:
             f"goal {value} is outside the limits of servo {link.id}, {low} to {high} "
             f"({' and '.join(link.model.position_limits)})"
         )
+    speed = _speed_register(link)
+    if not relaxed and link.get(speed) == 0:
+        workshop.terminal.confirm(
+            f"The {speed} of servo {link.id} is 0: it goes there at full speed. Go on?"
+        )
+
+
+def _speed_register(link: Servo) -> str:
+    return link.model.goal.registers[1 if link.model.position_first else 0].name
 
 
 def _stiffens(link: Servo) -> bool:
@@ -205,17 +238,25 @@ def _stiffens(link: Servo) -> bool:
     return link.model.sign_magnitude
 
 
-def _goes_to_positions(link: Servo) -> bool:
+def _is_wheel(link: Servo) -> bool:
+    """Return whether the servo turns without end, at a speed of which 0 is a stop."""
     table = link.model.control_table
     if "Operating Mode" in table:
-        return link.get("Operating Mode") == 3
+        return False  # it has a Goal Velocity for that
     if "Control Mode" in table:
-        return link.get("Control Mode") == 2
+        return link.get("Control Mode") == 1
+    return all(link.get(name) == 0 for name in link.model.position_limits)
+
+
+def _goes_to_positions(link: Servo) -> bool:
+    """Return whether the servo goes to positions within one turn."""
+    if "Operating Mode" in link.model.control_table:
+        return link.get("Operating Mode") == 3
     low, high = (link.get(name) for name in link.model.position_limits)
-    return low != high
+    return low != high and not _is_wheel(link)
 
 
-def _hold(link: Servo) -> None:
+def _hold(workshop: Workshop, link: Servo) -> None:
     """Switch torque on where the servo stands, not on the way to an old goal."""
     if not _goes_to_positions(link):
         raise RefusedError(
@@ -223,8 +264,19 @@ def _hold(link: Servo) -> None:
             "first"
         )
     low, high = (link.get(name) for name in link.model.position_limits)
+    # A relaxed X servo counts turns; torque on ends that.
+    stands = link.calibration.fold(link.get("Present Position"))
+    outside = not low <= stands <= high
+    if outside:
+        workshop.terminal.confirm(
+            f"Servo {link.id} stands at {stands}, outside its limits, {low} to {high}: with torque "
+            f"on it creeps to {max(low, min(high, stands))}. Switch it on?"
+        )
     try:
         link.range = (low, high)
-        run(link.pin())
+        goal = run(link.pin())
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
+    speed = _speed_register(link)
+    state = f"it creeps to {goal}" if outside else "it stands still"
+    workshop.terminal.say(f"{state}; its {speed} is {link.get(speed)} now, its lowest")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from rich.table import Table
@@ -19,11 +19,12 @@ from head_tracking.dynamixel.exceptions import (
     PortMissingError,
     PortPermissionError,
 )
-from head_tracking.dynamixel.models import ServoModel
+from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Feedback, Servo, model_name
 from head_tracking.servo_tool.bench import (
+    MODEL_NUMBER,
     ToolError,
     Workshop,
     find_servo,
@@ -43,16 +44,20 @@ class Found:
     """A servo that answered.
 
     Attributes:
-        baud_rate: Bits per second.
+        baud_rate: Bits per second at which it was asked.
         protocol: 1 or 2.
         id: Its id.
         model_number: Its Model Number; None if it answers no reads.
+        set_to: The baud rate that its own register tells; None: nobody knows.
+        garbled: Whether its answers are damaged, though it is there.
     """
 
     baud_rate: int
     protocol: int
     id: int
     model_number: int | None
+    set_to: int | None = None
+    garbled: bool = False
 
 
 def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> int:
@@ -76,7 +81,14 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
             "name other baud rates with --bauds"
         )
         return 1
-    found.sort(key=lambda servo: (baud_rates.index(servo.baud_rate), servo.id))
+    if any(servo.set_to not in (None, servo.baud_rate) for servo in found):
+        terminal.say(
+            f"{workshop.port_name} reaches servos whatever the baud rate, as some USB adapters and "
+            "simulated buses do: each is shown once, at the rate it is set to"
+        )
+        found = _each_once(found)
+    order = {rate: number for number, rate in enumerate(baud_rates)}
+    found.sort(key=lambda servo: (order.get(servo.baud_rate, len(order)), servo.id))
     terminal.show(_found_table(found))
     _warn_of_twins(workshop, found)
     return 0
@@ -91,14 +103,40 @@ def _scan_port(
         for servo_id, (model_number, _) in sorted(port.find_all().items()):
             if servo_id in ids:
                 second.add(servo_id)
-                yield Found(port.baud_rate, 2, servo_id, model_number)
+                yield _found(port, 2, servo_id, model_number)
     for servo_id in ids:
         for protocol in (1, 2):
             known = protocol == 2 and (servo_id in second or len(ids) > _FEW or servo_id > 252)
             if not known and _answers(port, servo_id, protocol):
                 number = read_model_number(port, servo_id, protocol)
-                yield Found(port.baud_rate, protocol, servo_id, number)
+                yield _found(port, protocol, servo_id, number)
         advance(f"{what}, id {servo_id}", 1)
+
+
+def _found(port: DynamixelPort, protocol: int, servo_id: int, number: int | None) -> Found:
+    """Return what can be told of a servo that answers pings."""
+    rate, garbled = None, False
+    try:
+        if number is None:
+            port.read(servo_id, *MODEL_NUMBER, protocol)
+        else:
+            link = Servo(port, servo_id, servo_model_by_number(number))
+            rate = link.model.baud_rates.get(link.get("Baud Rate"))
+            link.read_feedback(3)
+    except CorruptReplyError:
+        garbled = True
+    except (CommunicationError, ConfigurationError):
+        pass  # it answers no reads, or nobody knows the model
+    return Found(port.baud_rate, protocol, servo_id, number, rate, garbled)
+
+
+def _each_once(found: Sequence[Found]) -> list[Found]:
+    """Return each servo once, though it answers at several baud rates."""
+    once: dict[tuple[int, int, int | None, int | None], Found] = {}
+    for servo in found:
+        key = (servo.protocol, servo.id, servo.model_number, servo.set_to)
+        once.setdefault(key, replace(servo, baud_rate=servo.set_to or servo.baud_rate))
+    return list(once.values())
 
 
 def _answers(port: DynamixelPort, servo_id: int, protocol: int) -> bool:
@@ -112,7 +150,8 @@ def _answers(port: DynamixelPort, servo_id: int, protocol: int) -> bool:
 def _found_table(found: Sequence[Found]) -> Table:
     table = Table("baud rate", "id", "model", "protocol", box=None)
     for servo in found:
-        name = "answers no reads" if servo.model_number is None else model_name(servo.model_number)
+        silent = "damaged answers" if servo.garbled else "answers no reads"
+        name = silent if servo.model_number is None else model_name(servo.model_number)
         table.add_row(str(servo.baud_rate), str(servo.id), name, f"{servo.protocol}.0")
     return table
 
@@ -124,10 +163,15 @@ def _warn_of_twins(workshop: Workshop, found: Sequence[Found]) -> None:
         places.setdefault(servo.id, []).append(servo)
     for servo_id, twins in places.items():
         if len(twins) > 1:
-            workshop.terminal.say(
-                f"id {servo_id} is taken {len(twins)} times; on one bus each servo needs its own: "
-                "connect one of them alone and use `servo set-id`"
-            )
+            taken = f"is taken {len(twins)} times"
+        elif twins[0].garbled:
+            taken = "is probably taken twice, for what it answers is damaged"
+        else:
+            continue
+        workshop.terminal.say(
+            f"id {servo_id} {taken}; on one bus each servo needs its own: connect one of them "
+            "alone and use `servo set-id`"
+        )
 
 
 def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_them: bool) -> int:

@@ -31,6 +31,14 @@ _OTHER_UNITS: Final = {
 }
 """What else a quantity may be given in, by the register's own unit."""
 
+UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
+"""Registers in which 0 is full speed, not a stop."""
+
+
+def asks_for_full_speed(text: str) -> bool:
+    """Return whether a value calls full speed by its name."""
+    return text.strip().lower() in ("full", "full speed")
+
 
 def find_register(table: ControlTable, text: str) -> Register:
     """Return the register of that name, in capitals or not, or at that address.
@@ -48,11 +56,13 @@ def find_register(table: ControlTable, text: str) -> Register:
 
 
 def parse_value(register: Register, text: str) -> int:
-    """Return the register value for a number of counts, or for a quantity with its unit.
+    """Return the register value for a number of counts, a quantity with its unit, or "full".
 
     Raises:
         ToolError: It is neither, or outside the register's range.
     """
+    if register.name in UNLIMITED and asks_for_full_speed(text):
+        return 0
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ToolError(f"{text!r} is no value for {register.name}; {_allowed(register)}")
@@ -91,6 +101,8 @@ def in_words(model: ServoModel, register: Register, value: int) -> str:
         return describe_errors(errors)
     if register.unit == NUMBER:
         return ""
+    if register.name in UNLIMITED and value == 0:
+        return "full speed"
     try:
         quantity = register.in_unit(value)
     except RangeError:

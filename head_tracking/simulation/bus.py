@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -14,6 +14,7 @@ from head_tracking.dynamixel.protocol import (
     Packet,
     PacketParser,
     Status,
+    encode_packet,
     encode_status,
     joint_status,
 )
@@ -22,6 +23,8 @@ from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import WriteLog
 
 _BAUD_TOLERANCE: Final = 0.03
+_MAX_GAP: Final = {1: 100_000_000, 2: 1_500_000}
+"""Pause within a packet after which servos forget it, ns, by protocol (e-manual)."""
 _PING_SLOT: Final = 1_000_000  # ns between the answers to a ping of all (ours; the SDK allows 3 ms)
 
 
@@ -35,6 +38,7 @@ class Answer:
         turn: Servos that answer in turn wait for the end of the turn before; servos with the same
             id have the same turn.
         stalled: Time by which the servo itself is late, ns: it talks when others may.
+        complaint: Whether the servo says that a packet was damaged, perhaps one for somebody else.
         late: Time by which the adapter hands the answer on too late, ns; others do not wait for it.
         echo: Whether it is the adapter that sends back what it was sent; nothing is on the wire.
     """
@@ -43,6 +47,7 @@ class Answer:
     delay: int
     turn: int = 0
     stalled: int = 0
+    complaint: bool = False
     late: int = 0
     echo: bool = False
 
@@ -91,8 +96,7 @@ class SimulatedBus:
         for servo in self._servos:
             servo.write_log = self.write_log
         self._line, self._faults, self._echo = line, faults, echo
-        protocols = sorted({servo.model.protocol for servo in self._servos})
-        self._parsers = {protocol: PacketParser(protocol) for protocol in protocols}
+        self.allow_gaps(_MAX_GAP)
 
     def __iter__(self) -> Iterator[SimulatedServo]:
         return iter(self._servos)
@@ -108,6 +112,11 @@ class SimulatedBus:
                 return servo
         ids = ", ".join(str(servo.id) for servo in self._servos)
         raise UnknownServoError(f"no simulated servo has id {servo_id}; there are {ids}")
+
+    def allow_gaps(self, longest: Mapping[int, int]) -> None:
+        """Set the pause within a packet that servos bear, ns, by protocol."""
+        protocols = sorted({servo.model.protocol for servo in self._servos})
+        self._parsers = {number: PacketParser(number, longest[number]) for number in protocols}
 
     @property
     def at_rest(self) -> bool:
@@ -133,7 +142,9 @@ class SimulatedBus:
             data, more = self._faults.request(self, data, now)
             answers += more
         for protocol, parser in self._parsers.items():
-            for packet in parser.feed(data, now):
+            begun = parser.pending > 0
+            found = parser.feed(data, now)
+            for packet in _not_swallowed(found, protocol, data) if begun else found:
                 hearers = [
                     servo
                     for servo in self._servos
@@ -148,6 +159,29 @@ class SimulatedBus:
         if self._faults is None:
             return passed
         return [spoilt for one in passed for spoilt in self._faults.answer(one)]
+
+
+def _not_swallowed(
+    found: Sequence[Packet | DamagedPacket], protocol: int, data: bytes
+) -> list[Packet | DamagedPacket]:
+    """Return what ends in the bytes that came last.
+
+    A damaged length swallows what follows, and packets are found there when it is over; a servo
+    answers none of them any more.
+    """
+    heard: list[Packet | DamagedPacket] = []
+    for packet in reversed(found):
+        if isinstance(packet, Packet):
+            whole = encode_packet(protocol, *packet)
+            at = data.rfind(whole)
+            ends = (data.startswith(whole[-count:]) for count in range(1, len(whole)))
+            if at < 0 and not any(ends):
+                continue
+            data = data[: max(0, at)]
+        elif heard:
+            continue
+        heard.insert(0, packet)
+    return heard
 
 
 def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:
@@ -181,11 +215,11 @@ def _answers(
     for servo in servos:
         delay = servo.return_delay  # a new one holds from the next packet on
         if isinstance(packet, DamagedPacket):
-            status = servo.complain(packet, now)
+            status, complaint = servo.complain(packet, now), True
         else:
-            status = servo.execute(packet, now)
+            status, complaint = servo.execute(packet, now), False
         if status is not None:
-            yield Answer(encode_status(protocol, status), delay)
+            yield Answer(encode_status(protocol, status), delay, complaint=complaint)
 
 
 def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | None:

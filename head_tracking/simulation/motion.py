@@ -12,6 +12,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from head_tracking.dynamixel.models import ServoModel
@@ -87,26 +88,27 @@ class ControlLaw(NamedTuple):
     limit: float
     damping: float
 
-    @classmethod
-    def compliance(
-        cls, unit: float, margins: tuple[int, int], slopes: tuple[int, int], punch: float,
-        limit: float,
-    ) -> ControlLaw:  # fmt: skip
-        """Return the law of an AX from its registers, clockwise first; `unit` is rad per tick."""
-        cw, ccw = (next((step for step in _SLOPES if slope >= step), 2) for slope in slopes)
-        return cls(
-            margins[0] * unit, cw * unit, margins[1] * unit, ccw * unit, punch, limit, _AX_DAMPING
-        )
 
-    @classmethod
-    def proportional(
-        cls, model: ServoModel, slope: float, limit: float, punch: float = 0.0
-    ) -> ControlLaw:
-        """Return the law of a proportional gain; `slope` is the error at full drive, rad."""
-        frequency = math.sqrt(model.no_load_speed / (_TIME_CONSTANT * slope))
-        wanted = 2.0 * _DAMPING_RATIO * frequency - 1.0 / _TIME_CONSTANT  # the motor damps too
-        damping = max(0.0, wanted * _TIME_CONSTANT / model.no_load_speed)
-        return cls(0.0, slope, 0.0, slope, punch, limit, damping)
+@lru_cache(maxsize=1024)
+def compliance_law(
+    unit: float, margins: tuple[int, int], slopes: tuple[int, int], punch: float, limit: float
+) -> ControlLaw:
+    """Return the law of an AX from its registers, clockwise first; `unit` is rad per tick."""
+    cw, ccw = (next((step for step in _SLOPES if slope >= step), 2) for slope in slopes)
+    return ControlLaw(
+        margins[0] * unit, cw * unit, margins[1] * unit, ccw * unit, punch, limit, _AX_DAMPING
+    )
+
+
+@lru_cache(maxsize=1024)
+def proportional_law(
+    no_load_speed: float, slope: float, limit: float, punch: float = 0.0
+) -> ControlLaw:
+    """Return the law of a proportional gain; `slope` is the error at full drive, rad."""
+    frequency = math.sqrt(no_load_speed / (_TIME_CONSTANT * slope))
+    wanted = 2.0 * _DAMPING_RATIO * frequency - 1.0 / _TIME_CONSTANT  # the motor damps too
+    damping = max(0.0, wanted * _TIME_CONSTANT / no_load_speed)
+    return ControlLaw(0.0, slope, 0.0, slope, punch, limit, damping)
 
 
 class DriveSettings(NamedTuple):

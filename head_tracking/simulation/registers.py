@@ -24,7 +24,15 @@ from head_tracking.dynamixel.control_table import (
     encode_sign_magnitude,
 )
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.simulation.motion import Control, ControlLaw, Drive, DriveSettings, Profile
+from head_tracking.simulation.motion import (
+    Control,
+    ControlLaw,
+    Drive,
+    DriveSettings,
+    Profile,
+    compliance_law,
+    proportional_law,
+)
 
 _HIGHEST: Final = 1023
 _STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
@@ -365,8 +373,8 @@ class JointRegisters(Registers):
         if "P Gain" in self:
             gain = self["P Gain"]
             slope = _MX_GAIN_SLOPE / gain if gain else math.inf
-            return ControlLaw.proportional(self.model, slope, limit, punch)
-        return ControlLaw.compliance(
+            return proportional_law(self.model.no_load_speed, slope, limit, punch)
+        return compliance_law(
             self.model.radians_per_tick,
             (self["CW Compliance Margin"], self["CCW Compliance Margin"]),
             (self["CW Compliance Slope"], self["CCW Compliance Slope"]),
@@ -414,7 +422,7 @@ class XRegisters(Registers):
             control=control,
             goal=goal,
             profile=self._profile(goal if mode == _VELOCITY else 0.0),
-            law=ControlLaw.proportional(self.model, slope, limit),
+            law=proportional_law(self.model.no_load_speed, slope, limit),
         )
 
     def ticks(self, angle: float) -> float:

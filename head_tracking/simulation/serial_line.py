@@ -25,7 +25,7 @@ class Overlap(Enum):
     REQUEST = "the master over a status packet"
     STATUS = "status packets of different requests"
     TWINS = "servos with the same id"
-    STALLED = "a status packet that a fault made late, over anything"
+    FAULT = "a servo that a fault made late, or answer what it misheard, over anything"
 
 
 class _Transmission:
@@ -36,14 +36,14 @@ class _Transmission:
         data: The bytes, as the master will hear them.
         byte_time: Time of one, ns.
         late: Time by which the adapter hands them on late, ns.
-        stalled: Whether a fault made them late.
+        fault: Whether a fault made the servo send them, or send them late.
     """
 
     def __init__(
-        self, start: int, data: bytes, byte_time: int, late: int = 0, stalled: bool = False
+        self, start: int, data: bytes, byte_time: int, late: int = 0, fault: bool = False
     ) -> None:
         self.start, self.data, self.byte_time = start, bytearray(data), byte_time
-        self.late, self.stalled = late, stalled
+        self.late, self.fault = late, fault
 
     @property
     def end(self) -> int:
@@ -73,7 +73,7 @@ class _Transmission:
                 else:
                     self.data.append(byte)
         self.late = max(self.late, other.late)
-        self.stalled |= other.stalled
+        self.fault |= other.fault
         return changed
 
 
@@ -125,7 +125,7 @@ class SerialLine:
         for status in self._coming:
             if status.start >= self._sent or status.end <= start:
                 continue
-            self.overlaps[Overlap.STALLED if status.stalled else Overlap.REQUEST] += 1
+            self.overlaps[Overlap.FAULT if status.fault else Overlap.REQUEST] += 1
             for spoken, other in ((heard, status), (status, heard)):
                 for number in spoken.covered(other.start, other.end):
                     spoken.data[number] ^= _GARBLED
@@ -142,9 +142,8 @@ class SerialLine:
             if answer.turn != turn:
                 turn, turn_start = answer.turn, turn_end
             start = turn_start + answer.delay + answer.stalled
-            spoken = _Transmission(
-                start, answer.data, byte_time or _NOMINAL, answer.late, answer.stalled > 0
-            )
+            fault = answer.stalled > 0 or answer.complaint
+            spoken = _Transmission(start, answer.data, byte_time or _NOMINAL, answer.late, fault)
             turn_end = max(turn_end, spoken.end if self._paced else start)
             for other in list(self._coming if self._paced else mine):
                 if other.start < spoken.end and spoken.start < other.end:
@@ -157,7 +156,7 @@ class SerialLine:
     def _merged(self, one: _Transmission, other: _Transmission, *, twins: bool) -> _Transmission:
         first, second = sorted((one, other), key=lambda spoken: spoken.start)
         kind = Overlap.TWINS if twins else Overlap.STATUS
-        kind = Overlap.STALLED if one.stalled or other.stalled else kind
+        kind = Overlap.FAULT if one.fault or other.fault else kind
         if first.absorb(second):
             self.overlaps[kind] += 1
         return first

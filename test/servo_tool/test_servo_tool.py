@@ -61,6 +61,7 @@ class Bench:
             servo.set_register("Baud Rate", code)
         self.answers = ""
         self.impossible = 0
+        self.deaf_to_baud = False
         self.on_enter: list[Callable[[], None]] = []
         self._capsys, self._monkeypatch = capsys, monkeypatch
         self.output = self.messages = ""
@@ -77,7 +78,9 @@ class Bench:
                 raise PortMissingError(name, ())
             if baud_rate == self.impossible:
                 raise port_error(name, ValueError("Failed to set custom baud rate"), ())
-            line = SimulatedLine(self.bus, self.clock, baud_rate, match_baud_rate=True)
+            line = SimulatedLine(
+                self.bus, self.clock, baud_rate, match_baud_rate=not self.deaf_to_baud
+            )
             return Device(line)
 
         return DynamixelPort(
@@ -157,6 +160,44 @@ def test_scan_warns_of_an_id_taken_twice(bench: Bench) -> None:
     bench[7].set_register("ID", 1)
     assert bench.run("scan", "--bauds", "1000000", "--ids", "0-5") == DONE
     assert "id 1 is taken 2 times" in bench.messages
+
+
+@pytest.mark.parametrize("ids", [["--ids", "0-10"], []], ids=["few", "all"])
+def test_scan_over_an_adapter_that_ignores_the_rate_shows_each_servo_once(
+    bench: Bench, ids: list[str]
+) -> None:
+    bench.deaf_to_baud = True
+    bench[2].set_register("Baud Rate", 34)
+    assert bench.run("scan", "--bauds", "1000000", "57600", "115200", *ids) == DONE
+    rows = [line.split()[:3] for line in bench.output.splitlines()[1:]]
+    assert rows == [
+        ["1000000", "1", "AX-12"],
+        ["1000000", "7", "XL430-W250"],
+        ["1000000", "8", "XL-320"],
+        ["57600", "2", "AX-12"],
+    ]
+    assert "whatever the baud rate" in bench.messages
+    assert "taken" not in bench.messages
+
+
+def test_scan_at_the_rate_of_the_port_only(bench: Bench) -> None:
+    bench[2].set_register("Baud Rate", 34)
+    for arguments in (("--baud", "57600", "scan"), ("scan", "--baud", "57600")):
+        assert bench.run(*arguments, "--ids", "0-10") == DONE
+        assert [line.split()[1] for line in bench.output.splitlines()[1:]] == ["2"]
+
+
+def test_scan_suspects_two_servos_of_one_model_with_one_id(bench: Bench) -> None:
+    bench[2].set_register("ID", 1)
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-5") == DONE
+    assert "id 1 is probably taken twice" in bench.messages
+
+
+def test_scan_suspects_two_servos_of_two_models_with_one_id(bench: Bench) -> None:
+    bench.bus = SimulatedBus([SimulatedServo(1, AX_12), SimulatedServo(1, servo_model("MX-28"))])
+    bench.deaf_to_baud = True
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-5") == DONE
+    assert "id 1 is probably taken twice" in bench.messages
 
 
 # info
@@ -307,6 +348,116 @@ def test_status_return_level_can_be_set_and_brought_back(
     bench.pause(0.1)
     assert bench.run(*back) == DONE
     assert bench[servo_id].register("Status Return Level") == 2
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register"), [(1, "Moving Speed"), (8, "Moving Speed"), (7, "Profile Velocity")]
+)
+@pytest.mark.parametrize("zero", ["0", "0rad/s", "0.001 rad/s", "0deg/s", "-0"])
+def test_a_speed_that_means_full_speed_is_refused(
+    bench: Bench, servo_id: int, register: str, zero: str
+) -> None:
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("--yes", "set", str(servo_id), register, zero) == REFUSED
+    assert "full speed" in bench.messages and "full" in bench.messages.split("set ")[-1]
+    assert bench[servo_id].register(register) == 1
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register"), [(1, "Moving Speed"), (8, "Moving Speed"), (7, "Profile Velocity")]
+)
+def test_full_speed_is_set_by_its_name_and_shown_by_it(
+    bench: Bench, servo_id: int, register: str
+) -> None:
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("set", str(servo_id), register, "full") == DONE
+    assert bench.output.strip() == f"servo {servo_id}: {register} = 0 full speed"
+    assert bench[servo_id].register(register) == 0
+    assert bench.run("info", str(servo_id)) == DONE
+    assert "full speed" in bench.output and "0 rad/s  " not in bench.output.split(register)[1][:60]
+    assert bench.run("set", str(servo_id), "LED", "full") == FAILED
+
+
+@pytest.mark.parametrize("answer", ["y\n", "n\n"])
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_a_goal_at_full_speed_is_asked_about(bench: Bench, servo_id: int, answer: str) -> None:
+    register = "Profile Velocity" if servo_id == 7 else "Moving Speed"
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("set", str(servo_id), "Goal Position", "600") == DONE
+    assert bench.run("set", str(servo_id), register, "full") == DONE
+    bench.answers = answer
+    yes = answer == "y\n"
+    code = bench.run("set", str(servo_id), "Goal Position", "500")
+    assert code == (DONE if yes else REFUSED)
+    assert "full speed" in bench.messages
+    assert bench[servo_id].register("Goal Position") == (500 if yes else 600)
+
+
+@pytest.mark.parametrize("servo_id", [1, 8])
+def test_a_turning_servo_is_stopped_by_a_speed_of_zero(bench: Bench, servo_id: int) -> None:
+    servo = bench[servo_id]
+    servo.set_register("CCW Angle Limit", 0)
+    if servo_id == 8:
+        servo.set_register("Control Mode", 1)
+    servo.set_register("Moving Speed", 200)
+    servo.set_register("Torque Enable", 1)
+    assert bench.run("set", str(servo_id), "Moving Speed", "0") == DONE
+    assert bench.output.strip() == f"servo {servo_id}: Moving Speed = 0"
+    assert servo.register("Moving Speed") == 0
+    assert bench.run("set", str(servo_id), "Moving Speed", "full") == REFUSED
+
+
+@pytest.mark.parametrize("value", ["-30deg", "-0.5rad", "-.5rad", "-5e-1 rad"])
+def test_set_takes_negative_quantities(bench: Bench, value: str) -> None:
+    assert bench.run("set", "7", "Goal Position", value) == DONE
+    assert bench[7].register("Goal Position") == pytest.approx(1706, abs=20)
+
+
+def test_set_takes_negative_numbers(bench: Bench) -> None:
+    assert bench.run("--yes", "set", "7", "Homing Offset", "-100") == DONE
+    assert bench[7].register("Homing Offset") == -100
+
+
+@pytest.mark.parametrize("answer", ["y\n", "n\n"])
+@pytest.mark.parametrize("servo_id", [1, 7])
+def test_torque_on_outside_the_limits_is_not_called_standing_still(
+    bench: Bench, servo_id: int, answer: str
+) -> None:
+    servo, low = bench[servo_id], servo_id == 1
+    servo.set_register("CCW Angle Limit" if low else "Min Position Limit", 400 if low else 1500)
+    stands = round(servo.true_ticks)
+    bench.answers = answer
+    code = bench.run("set", str(servo_id), "Torque Enable", "1")
+    assert f"stands at {stands}, outside its limits" in bench.messages
+    assert f"creeps to {400 if low else 1500}" in bench.messages
+    assert "stands still" not in bench.messages
+    assert code == (DONE if answer == "y\n" else REFUSED)
+    assert servo.register("Torque Enable") == (code == DONE)
+
+
+def test_torque_on_holds_a_servo_that_was_turned_round_by_hand(bench: Bench) -> None:
+    bench[7].advance(bench.clock.now)
+    bench[7].lead(5000, 0.5, 2.0)
+    bench.pause(2.0)
+    bench[7].advance(bench.clock.now)
+    assert bench[7].register("Present Position") == pytest.approx(5000, abs=5)
+    assert bench.run("set", "7", "Torque Enable", "1") == DONE
+    assert "stands still" in bench.messages
+    bench.pause(1.0)
+    bench[7].advance(bench.clock.now)
+    assert bench[7].true_ticks == pytest.approx(5000 - 4096, abs=8)
+
+
+def test_common_options_may_come_after_the_command(bench: Bench) -> None:
+    assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
+    assert bench[7].register("Temperature Limit") == 60
+    assert bench.run("info", "1", "--port", "/dev/none") == FAILED
+    assert "/dev/none" in bench.messages
+    bench[2].set_register("Baud Rate", 34)
+    assert bench.run("info", "2", "--baud", "57600") == DONE
+    bench[1].set_register("Status Return Level", 0)
+    command = ("set", "1", "Status Return Level", "2", "--model", "AX-12", "--yes")
+    assert bench.run(*command) == DONE
 
 
 # set-id, set-baud
@@ -472,6 +623,44 @@ def test_poses_that_make_no_sense_are_refused(poses: tuple[int, int, int], said:
     model = AX_12 if max(poses) < 1024 else XL430
     with pytest.raises(RefusedError, match=said):
         mount_of(Wanted("head_pan", 1), model, *poses, margin=0.0)
+
+
+@pytest.mark.parametrize(
+    "servos", [("head_pan:1", "head_tilt:1"), ("head_pan:1", "head_pan:2")], ids=["id", "name"]
+)
+def test_calibrate_refuses_the_same_motor_twice(bench: Bench, servos: tuple[str, str]) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    assert bench.run("calibrate", *servos) == REFUSED
+    assert "2 times" in bench.messages
+    assert bench[1].register("Torque Enable") == 1
+
+
+@pytest.mark.parametrize("place", ["none/head.yaml", "."])
+def test_calibrate_into_nowhere_fails_before_the_first_pose(
+    bench: Bench, tmp_path: Path, place: str
+) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    assert bench.run("calibrate", "head_pan:1", "--output", str(tmp_path / place)) == FAILED
+    assert "cannot write" in bench.messages
+    assert bench[1].register("Torque Enable") == 1  # nothing was asked or done
+
+
+def test_calibrate_leaves_no_empty_file_behind(bench: Bench, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    assert bench.run("calibrate", "head_pan:44", "--output", str(file)) == FAILED
+    assert not file.exists()
+
+
+def test_calibrate_shows_what_it_cannot_write_in_the_end(bench: Bench, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    bench.on_enter = [*hand(bench, 1, 512, 200, 850), folder.rmdir]
+    last = bench.on_enter.pop()
+    end = bench.on_enter.pop()
+    bench.on_enter.append(lambda: (end(), last())[0])
+    assert bench.run("calibrate", "head_pan:1", "--output", str(folder / "head.yaml")) == FAILED
+    assert yaml.safe_load(bench.output)["/**/servo_bus"]
+    assert "shown instead" in bench.messages
 
 
 # Registers as text

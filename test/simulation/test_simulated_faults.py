@@ -101,7 +101,7 @@ def test_same_seed_same_faults_and_all_kinds_occur() -> None:
         bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=faults)
         seen = []
         for number in range(3000):
-            seen += [answer.data for answer in bus.receive(READ, number * MS)]
+            seen += [answer.data for answer in bus.receive(READ, number * 10 * MS)]
         return faults, seen
 
     first, seen = run(1)

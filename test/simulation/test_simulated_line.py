@@ -273,7 +273,7 @@ def test_a_servo_that_is_late_talks_into_what_others_say() -> None:
     faults.rate = 0.0
     at(clock, line, 10_000, READ_2)  # heard while servo 1 answers at last, at 10080 us
     everything(line, clock)
-    assert set(line.overlaps) == {Overlap.STALLED}
+    assert set(line.overlaps) == {Overlap.FAULT}
 
 
 def test_an_armed_watchdog_that_was_forgotten_can_be_seen() -> None:
@@ -289,3 +289,27 @@ def test_an_armed_watchdog_that_was_forgotten_can_be_seen() -> None:
     line.write(InstructionPacket2.read(1, 98, 1).encode())
     status = StatusPacket2.decode(line.read(100, clock() + 0.1))
     assert status is not None and status.data == b"\xff"
+
+
+def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() -> None:
+    line, clock = line_of(*servos())
+    swallowing = bytearray(READ_1)
+    swallowing[3] = 30
+    line.write(bytes(swallowing))
+    for _ in range(4):
+        clock.now += 1000 * US
+        line.write(READ_2)
+    assert len(everything(line, clock)) in (0, 14)
+    assert not line.overlaps
+    clock.now += 200_000 * US
+    assert len(transaction(line, clock, READ_2)[0]) == 14
+
+
+@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (2_000, False)])
+def test_servos_of_protocol_2_forget_what_is_interrupted(pause: int, answered: bool) -> None:
+    line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
+    ping = InstructionPacket2.ping(1).encode()
+    line.write(ping[:6])
+    clock.now += pause * US
+    assert bool(transaction(line, clock, ping[6:])[0]) == answered
+    assert transaction(line, clock, ping)[0]
