@@ -893,7 +893,9 @@ class ServoBus:
             if problem:
                 problems[joint.name] = problem
             else:
-                self._note(EventKind.RECOVERED, joint, joint.torque.value)
+                self._note(
+                    EventKind.RECOVERED, joint, "it restarts" if joint.lost else joint.torque.value
+                )
         if problems:
             raise ServoError(_told(problems))
         deadline = self._monotonic() + round(patience * 1e9)

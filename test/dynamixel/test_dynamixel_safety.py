@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -16,6 +17,7 @@ from head_tracking.dynamixel import (
     Buses,
     BusReading,
     BusThread,
+    CommunicationError,
     ConfigurationError,
     CorruptReplyError,
     DynamixelError,
@@ -28,12 +30,14 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoError,
     ServoModel,
+    ServoNotFoundError,
     Torque,
     WrongModelError,
     servo_model,
 )
 from head_tracking.nodes.bus_parameters import EepromParameters
 from head_tracking.simulation import (
+    Answer,
     Fault,
     Overlap,
     SimulatedBus,
@@ -390,24 +394,42 @@ def test_the_echo_of_a_request_is_nobody() -> None:
     assert bench.port.ping(1, 1) == 0
 
 
-def test_a_status_packet_too_many_does_not_shift_the_answers() -> None:
-    random = Random(5)
-    servo = SimulatedServo(1)
+@pytest.mark.parametrize("late", [0, 200_000, 1_000_000])
+def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
     repeated = 0
+    for seed in range(20):
+        random = Random(seed)
+        servo = SimulatedServo(1)
 
-    def twice(answer: object) -> list[object]:
-        nonlocal repeated
-        again = random.random() < 0.8
-        repeated += again
-        return [answer, answer] if again else [answer]
+        def twice(answer: Answer, random: Random = random) -> list[Answer]:
+            nonlocal repeated
+            if random.random() > 0.3:
+                return [answer]
+            repeated += 1
+            return [answer, replace(answer, delay=answer.delay + late)]
 
-    bench = Bench(SimulatedBus([servo], line=twice))  # type: ignore[arg-type]
-    bus = ServoBus(bench.port, [joint(1, servo.model)], bench.now, monotonic=bench.now)
-    bus.connect()
-    for k in range(200):
-        bus.command({"j1": Goal(0.5 if k % 60 < 30 else -0.5)})
-        bench.pass_time(PERIOD)
-        reading = bus.step()
-        state = reading.states["j1"]
-        assert abs(state.position - bus.joints[0].position(servo.true_ticks)) < 0.05
+        bench = Bench(SimulatedBus([servo], line=twice))
+        bus = ServoBus(bench.port, [joint(1, servo.model)], bench.now, monotonic=bench.now)
+        for _ in range(10):
+            with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
+                bus.connect()
+                break
+        for k in range(60):
+            with suppress(GoalError):
+                bus.command({"j1": Goal(0.5 if k < 30 else -0.5)})
+            bench.pass_time(PERIOD)
+            state = bus.step().states.get("j1")
+            if state is not None:
+                true = bus.joints[0].position(servo.true_ticks)
+                age = (bench.now() - state.stamp) * 1e-9
+                assert abs(state.position - true) < 0.02 + 3.0 * age
     assert repeated > 100
+
+
+def test_nobody_is_asked_again_while_another_replies() -> None:
+    """The first one's reply is damaged, and the second one's is still to come."""
+    for names in (["MX-28", "MX-28"], ["AX-12", "AX-12"], ["XM430-W350"] * 3):
+        ordeal = Ordeal(names, (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE), seed=5)
+        ordeal.run(600, 0.3)
+        overlaps = ordeal.bench.line.overlaps
+        assert not {Overlap.REQUEST, Overlap.STATUS} & set(overlaps), overlaps
