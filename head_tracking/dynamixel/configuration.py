@@ -333,7 +333,7 @@ class BusSettings:
 
     retries: int = 1
     lost_after: int = 5
-    poll_interval: float = 0.06
+    poll_interval: float = 0.04
     reconnect_interval: float = 0.2
     command_timeout: float = 0.0
     watchdog: float = 1.0

@@ -65,6 +65,7 @@ _LONGEST: Final = 0.025
 _MARGIN: Final = 0.0012
 _DEVIATIONS: Final = 6.0
 _GAIN: Final = 1.0 / 16.0
+_SUSPECT: Final = 1.0  # s for which a line on which somebody said too much is listened to
 _FORGOTTEN: Final = 1.0
 """s after which no reply is still on its way, through whatever adapter."""
 _MOST_EXTRA: Final = 24  # bytes
@@ -756,7 +757,7 @@ class DynamixelPort:
 
     def _note_surplus(self, servo_id: int) -> None:
         self.surplus[servo_id] += 1
-        self._suspect_until = self.clock() + 10.0
+        self._suspect_until = self.clock() + _SUSPECT
 
     def _clear(self) -> None:
         """Forget what was received, and learn from replies that came too late."""

@@ -374,10 +374,7 @@ class Servo:
                 )
             yield 0.0
         self.acknowledges_writes = memory["Status Return Level"] >= 2
-        if not keep_torque:
-            yield from self.switch_torque(False)
         lower, upper = (memory[name] for name in model.position_limits)
-        _check_mode(self, memory, lower, upper)
         shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
         identity = ServoIdentity(
             joint_name,
@@ -390,12 +387,21 @@ class Servo:
             memory["Torque Enable"] == 1,
             _has_shut_down(memory, shutdown),
         )
-        ticks = self._narrowed(self.calibration, identity)
-        self.identity = identity
-        self.faulted = identity.faulted
-        self._admit(ticks, self.calibration)
-        self.lost = self.interrupted = False
-        self.failed_cycles = self.ask_at = 0
+        problem: ServoError | ConfigurationError | None = None
+        try:
+            _check_mode(self, memory, lower, upper)
+            self._admit(self._narrowed(self.calibration, identity), self.calibration)
+        except (ServoError, ConfigurationError) as cause:
+            problem = cause
+        else:  # it can be read from now on
+            self.identity = identity
+            self.faulted = identity.faulted
+            self.lost = self.interrupted = False
+            self.failed_cycles = self.ask_at = 0
+        if not keep_torque:
+            yield from self.switch_torque(False)
+        if problem is not None:
+            raise problem
         return identity
 
     def pin(self) -> Steps[int]:

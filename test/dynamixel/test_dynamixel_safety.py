@@ -331,7 +331,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     rig = Rig(*servos, baud_rate=baud_rate, latency=latency)
 
     def cycle() -> float:
-        rig.bench.pass_time(0.05)
+        rig.bench.pass_time(0.0507)  # at another phase of the adapter's period each time
         begin = rig.bench.now()
         rig.bus.command({"j2": Goal(0.2)})
         with suppress(GoalError):
@@ -339,8 +339,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
         rig.step()
         return (rig.bench.now() - begin) * 1e-9 - PERIOD
 
-    requests = 2 if name == "AX-12" else 1
-    usual = max(requests * latency, *[cycle() for _ in range(80)][40:])
+    usual = max([cycle() for _ in range(80)][40:])
     servos[0].power_off()
     for _ in range(20):
         cycle()
@@ -351,7 +350,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
         longest = max(longest, cycle())
     assert rig.bus.torque("j1") is Torque.ON
     assert servos[1].register("Goal Position") == before
-    assert longest <= 2.0 * usual
+    assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
 # Who is there
