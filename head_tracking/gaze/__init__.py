@@ -1,7 +1,7 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
 from head_tracking.gaze.command import HeadCommand, together
-from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead
+from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Sight
 from head_tracking.gaze.pointing import Pointing, PointingParameters, PointingResult
 
 __all__ = [
@@ -13,5 +13,6 @@ __all__ = [
     "Pointing",
     "PointingParameters",
     "PointingResult",
+    "Sight",
     "together",
 ]

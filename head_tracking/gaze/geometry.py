@@ -98,6 +98,16 @@ class HeadGeometry:
         x, y, z = back.apply((x - ox, y - oy, z - oz))
         return x - cx, y - cy, z - cz
 
+    def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
+        """The point on the pointing axis at a distance [m] from the camera, in the base frame."""
+        cx, cy, cz = self.camera
+        ax, ay, az = self.axis
+        ox, oy, oz = self.tilt_origin
+        turn = Rotation.from_axis_angle(self.tilt_axis, tilt)
+        x, y, z = turn.apply((cx + distance * ax, cy + distance * ay, cz + distance * az))
+        x, y, z = turned((x + ox, y + oy, z + oz), -pan)
+        return self.T_C_base.inverse().apply((x, y, z))
+
     def miss(self, point: Vector3, pan: float, tilt: float) -> float:
         """The angle between the pointing axis and the direction to a point of C [rad]."""
         x, y, z = self.seen(point, pan, tilt)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from head_tracking.gaze.geometry import HeadGeometry, turned
 from head_tracking.gaze.newton import refine
@@ -19,6 +20,7 @@ _CLOSE = 1e-3  # m: nearer than this to the pan axis or the camera, a bearing me
 _FAR = 1e9  # m: beyond this only the direction matters, and squares would overflow
 
 _UNLIMITED = (-math.inf, math.inf)
+_FREE = JointLimits()
 
 
 class GazeStatus(StrEnum):
@@ -53,6 +55,20 @@ class Gaze:
     def reached(self) -> bool:
         """Whether the axis goes through the point."""
         return self.status is GazeStatus.REACHED
+
+
+class Sight(NamedTuple):
+    """A point as the head sees it, limits aside.
+
+    Attributes:
+        pan: position of the pan joint that looks at it [rad]; may count full turns.
+        tilt: position of the tilt joint that looks at it [rad].
+        distance: from the camera [m].
+    """
+
+    pan: float
+    tilt: float
+    distance: float
 
 
 class PanTiltHead:
@@ -143,6 +159,44 @@ class PanTiltHead:
         if miss < ON_LIMIT:
             return Gaze(*nearest, GazeStatus.REACHED, miss)
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
+
+    def sight(self, target: Sequence[float], pan: float, tilt: float) -> Sight | None:
+        """The point as seen from the head, limits aside; None if no turn brings it before the camera.
+
+        Its pan and tilt do not depend on how far away a point on the camera's axis is.
+
+        Args:
+            target: the point, shape (3,) [m], in `base_frame`, finite.
+            pan: of all turns that look there the one nearest to this is taken [rad].
+            tilt: the same for tilt [rad].
+        """
+        point = self._point(target)
+        x, y, z = point
+        rho = math.hypot(x, y)
+        side = self._geometry.tilt_origin[1] + self._geometry.camera[1]
+        if rho <= max(abs(side), _CLOSE):
+            return None
+        bearing = math.atan2(y, x) - math.asin(side / rho)
+        angle = self._side_view(point, bearing, tilt)
+        if angle is None:
+            return None
+        bearing = pan + math.remainder(bearing - pan, math.tau)
+        angle = tilt + math.remainder(angle - tilt, math.tau)
+        if not self._geometry.square:
+            bearing, angle = refine(self._geometry, point, (bearing, angle), (_FREE, _FREE))
+        return Sight(bearing, angle, math.hypot(*self._geometry.seen(point, bearing, angle)))
+
+    def look(self, sight: Sight, pan: float, tilt: float) -> Gaze:
+        """The gaze at a point that is seen like this; see `gaze`."""
+        turned_pan = turn_near(sight.pan, pan, self.pan_limits)
+        turned_tilt = turn_near(sight.tilt, tilt, self.tilt_limits)
+        if self.pan_limits.contains(turned_pan) and self.tilt_limits.contains(turned_tilt):
+            return Gaze(turned_pan, turned_tilt, GazeStatus.REACHED, 0.0)
+        return self.gaze(self.point(sight), pan, tilt)
+
+    def point(self, sight: Sight) -> Vector3:
+        """The point, shape (3,) [m], in `base_frame`, that is seen like this."""
+        return self._geometry.ahead(*sight)
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """The angle [rad], 0 to pi, by which the axis misses a point.

@@ -107,7 +107,15 @@ class Tracker:
         """Takes a point, shape (3,) [m], in the head's base frame, seen at `stamp` [s]."""
         if not self.life_cycle.enabled:
             return Verdict.IGNORED
-        verdict = self.estimator.add(stamp, point, now)
+        near = self.estimator.estimate
+        if near is not None:
+            pan, tilt = near.sight.pan, near.sight.tilt
+        else:
+            pan, tilt = self._readings[-1].positions if self._readings else (0.0, 0.0)
+        sight = self.head.sight(point, pan, tilt)
+        if sight is None:
+            return Verdict.TOO_CLOSE
+        verdict = self.estimator.add(stamp, sight, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.life_cycle.seen(now, new=new)
@@ -128,7 +136,8 @@ class Tracker:
             now, self.estimator.parameters.target_timeout
         ):
             command, gaze = self.law.follow(estimate, joints, now)
-            error = self.head.miss(estimate.position(joints.stamp), *joints.positions)
+            there = self.head.point(estimate.sight_at(joints.stamp))
+            error = self.head.miss(there, *joints.positions)
             self.life_cycle.followed(gaze, error, now)
             ahead = self._message_age + 0.5 * self._interval + self.law.horizon
             self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
