@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
 from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
 from head_tracking.tracking.law import JointReading, TrackingLaw
 from head_tracking.tracking.life_cycle import LifeCycle, LifeCycleParameters, TargetState
+from head_tracking.tracking.stamp_error import StampError
 from head_tracking.transforms import Vector3
 
 _VELOCITY_WINDOW = 0.06  # s
@@ -76,6 +77,8 @@ class Tracker:
         self.estimator = TargetEstimator(estimator)
         self.life_cycle = LifeCycle(head, life_cycle)
         self._readings: deque[JointReading] = deque()
+        self.stamp_error = StampError()
+        self._seen: deque[tuple[float, Sight]] = deque()
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -102,8 +105,11 @@ class Tracker:
             before, dt = readings[0].positions, stamp - readings[0].stamp
             pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
         readings.append(JointReading(stamp, positions, (pan, tilt)))
+        self.stamp_error.joints_read(stamp, positions)
 
-    def target_seen(self, stamp: float, point: Vector3, now: float) -> Verdict:
+    def target_seen(
+        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
+    ) -> Verdict:
         """Takes a point, shape (3,) [m], in the head's base frame, seen at `stamp` [s]."""
         if not self.life_cycle.enabled:
             return Verdict.IGNORED
@@ -115,6 +121,8 @@ class Tracker:
         sight = self.head.sight(point, pan, tilt)
         if sight is None:
             return Verdict.TOO_CLOSE
+        if moving:
+            sight, stamp = self._unerring(stamp, sight), stamp - self.stamp_error.value
         verdict = self.estimator.add(stamp, sight, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
@@ -124,6 +132,19 @@ class Tracker:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
             self._came = now
         return verdict
+
+    def _unerring(self, stamp: float, sight: Sight) -> Sight:
+        """A point of a camera on the head as it is without its stamp's error."""
+        error = self.stamp_error
+        self._seen.append((stamp, sight))
+        while self._seen[0][0] < stamp - 1.0:
+            self._seen.popleft()
+        if error.point_seen(stamp, sight):
+            earlier = sorted(self._seen)[:-1]
+            self.estimator.replay(
+                [(then - error.value, error.corrected(then, seen)) for then, seen in earlier]
+            )
+        return error.corrected(stamp, sight)
 
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
