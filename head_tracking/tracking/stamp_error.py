@@ -22,12 +22,13 @@ Array = npt.NDArray[np.float64]
 _ERRORS: Array = np.arange(-0.15, 0.1501, 0.01)
 """The stamp errors [s] that are compared."""
 
-_WINDOW = 0.5  # s; over which a path is compared with a parabola
-_FEWEST, _MOST = 7, 24  # points in it
+_WINDOW = 0.6  # s; over which a path is compared with a parabola
+_FEWEST, _MOST = 9, 24  # points in it
 _EVERY = 3  # points
 _MEMORY = 2.0  # s
 _HISTORY = 2.0  # s of readings and points
-_ROUGHER = 2.0  # times the smoothest path: so rough must the present one be to be given up
+_DEGREES = (2, 4)  # of the polynomials that paths are compared with
+_ROUGHER = (2.5, 1.4)  # times the smoothest path: so rough must the present one be to be given up
 _TELLING = 0.004  # rad; rougher than noise
 
 
@@ -45,7 +46,7 @@ class StampError:
         self._times: deque[float] = deque()
         self._readings: deque[tuple[float, float]] = deque()
         self._points: deque[tuple[float, Sight]] = deque()
-        self._roughness = np.zeros(len(_ERRORS))
+        self._roughness = np.zeros((len(_DEGREES), len(_ERRORS)))
         self._weight = 0.0
         self._judged = -math.inf
 
@@ -95,32 +96,29 @@ class StampError:
         times = np.array(self._times)
         placed = stamps[:, None] - _ERRORS
         centred = (stamps - stamps.mean()) / (stamps[-1] - stamps[0])
-        basis = np.linalg.qr(np.stack((np.ones_like(centred), centred, centred**2), axis=1))[0]
-        rough = np.zeros(len(_ERRORS))
+        basis = np.linalg.qr(np.vander(centred, max(_DEGREES) + 1, increasing=True))[0]
+        rough = np.zeros(self._roughness.shape)
         for joint in (0, 1):
             angles = np.array([reading[joint] for reading in self._readings])
             seen = np.array([sight[joint] for _, sight in window])
             seen -= np.interp(stamps, times, angles)
             paths = seen[:, None] + np.interp(placed, times, angles)
-            paths -= basis @ (basis.T @ paths)
-            rough += (paths * paths).sum(axis=0)
+            shares = np.cumsum((basis.T @ paths) ** 2, axis=0)
+            rough += (paths * paths).sum(axis=0) - shares[list(_DEGREES)]
         self._roughness = kept * self._roughness + rough
-        self._weight = kept * self._weight + len(window) - 3
+        self._weight = kept * self._weight + len(window)
 
     def _decide(self) -> bool:
-        rough = self._roughness
-        present = float(np.interp(self.value, _ERRORS, rough))
-        least = int(rough.argmin())
-        smoothest = float(rough[least])
-        if present < _ROUGHER * smoothest or present - smoothest < self._weight * _TELLING**2:
-            return False
-        shift = 0.0
-        if 0 < least < len(rough) - 1:
-            before, after = rough[least - 1], rough[least + 1]
-            bend = before - 2.0 * smoothest + after
-            shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
-        self.value = float(_ERRORS[least] + shift * (_ERRORS[1] - _ERRORS[0]))
-        return True
+        for rough, rougher in zip(self._roughness, _ROUGHER, strict=True):
+            present = float(np.interp(self.value, _ERRORS, rough))
+            least = int(rough.argmin())
+            if present < rougher * rough[least]:
+                continue
+            if present - rough[least] < self._weight * _TELLING**2:
+                continue
+            self.value = _minimum(rough, least)
+            return True
+        return False
 
     def _at(self, time: float) -> tuple[float, float]:
         """Pan and tilt [rad] at a time, between the readings or as the nearest one says."""
@@ -136,3 +134,13 @@ class StampError:
             before[0] + share * (after[0] - before[0]),
             before[1] + share * (after[1] - before[1]),
         )
+
+
+def _minimum(rough: Array, least: int) -> float:
+    """The stamp error [s] of the smoothest path, between the ones that were compared."""
+    shift = 0.0
+    if 0 < least < len(rough) - 1:
+        before, here, after = rough[least - 1 : least + 2]
+        bend = before - 2.0 * here + after
+        shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return float(_ERRORS[least] + shift * (_ERRORS[1] - _ERRORS[0]))
