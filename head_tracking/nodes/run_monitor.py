@@ -16,7 +16,7 @@ from head_tracking.nodes.diagnostics import BusStatus
 from head_tracking.nodes.status_line import StatusLine
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ErrorStatistics, Target, TargetPlacer
-from head_tracking.transforms import TransformException, Vector3
+from head_tracking.transforms import Vector3
 
 SETTLING = 2.0
 """The head may take so long [s] to find its first target before its error counts."""
@@ -70,10 +70,7 @@ class RunMonitorNode(Node):
             return
         if self._placer is None:
             self._placer = TargetPlacer(self._buffer, head.base_frame, SETTLING)
-        try:
-            self._placer.offer(target_from_message(message), self._now)
-        except TransformException:
-            return  # the node that turns the head says what is wrong with it
+        self._placer.offer(target_from_message(message), self._now)
 
     def _sample(self) -> None:
         head = self._sources.head()
@@ -88,12 +85,8 @@ class RunMonitorNode(Node):
             self.statistics.add(self._error)
 
     def _place_target(self) -> None:
-        if self._placer is None:
-            return
-        try:
-            placed = self._placer.place_newest(self._now, {})
-        except TransformException:
-            return
+        # (what is refused is left to the node that turns the head)
+        placed = None if self._placer is None else self._placer.place_newest(self._now, {})
         if placed is not None:
             if self._point is None:
                 self._first_seen = self._now
