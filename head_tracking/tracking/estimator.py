@@ -23,6 +23,14 @@ _KNOWN = 8  # points after which a target is known well enough for that
 _SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
 _TRUST = 1.3  # of the horizon
 
+_FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
+_LEAST_RANGE_NOISE = 1e-3
+_FIRST_RANGE_RATE = 1.0  # 1/s
+_RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
+_RANGE_MEMORY = 1.0  # s; over which the noise is learned
+_RANGE_OUTLIER = 9.0  # variances
+_FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
+
 
 class Verdict(StrEnum):
     """What became of a point."""
@@ -85,35 +93,25 @@ class Range(NamedTuple):
     covariance: tuple[float, float, float]
     variance: float
 
-    _FIRST_NOISE = 0.02
-    _LEAST_NOISE = 1e-3
-    _FIRST_RATE = 1.0  # 1/s
-    _ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
-    _MEMORY = 1.0  # s; over which the noise is learned
-    _OUTLIER = 9.0  # variances
-    _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
-
     @staticmethod
     def seen_once(distance: float) -> Range:
         """After one point [m]."""
-        noise = Range._FIRST_NOISE**2
-        return Range(math.log(distance), 0.0, (noise, 0.0, Range._FIRST_RATE**2), noise)
+        noise = _FIRST_RANGE_NOISE**2
+        return Range(math.log(distance), 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
     def after(self, dt: float, distance: float) -> Range:
         """After another point [m], a time `dt` [s] later."""
         pp, pv, vv = self.covariance
-        pp += dt * (2.0 * pv + dt * vv) + self._ACCELERATION * dt**3 / 3.0
-        pv += dt * vv + 0.5 * self._ACCELERATION * dt * dt
-        vv += self._ACCELERATION * dt
+        pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
+        pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
+        vv += _RANGE_ACCELERATION * dt
         log = self.log + dt * self.rate
         off = math.log(distance) - log
         expected = pp + self.variance
-        unexpected = min(off * off / expected, self._OUTLIER)
-        share = 1.0 - math.exp(-dt / self._MEMORY)
-        variance = max(
-            self.variance * (1.0 + share * (unexpected - 1.0)), self._LEAST_NOISE**2
-        )
-        if unexpected == self._OUTLIER:
+        unexpected = min(off * off / expected, _RANGE_OUTLIER)
+        share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
+        variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
+        if unexpected == _RANGE_OUTLIER:
             return Range(log, self.rate, (pp, pv, vv), variance)
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
@@ -121,7 +119,7 @@ class Range(NamedTuple):
 
     def distance(self, dt: float) -> float:
         """The distance [m] a time `dt` [s] later."""
-        change = min(max(self.rate * dt, -self._FARTHEST), self._FARTHEST)
+        change = min(max(self.rate * dt, -_FARTHEST), _FARTHEST)
         return math.exp(self.log + change)
 
 
@@ -169,8 +167,8 @@ class TargetEstimate:
 
     def sight_at(self, time: float) -> Sight:
         """Where the target is at a time [s], as far as can be told."""
-        ahead = min(time - self.stamp, self.trust)
-        return Sight(*self.bearing(time), self.range.distance(ahead))
+        (pan, _), (tilt, _) = self._moved(time)
+        return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.trust)))
 
     def towards(self, time: float, sight: Sight, share: float) -> Sight:
         """A share of the way from where the target should be at a time [s] to where it is seen."""
@@ -364,9 +362,7 @@ class TargetEstimator:
         gains = before.gains.after(dt)
         pan = before.bearings[0].after(stamps, self._pans, gains, judged[0], ahead)
         tilt = before.bearings[1].after(stamps, self._tilts, gains, judged[1], ahead)
-        snapshots.append(
-            _Snapshot(gains, (pan, tilt), before.range.after(dt, sight.distance))
-        )
+        snapshots.append(_Snapshot(gains, (pan, tilt), before.range.after(dt, sight.distance)))
         if stamps[0] < stamp - _HISTORY:
             del stamps[0], self._sights[0], self._pans[0], self._tilts[0], snapshots[0]
 

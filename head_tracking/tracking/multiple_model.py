@@ -229,9 +229,7 @@ class Bearing(NamedTuple):
             self.calm[0] + dt * self.calm[1],
             self.restless[0] + dt * self.restless[1],
             calm.position + by_velocity * calm.velocity + by_acceleration * calm.acceleration,
-            lively.position
-            + by_velocity * lively.velocity
-            + by_acceleration * lively.acceleration,
+            lively.position + by_velocity * lively.velocity + by_acceleration * lively.acceleration,
         )
 
     def after(
@@ -322,9 +320,7 @@ class _Swing(NamedTuple):
         sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
         return _Swing(sine / rate, cosine, (1.0 - cosine) / (rate * rate), rate * sine, jerk)
 
-    def corrected(
-        self, model: Oscillator, index: float, point: float
-    ) -> tuple[Oscillator, float]:
+    def corrected(self, model: Oscillator, index: float, point: float) -> tuple[Oscillator, float]:
         """The model after a point, and its innovation over the expected deviation."""
         x, v, a, (pp, pv, pa, vv, va, aa) = model
         s, c, r, b, jerk = self

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, together
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.estimator import TargetEstimate
 
 USUAL_SPEED = 5.0  # rad/s
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_drive import JointDrive
 from head_tracking.tracking.joint_motion import MotionLimits
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.rest import Wish
-from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.transforms import JointLimits
 
 USUAL_SPEED = 5.0  # rad/s

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.estimator import TargetEstimate
 
 USUAL_SPEED = 0.5  # rad/s, the tutorials'
 

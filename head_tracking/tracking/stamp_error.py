@@ -65,12 +65,10 @@ class StampError:
     def corrected(self, stamp: float, sight: Sight, error: float | None = None) -> Sight:
         """The sight of a point placed with the joints at `stamp`, as it is by the learned error."""
         then, now = self._at(stamp), self._at(stamp - (self.value if error is None else error))
-        return Sight(
-            sight.pan + now[0] - then[0], sight.tilt + now[1] - then[1], sight.distance
-        )
+        return Sight(sight.pan + now[0] - then[0], sight.tilt + now[1] - then[1], sight.distance)
 
     def point_seen(self, stamp: float, sight: Sight) -> bool:
-        """Takes a point as it was placed by its stamp [s]; whether another error is believed now."""
+        """Takes a point as placed by its stamp [s]; whether another error is believed now."""
         if self._points and stamp <= self._points[-1][0]:
             return False
         self._points.append((stamp, sight))
@@ -123,7 +121,7 @@ class StampError:
     def _at(self, time: float) -> tuple[float, float]:
         """Pan and tilt [rad] at a time, between the readings or as the nearest one says."""
         times = self._times
-        index = bisect_left(times, time)  # type: ignore[arg-type]
+        index = bisect_left(times, time)
         if index == 0:
             return self._readings[0]
         if index == len(times):

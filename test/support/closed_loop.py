@@ -291,9 +291,7 @@ class ClosedLoop:
         c = self._conditions
 
         def every(rate: float, first: float, order: int, kind: str) -> Iterator[_Event]:
-            return (
-                _Event(k / rate + first, order, kind) for k in range(int(c.duration * rate))
-            )
+            return (_Event(k / rate + first, order, kind) for k in range(int(c.duration * rate)))
 
         captures = sorted(
             max(0.0, (k + self._random.gauss(0.0, c.jitter)) / c.points) + _SEEN
@@ -303,11 +301,7 @@ class ClosedLoop:
         return list(
             heapq.merge(
                 every(50.0, 0.0, 0, "cycle"),
-                (
-                    _Event(at, 1, "seen")
-                    for at in captures
-                    if not c.gap[0] <= at < c.gap[1]
-                ),
+                (_Event(at, 1, "seen") for at in captures if not c.gap[0] <= at < c.gap[1]),
                 every(c.rate, _STEP, 2, "step"),
                 every(_SAMPLES, 0.0035, 3, "truth"),
             )

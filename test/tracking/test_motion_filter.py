@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from head_tracking.tracking.motion_filter import (
     RESTLESS,
     STEADY,

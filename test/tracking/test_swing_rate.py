@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from head_tracking.tracking.swing_rate import SwingRate
 
 
