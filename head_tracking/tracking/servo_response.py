@@ -28,7 +28,7 @@ _WINDOW = 0.1  # s between the two readings that are compared to learn the delay
 _LEARNED_EVERY = 3  # readings
 _MEMORY = 3.0  # s of motion
 _MODEL_ERROR = 0.004  # rad in such a window
-_TELLING = 0.01  # rad; delays whose expected ways differ by less are not told apart
+_TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
 _FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
 _AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
 
@@ -165,7 +165,7 @@ class ServoResponse:
         expected = np.interp(end - _DELAYS, times, setpoints)
         expected -= np.interp(start - _DELAYS, times, setpoints)
         misses = expected - (last - first)
-        if np.ptp(expected) < _TELLING:
+        if abs(last - first) < _TELLING or np.ptp(expected) < _TELLING:
             return
         nearest = float(np.abs(misses).min())
         if nearest > _FOLLOWED * max(abs(last - first), float(np.abs(expected).max())):
