@@ -243,10 +243,10 @@ class HeadInterface:
             self._placer.forget()
 
     def refuse(self, refusal: Refusal) -> str:
-        """Logs why a target leads to nothing; the same for the state, without coordinates."""
+        """Logs that a target leads to nothing; why."""
         target, reason = refusal
         self._tell(f"target in {target.frame_id}", f"target {target} refused: {reason}")
-        return f"targets in {target.frame_id!r} are refused: {reason}"
+        return reason
 
     @property
     def _simulated(self) -> bool:

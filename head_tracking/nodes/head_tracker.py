@@ -102,6 +102,7 @@ class HeadTrackerNode(Node):
     def _reset(self, reason: str) -> None:
         if self._tracker is not None:
             self._interface.send(self._tracker.reset(reason, self._interface.now))
+            self._report_state()
 
     @property
     def _law_parameters(self) -> LawParameters:

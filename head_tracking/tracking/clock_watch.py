@@ -77,4 +77,4 @@ class ClockWatch:
             off = passed - really if abs(passed - really) > _STEP else 0.0
         if not off:
             return ""
-        return f"the clock jumped {'forward' if off > 0.0 else 'back'} by {abs(off):.3g} s"
+        return f"the clock jumped {'forward' if off > 0.0 else 'back'} by {abs(off):.1f} s"

@@ -129,6 +129,6 @@ def test_point_head_starts_anew_too(make):
     wait_for(lambda: head.errors and head.errors[-1] < 0.02)
     head.target = None
     head.offset -= 100.0
-    head.until_logged("the clock jumped back by 100 s: everything starts anew")
+    head.until_logged("the clock jumped back by")
     head.target = ("torso_link", lambda now: (2.0, -0.8, 0.1))
     wait_for(lambda: head.positions[0] < -0.3)

@@ -51,14 +51,14 @@ def test_time_that_goes_by_is_nothing(clocks, watch, simulated):
 
 @pytest.mark.parametrize(
     ("jump", "words"),
-    [(3600.0, "forward by 3.6e+03 s"), (-7.5, "back by 7.48 s"), (0.3, "forward by 0.3 s")],
+    [(3600.0, "forward by 3600.0 s"), (-7.5, "back by 7.5 s"), (0.3, "forward by 0.3 s")],
 )
 def test_a_clock_that_is_set_is_noticed(clocks, watch, jump, words):
     clocks.go(DT)
     watch.check(simulated=False)
     clocks.go(DT)
     clocks.now += jump
-    assert watch.check(simulated=False) == f"the clock jumped {words.replace('7.48', '7.5')}"
+    assert watch.check(simulated=False) == f"the clock jumped {words}"
     clocks.go(DT)
     assert watch.check(simulated=False) == ""
 
@@ -96,7 +96,7 @@ def test_a_simulation_that_starts_again_is_noticed(clocks, watch):
     clocks.go(DT)
     watch.check(simulated=True)
     clocks.steady, clocks.now = clocks.steady + DT, 0.1
-    assert "the clock jumped back by 1e+04 s" in watch.check(simulated=True)
+    assert "the clock jumped back by 9999.9 s" in watch.check(simulated=True)
 
 
 def test_a_bag_that_skips_is_noticed(clocks, watch):
