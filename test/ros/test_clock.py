@@ -1,11 +1,15 @@
 """Clocks that jump, stop, or never start, around a node that tracks."""
 
 import math
+import threading
 import time
 
 import pytest
+from builtin_interfaces.msg import Time
 from head_under_test import Head
 from robot_under_test import wait_for
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.point_head import PointHeadNode
@@ -132,3 +136,31 @@ def test_point_head_starts_anew_too(make):
     head.until_logged("the clock jumped back by")
     head.target = ("torso_link", lambda now: (2.0, -0.8, 0.1))
     wait_for(lambda: head.positions[0] < -0.3)
+
+
+def test_sim_time_from_end_to_end(make_robot):
+    """A whole run, on a clock that comes 10 times a second and starts anew."""
+    robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
+    states = robot.listen("head_tracker/state", String)
+    clock = robot.node.create_publisher(Clock, "/clock", 10)
+    wait_for(lambda: states and "nobody publishes /clock" in states[-1].data)
+    ended = threading.Event()
+    start = time.monotonic()
+    offset = 1_000.0
+
+    def tell():
+        while not ended.wait(0.1):
+            nanoseconds = round((time.monotonic() - start + offset) * 1e9)
+            stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            clock.publish(Clock(clock=stamp))
+
+    teller = threading.Thread(target=tell)
+    teller.start()
+    try:
+        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+        offset = 5.0
+        wait_for(lambda: any("the clock jumped back" in state.data for state in states))
+        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+    finally:
+        ended.set()
+        teller.join()
