@@ -162,3 +162,21 @@ def test_the_error_is_published_while_there_is_a_target(robot):
     look(robot, (1, 0.5, 0), in_state(robot, "tracking"))
     assert errors
     assert errors[-1].data < 0.05
+
+
+@pytest.mark.parametrize(
+    ("service", "data"), [("relax", None), ("head_pan_controller/torque_enable", False)]
+)
+def test_servos_that_were_relaxed_are_told_of_in_the_state(robot, service, data):
+    look(robot, (1, 0.7, 0), in_state(robot, "tracking"))
+    assert robot.call(service, data).success
+    robot.states.clear()
+    look(robot, (1, -0.7, 0), in_state(robot, "stalled"))
+    assert "head_pan_joint" in robot.states[-1]
+    robot.states.clear()
+    for _ in range(30):
+        robot.look_at(1, -0.7, 0, "torso_link", robot.node.get_clock().now().to_msg())
+        time.sleep(0.03)
+    assert not any(state.startswith("tracking:") for state in robot.states)
+    assert robot.call("torque_enable", True).success
+    look(robot, (1, -0.7, 0), in_state(robot, "tracking"))
