@@ -24,6 +24,7 @@ from head_tracking.transforms import RobotModel, RobotModelError, Vector3
 
 _WATCH_PERIOD = 0.25  # s
 _TELL_PERIOD = 1.0  # s
+_MOST_TOLD = 100  # things at a time; anybody may send targets in frames of any name
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +167,8 @@ class HeadInterface:
         self._errors = node.create_publisher(Float64, error_topic, 10)
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
         steady_timer(node, _WATCH_PERIOD, self.reading)
+        if self._buffer.model is not None:
+            self._check_model()
 
     @property
     def now(self) -> float:
@@ -317,9 +320,11 @@ class HeadInterface:
         """Logs a warning, but not the same thing again and again."""
         now = time.monotonic()
         if now - self._told.get(about, -math.inf) >= _TELL_PERIOD:
+            if len(self._told) >= _MOST_TOLD:
+                self._told.clear()
             self._told[about] = now
             self._log.warning(text)
 
     def _dated(self, target: Target) -> Target:
         latency = round(self._parameters.target_latency * 1e9)
-        return replace(target, stamp=target.stamp - latency) if target.stamp else target
+        return replace(target, stamp=max(1, target.stamp - latency)) if target.stamp else target

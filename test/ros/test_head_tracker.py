@@ -180,3 +180,20 @@ def test_servos_that_were_relaxed_are_told_of_in_the_state(robot, service, data)
     assert not any(state.startswith("tracking:") for state in robot.states)
     assert robot.call("torque_enable", True).success
     look(robot, (1, -0.7, 0), in_state(robot, "tracking"))
+
+
+@pytest.mark.parametrize("mode", ["track", "point"])
+def test_a_foreign_robot_description_does_not_end_the_run(make_robot, mode):
+    robot = make_robot("--mode", mode, "--target", "none")
+    foreign = '<robot name="arm"><link name="shoulder"/></robot>'
+    publisher = robot.node.create_publisher(String, "robot_description", LATCHED)
+    wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(String(data=foreign))
+    robot.logged("another robot_description is not used")
+    for side in (1, -1):
+        deadline = time.monotonic() + 15
+        while robot.pan * side < 0.4:
+            assert time.monotonic() < deadline
+            robot.look_at(1, side, 0, "base_link")
+            time.sleep(0.05)
+    assert robot.threads.failure is None
