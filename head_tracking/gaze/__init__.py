@@ -1,6 +1,6 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
-from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead
+from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Sight
 from head_tracking.gaze.pointing import (
     HeadCommand,
     Pointing,
@@ -18,5 +18,6 @@ __all__ = [
     "Pointing",
     "PointingParameters",
     "PointingResult",
+    "Sight",
     "together",
 ]

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,6 +73,20 @@ class Gaze:
     def reached(self) -> bool:
         """Whether the axis goes through the point."""
         return self.status is GazeStatus.REACHED
+
+
+class Sight(NamedTuple):
+    """A point as the head sees it, limits aside.
+
+    Attributes:
+        pan: position of the pan joint that looks at it [rad]; may count full turns.
+        tilt: position of the tilt joint that looks at it [rad].
+        distance: from the camera along its axis [m].
+    """
+
+    pan: float
+    tilt: float
+    distance: float
 
 
 class PanTiltHead:
@@ -161,6 +176,43 @@ class PanTiltHead:
         if miss < ON_LIMIT:
             return Gaze(*nearest, GazeStatus.REACHED, miss)
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
+
+    def sight(self, target: Sequence[float], pan: float, tilt: float) -> Sight | None:
+        """The point as the head sees it, limits aside; None if no turn brings it before the camera.
+
+        How far away a point on the camera's axis is makes no difference to pan and tilt.
+
+        Args:
+            target: the point, shape (3,) [m], in `base_frame`, finite.
+            pan: of all turns that look there, the one nearest to this is taken [rad].
+            tilt: the same for tilt [rad].
+        """
+        geometry, point = self._geometry, self._point(target)
+        if math.hypot(point[0], point[1]) < _CLOSE:
+            return None
+        direction = geometry.pan(point, backwards=False)
+        angle = None if direction is None else geometry.tilt(point, direction)
+        if direction is None or angle is None:
+            return None
+        return Sight(
+            pan + math.remainder(direction - pan, math.tau),
+            tilt + math.remainder(angle - tilt, math.tau),
+            geometry.distance(point, direction, angle),
+        )
+
+    def look(self, sight: Sight, pan: float, tilt: float) -> Gaze:
+        """The gaze at a point that is seen like this; see `gaze`."""
+        positions = (
+            turn_near(sight.pan, pan, self.pan_limits),
+            turn_near(sight.tilt, tilt, self.tilt_limits),
+        )
+        if self._allowed(positions):
+            return Gaze(*positions, GazeStatus.REACHED, 0.0)
+        return self.gaze(self.point(sight), pan, tilt)
+
+    def point(self, sight: Sight) -> Vector3:
+        """The point, shape (3,) [m], in `base_frame`, that is seen like this."""
+        return self._geometry.ahead(*sight)
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """The angle [rad], 0 to pi, by which the axis misses a point.
@@ -270,6 +322,7 @@ class HeadGeometry:
 
     Attributes:
         T_C_base: takes points from the link that carries the pan joint into C.
+        T_base_C: the other way round.
         slant: y and z of n in C; (1, 0) on nearly every head. x is 0 by the choice of C.
         tilt_origin: a point on the tilt axis at pan 0 [m], in C.
         camera: the pointing frame's origin from `tilt_origin` [m], in the tilt basis.
@@ -277,6 +330,7 @@ class HeadGeometry:
     """
 
     T_C_base: Transform
+    T_base_C: Transform
     slant: tuple[float, float]
     tilt_origin: Vector3
     camera: Vector3
@@ -311,8 +365,10 @@ class HeadGeometry:
         _, ny, nz = R_C_pan @ tilt_axis
         slant = (1.0, 0.0) if abs(nz) < _SAME else (ny, nz)
         axis = R_C_tilt @ (T_tilt_camera.rotation @ _pointing_axis(pointing_frame, pointing_axis))
+        T_C_base = Transform((0.0, 0.0, 0.0), R_C_pan) @ pan.origin.inverse()
         return HeadGeometry(
-            T_C_base=Transform((0.0, 0.0, 0.0), R_C_pan) @ pan.origin.inverse(),
+            T_C_base=T_C_base,
+            T_base_C=T_C_base.inverse(),
             slant=slant,
             tilt_origin=R_C_pan @ T_pan_tilt.translation,
             camera=_in_tilt_basis(R_C_tilt @ T_tilt_camera.translation, slant),
@@ -378,6 +434,19 @@ class HeadGeometry:
         ax, ay, az = self.axis
         across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
         return math.atan2(across, ax * x + ay * y + az * z)
+
+    def distance(self, point: Vector3, pan: float, tilt: float) -> float:
+        """How far away a point of C on the pointing axis is from the camera [m]."""
+        return math.hypot(*self._seen(point, pan, tilt))
+
+    def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
+        """The point on the pointing axis at a distance from the camera, in the base frame [m]."""
+        (cu, cv, cw), (au, av, aw) = self.camera, self.axis
+        x, v, w = _turned((cu + distance * au, cv + distance * av, cw + distance * aw), -tilt)
+        ny, nz = self.slant
+        ox, oy, oz = self.tilt_origin
+        point = _turned((x + ox, nz * v + ny * w + oy, nz * w - ny * v + oz), -pan)
+        return self.T_base_C.apply(point)
 
     def linearised(
         self, point: Vector3, pan: float, tilt: float

@@ -20,7 +20,13 @@ from head_tracking.nodes.spinning import steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
-from head_tracking.transforms import RobotModel, RobotModelError, Vector3
+from head_tracking.transforms import (
+    LATEST,
+    RobotModel,
+    RobotModelError,
+    TransformException,
+    Vector3,
+)
 
 _WATCH_PERIOD = 0.25  # s
 _TELL_PERIOD = 1.0  # s
@@ -160,6 +166,8 @@ class HeadInterface:
         self._model: RobotModel | None = None
         self._refused_model: RobotModel | None = None
         self._told: dict[str, float] = {}
+        self._carried: dict[str, bool] = {}
+        self._base_frame = ""
         self._base: HeadBase | None = None
         self._placer: TargetPlacer | None = None
         self._listening_since = round(self.now * 1e9)
@@ -238,6 +246,22 @@ class HeadInterface:
         refusal = self._placer.take_refusal()
         return self.refuse(refusal) if refusal else ""
 
+    def moves_with_head(self, frame_id: str) -> bool:
+        """Whether a frame is carried by the head."""
+        if frame_id not in self._carried:
+            p, places = self._parameters, []
+            for position in (0.0, 0.1):
+                joints = {p.head_pan_joint: position, p.head_tilt_joint: position}
+                try:
+                    found = self._buffer.lookup_transform(
+                        self._base_frame, frame_id, LATEST, joint_positions=joints
+                    )
+                except TransformException:
+                    return False
+                places.append(found.transform)
+            self._carried[frame_id] = places[0] != places[1]
+        return self._carried[frame_id]
+
     def send(self, command: HeadCommand | None) -> None:
         """Publishes a command for both joints, if there is one."""
         if command is not None:
@@ -298,6 +322,8 @@ class HeadInterface:
         head = p.head(model, self._pointing_frame)
         fixed_frame = p.fixed_frame or head.base_frame
         self._model = model
+        self._base_frame = head.base_frame
+        self._carried.clear()
         self._placer = TargetPlacer(self._buffer, fixed_frame, p.transform_timeout)
         self._base = (
             None

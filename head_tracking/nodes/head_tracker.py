@@ -133,7 +133,12 @@ class HeadTrackerNode(Node):
         self._stepped = now
         tracker.joints_read(stamp, positions)
         for target, point in self._interface.take_targets(positions, now):
-            verdict = tracker.target_seen(target.stamp * 1e-9 if target.stamp else now, point, now)
+            verdict = tracker.target_seen(
+                target.stamp * 1e-9 if target.stamp else now,
+                point,
+                now,
+                moving=bool(target.stamp) and self._interface.moves_with_head(target.frame_id),
+            )
             if not verdict.used and tracker.machine.refusal == verdict:
                 self._interface.refuse(Refusal(target, verdict))
         refused = self._interface.take_refusal()

@@ -1,8 +1,13 @@
 """Following a moving target: estimate it, place it, turn the head to it, and lose it."""
 
 from head_tracking.tracking.clock_watch import ClockWatch
-from head_tracking.tracking.error_statistics import ErrorStatistics
-from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
+from head_tracking.tracking.error_statistics import ErrorStatistics, TrackingJudge
+from head_tracking.tracking.estimator import (
+    EstimatorParameters,
+    TargetEstimate,
+    TargetEstimator,
+    Verdict,
+)
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.law import JointReading, TrackingLaw
 from head_tracking.tracking.law_parameters import (
@@ -18,7 +23,6 @@ from head_tracking.tracking.recording import Recording, Sample
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.speed_law import SpeedLaw
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
-from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.tracking.target_state import (
     TargetState,
     TargetStateMachine,
@@ -56,6 +60,7 @@ __all__ = [
     "TargetStateParameters",
     "TrackRecord",
     "Tracker",
+    "TrackingJudge",
     "TrackingLaw",
     "TrackingStep",
     "Verdict",

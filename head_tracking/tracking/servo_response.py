@@ -12,15 +12,25 @@ import math
 from bisect import bisect_right
 from collections import deque
 
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
 _HISTORY = 1.0  # s of commands
 _FIRST_DELAY = 0.04  # s, until the servo has shown its own
-_LONGEST_DELAY = 0.15  # s
 _UNSURE = 0.02  # s, standard deviation of the first delay
-_DRIFT = 1e-3  # s per square root of a second: what a delay may change
+
+_DELAYS: Array = np.arange(0.0, 0.2501, 0.01)
+"""The delays [s] that are compared."""
+
 _WINDOW = 0.1  # s between the two readings that are compared to learn the delay
-_SLOWEST = 0.1  # rad/s; slower motion tells little of the delay
+_LEARNED_EVERY = 3  # readings
+_MEMORY = 3.0  # s of motion
 _MODEL_ERROR = 0.004  # rad in such a window
-_LAG_ERROR = 0.03  # s: what one window can tell of the delay at best
+_TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
+_FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
+_AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
 
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
@@ -55,7 +65,8 @@ class ServoResponse:
         self.learning = True
         self.resolution = _USUAL_RESOLUTION
         self._finest_step = math.inf
-        self._variance = _UNSURE**2
+        self._squares = _MODEL_ERROR**2 * ((_DELAYS - self.delay) / _UNSURE) ** 2
+        self._unread = 0
         self._times = [stamp]
         self._setpoints = [position]
         self._speeds = [speed]
@@ -113,7 +124,9 @@ class ServoResponse:
         self._readings.append((stamp, position))
         while self._readings[1][0] <= stamp - _WINDOW:
             self._readings.popleft()
-        if self.learning:
+        self._unread += 1
+        if self.learning and self._unread >= _LEARNED_EVERY:
+            self._unread = 0
             self._learn_delay()
 
     def _follow(self, shaft: float, setpoint: float) -> float:
@@ -146,21 +159,48 @@ class ServoResponse:
             self._finest_step = self.resolution = step
 
     def _learn_delay(self) -> None:
-        """One step of a Kalman filter for the delay, from how far the shaft moved in a window."""
+        """Compares how far the shaft moved in a window with what every delay makes expected."""
         (start, first), (end, last) = self._readings[0], self._readings[-1]
-        before, after = self._speed_at(start - self.delay), self._speed_at(end - self.delay)
-        if min(abs(before), abs(after)) < _SLOWEST or before * after < 0.0:
+        times, setpoints = self._knots()
+        expected = np.interp(end - _DELAYS, times, setpoints)
+        expected -= np.interp(start - _DELAYS, times, setpoints)
+        misses = expected - (last - first)
+        if abs(last - first) < _TELLING or np.ptp(expected) < _TELLING:
             return
-        expected = self._sum(end - self.delay) - self._sum(start - self.delay)
-        moved = last - first
-        if not 0.5 < moved / expected < 2.0 if expected else True:
+        nearest = float(np.abs(misses).min())
+        if nearest > _FOLLOWED * max(abs(last - first), float(np.abs(expected).max())):
             return  # held, pushed, or at its limit
-        slope = before - after  # what the expected way loses per second of delay
-        noise = self.resolution**2 / 6.0 + _MODEL_ERROR**2 + (_LAG_ERROR * slope) ** 2
-        self._variance += _DRIFT**2 * (end - self._readings[-2][0])
-        if (moved - expected) ** 2 > 9.0 * (slope * slope * self._variance + noise):
-            return
-        gain = self._variance * slope / (slope * slope * self._variance + noise)
-        self._variance *= 1.0 - gain * slope
-        delay = self.delay + gain * (moved - expected)
-        self.delay = min(max(delay, 0.0), _LONGEST_DELAY)
+        elapsed = _LEARNED_EVERY * (end - self._readings[-2][0])
+        self._squares = math.exp(-elapsed / _MEMORY) * self._squares + misses * misses
+        self.delay = _least(self._squares)
+
+    def _knots(self) -> tuple[Array, Array]:
+        """The setpoint as a polyline: times [s] and positions [rad]."""
+        times, setpoints = [], []
+        ends = (*self._times[1:], math.inf)
+        for time, end, setpoint, speed, room in zip(
+            self._times, ends, self._setpoints, self._speeds, self._rooms, strict=True
+        ):
+            times.append(time)
+            setpoints.append(setpoint)
+            if speed and time + room / abs(speed) < end:
+                times.append(time + room / abs(speed))
+                setpoints.append(setpoint + math.copysign(room, speed))
+        return np.array(times), np.array(setpoints)
+
+
+def _least(squares: Array) -> float:
+    """The delay [s] of the least squared error, between the ones that were compared."""
+    least = int(squares.argmin())
+    inner = squares[1:-1]
+    minima = np.flatnonzero((inner <= squares[:-2]) & (inner < squares[2:])) + 1
+    for index in minima[minima < least]:
+        if squares[index] < _AS_GOOD * squares[least]:
+            least = int(index)
+            break
+    if not 0 < least < len(squares) - 1:
+        return float(_DELAYS[least])
+    before, here, after = squares[least - 1 : least + 2]
+    bend = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return float(_DELAYS[least] + shift * (_DELAYS[1] - _DELAYS[0]))

@@ -190,6 +190,14 @@ class HeadBase:
             return str(error)
         return ""
 
+    def at(self, time: float) -> Transform:
+        """`T_fixed_base` at a time [s] that has been; as near to it as is known."""
+        try:
+            return self._buffer.lookup_transform(*self._frames, round(time * 1e9)).transform
+        except TransformException:
+            self.update()
+            return self.pose(time)
+
     def pose(self, time: float) -> Transform:
         """`T_fixed_base` at a time [s] near now, with the velocity and acceleration it had last."""
         if self._motion is None:

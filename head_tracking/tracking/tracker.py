@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
-from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
+from head_tracking.tracking.estimator import (
+    EstimatorParameters,
+    TargetEstimate,
+    TargetEstimator,
+    Verdict,
+)
 from head_tracking.tracking.law import JointReading, TrackingLaw
+from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
-from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.tracking.target_state import (
     TargetState,
     TargetStateMachine,
     TargetStateParameters,
 )
-from head_tracking.transforms import Transform, Vector3
+from head_tracking.transforms import Rotation, Vector3
 
 _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
@@ -25,6 +30,7 @@ _INSTANT = 1e-3  # s
 _AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
 _STALL_TIME = 0.8  # s
 _STALLED = 0.2  # of the way that was commanded
+_SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +102,9 @@ class Tracker:
             _StallWatch(head.tilt_joint),
         )
         self._readings: deque[JointReading] = deque()
+        self.stamp_error = StampError()
+        self._seen: deque[tuple[float, Sight]] = deque()
+        self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -122,12 +131,40 @@ class Tracker:
             before, dt = readings[0].positions, stamp - readings[0].stamp
             pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
         readings.append(JointReading(stamp, positions, (pan, tilt)))
+        self.stamp_error.joints_read(stamp, positions)
 
-    def target_seen(self, stamp: float, point: Vector3, now: float) -> Verdict:
-        """Takes a point, shape (3,) [m], in the frame that stands still, seen at `stamp` [s]."""
+    def target_seen(
+        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
+    ) -> Verdict:
+        """Takes a point.
+
+        Args:
+            stamp: when it was seen [s].
+            point: shape (3,) [m], in the frame that stands still.
+            now: the time [s].
+            moving: whether it was seen by something that moves with the head.
+        """
         if not self.machine.enabled:
             return Verdict.IGNORED
-        verdict = self.estimator.add(stamp, point, now)
+        estimate = self.estimator.estimate
+        if estimate is not None:
+            pan, tilt, _ = estimate.sight
+        else:
+            pan, tilt = self._readings[-1].positions if self._readings else (0.0, 0.0)
+        if self._base is not None:
+            place = self._base.at(stamp)
+            if estimate is None:
+                self._upright = place.rotation
+            x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
+            point = self._upright.inverse() @ (x, y, z)
+        sight = self.head.sight(point, pan, tilt)
+        if sight is None:
+            verdict = Verdict.TOO_CLOSE
+        else:
+            if moving:
+                sight = self._unerring(stamp, sight)
+                stamp -= self.stamp_error.value
+            verdict = self.estimator.add(stamp, sight, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
@@ -135,9 +172,24 @@ class Tracker:
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
             self._came = now
-        elif verdict in (Verdict.FUTURE, Verdict.TOO_OLD) or not self._follows(now):
+        elif verdict in (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE) or not self._follows(
+            now
+        ):
             self.machine.refused(verdict, now)
         return verdict
+
+    def _unerring(self, stamp: float, sight: Sight) -> Sight:
+        """A point of a camera on the head as it is without its stamp's error."""
+        error = self.stamp_error
+        self._seen.append((stamp, sight))
+        while self._seen[0][0] < stamp - 1.0:
+            self._seen.popleft()
+        if error.point_seen(stamp, sight):
+            earlier = sorted(self._seen)[:-1]
+            self.estimator.replay(
+                [(then - error.value, error.corrected(then, seen)) for then, seen in earlier]
+            )
+        return error.corrected(stamp, sight)
 
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
@@ -151,7 +203,8 @@ class Tracker:
             if target is None:
                 return TrackingStep()
             command, gaze = self.law.follow(target, joints, now)
-            error = self.head.miss(target.position(joints.stamp), *joints.positions)
+            there = self.head.point(target.sight_at(joints.stamp))
+            error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
             ahead = self._message_age + 0.5 * self._interval + self.law.horizon
             self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
@@ -193,6 +246,8 @@ class Tracker:
         self._readings.clear()
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
+        self._seen.clear()
+        self.stamp_error.reset()
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None
@@ -213,7 +268,10 @@ class Tracker:
         if unknown:
             self.machine.refused(f"nobody knows where the head is: {unknown}", now)
             return None
-        return TargetFromBase.of(estimate, self._base.pose, now)
+        base, upright = self._base, self._upright
+        return TargetFromBase.of(
+            estimate, self.head, lambda time: base.pose(time).rotation.inverse() @ upright, now
+        )
 
     def _watch_servos(self, command: HeadCommand, joints: JointReading, now: float) -> None:
         goals, speeds = (command.pan, command.tilt), (command.pan_speed, command.tilt_speed)
@@ -233,32 +291,44 @@ class Tracker:
 
 @dataclass(frozen=True, slots=True)
 class TargetFromBase(TargetEstimate):
-    """A target in the head's base frame, which moves.
+    """A target as seen from the head's base, which turns.
 
     Attributes:
-        pose: `T_fixed_base` at a time [s].
+        head: the head on it.
+        turn: how far the frame of the estimate is turned in the base frame at a time [s].
     """
 
-    pose: Callable[[float], Transform]
+    head: PanTiltHead
+    turn: Callable[[float], Rotation]
 
     @staticmethod
     def of(
-        estimate: TargetEstimate, pose: Callable[[float], Transform], now: float
+        estimate: TargetEstimate, head: PanTiltHead, turn: Callable[[float], Rotation], now: float
     ) -> TargetFromBase:
         """The same target, as seen from the base."""
         values = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
-        values["point"] = pose(now).inverse() @ estimate.point
-        return TargetFromBase(**values, pose=pose)
+        target = TargetFromBase(**values, head=head, turn=turn)
+        return replace(target, sight=target.turned(estimate.sight, now))
 
-    def position(self, time: float) -> Vector3:
-        """Where the target is [m] at a time [s], in the base frame as it will be then."""
-        return self.pose(time).inverse() @ TargetEstimate.position(self, time)
+    def turned(self, sight: Sight, time: float) -> Sight:
+        """A sight in the frame of the estimate, in the base frame as it will be at a time [s]."""
+        point = self.turn(time) @ self.head.point(sight)
+        return self.head.sight(point, sight.pan, sight.tilt) or sight
 
-    def velocity(self, time: float) -> Vector3:
-        """How the target moves [m/s] at a time [s], as seen from the base."""
-        before, after = self.position(time - _INSTANT), self.position(time + _INSTANT)
-        x, y, z = ((b - a) / (2.0 * _INSTANT) for a, b in zip(before, after, strict=True))
-        return x, y, z
+    def sight_at(self, time: float) -> Sight:
+        """Where the target is at a time [s], in the base frame as it will be then."""
+        return self.turned(TargetEstimate.sight_at(self, time), time)
+
+    def bearing(self, time: float) -> tuple[float, float]:
+        """Pan and tilt that look at the target then [rad]."""
+        pan, tilt, _ = self.sight_at(time)
+        return pan, tilt
+
+    def velocity(self, time: float) -> tuple[float, float]:
+        """How they change [rad/s]."""
+        before, after = self.bearing(time - _INSTANT), self.bearing(time + _INSTANT)
+        pan, tilt = ((b - a) / (2.0 * _INSTANT) for a, b in zip(before, after, strict=True))
+        return pan, tilt
 
 
 class _StallWatch:
