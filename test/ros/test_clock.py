@@ -7,6 +7,7 @@ import time
 import pytest
 from builtin_interfaces.msg import Time
 from head_under_test import Head
+from rclpy.duration import Duration
 from robot_under_test import wait_for
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -124,6 +125,44 @@ def test_old_joint_states_do_not_come_alive_when_the_clock_jumps_back(make):
     time.sleep(0.5)
     assert head.commands - before <= 1
     assert before - commands <= 1
+
+
+class Settable:
+    """The machine's clock, as if somebody set it."""
+
+    ros_time_is_active = False
+
+    def __init__(self, clock):
+        self._clock, self.offset = clock, 0.0
+
+    def now(self):
+        return self._clock.now() + Duration(seconds=self.offset)
+
+
+class NodeOnSettableClock(HeadTrackerNode):
+    def get_clock(self):
+        if not hasattr(self, "settable"):
+            self.settable = Settable(super().get_clock())
+        return self.settable
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -0.5, 0.5, 3600.0])
+def test_a_machine_whose_clock_is_set_holds_and_tracks_again(make, jump):
+    """As by NTP: no time source tells of it."""
+    head = make(NodeOnSettableClock)
+    head.target = TARGET
+    on_target(head)
+    head.target = None
+    head.states.clear()
+    head.offset += jump
+    head.node.get_clock().offset += jump
+    wait_for(lambda: any("the clock jumped" in state for state in head.states))
+    head.travel.clear()
+    wait_for(lambda: len(head.travel) > 40)
+    assert head.farthest() < 0.1
+    head.target = TARGET
+    on_target(head)
+    assert head.farthest() < 1.2
 
 
 def test_point_head_starts_anew_too(make):

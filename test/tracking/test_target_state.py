@@ -7,6 +7,9 @@ from head_tracking.share import robot_file
 from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
 from head_tracking.transforms import load_robot_model
 
+HEAD = PanTiltHead(
+    load_robot_model(robot_file("kinectbot")), "head_pan_joint", "head_tilt_joint", "camera_link"
+)
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
 BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
 HERE = (0.5, 0.2)
@@ -193,9 +196,7 @@ class Facts(RuleBasedStateMachine):
 
     @initialize()
     def begin(self):
-        model = load_robot_model(robot_file("kinectbot"))
-        head = PanTiltHead(model, "head_pan_joint", "head_tilt_joint", "camera_link")
-        self.machine = TargetStateMachine(head, TargetStateParameters(enable_target_search=True))
+        self.machine = TargetStateMachine(HEAD, TargetStateParameters(enable_target_search=True))
         self.now, self.enabled, self.stalled, self.seen = 100.0, True, "", False
 
     @rule(on=st.booleans())
