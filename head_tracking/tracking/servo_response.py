@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,15 @@ _MODEL_ERROR = 0.004  # rad in such a window
 _TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
 _FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
 _AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
+
+_SPAN = 0.08  # s; over which speeds are compared to learn the acceleration
+_BEHIND = 0.5  # rad/s; a shaft so much slower than told, twice in a row, gives what it can
+_GAINED = 0.2  # rad/s in a span; less may be noise
+_STEADY = 0.6  # of the gain before; less is a shaft that comes to its top speed
+_SLOWEST_START = 1.0  # rad/s^2
+_RECOVERY = 10.0  # s in which a limit that is not met any more grows to e times itself
+_SHARE = 0.3  # of a new measurement
+_HARDEST = 100.0  # rad/s^2; harder than this is no limit
 
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
@@ -55,6 +65,8 @@ class ServoResponse:
     Attributes:
         delay: from a command to the motion it causes [s].
         resolution: one step of the encoder [rad].
+        acceleration: the hardest that it has shown, where it was told more [rad/s^2].
+        velocity: of the shaft, from its readings [rad/s].
         learning: whether the delay is learned from the motion.
     """
 
@@ -62,10 +74,13 @@ class ServoResponse:
         self, stamp: float, position: float, speed: float = 0.0, delay: float | None = None
     ) -> None:
         self.delay = _FIRST_DELAY if delay is None else delay
+        self.acceleration = math.inf
+        self.velocity = speed
         self.learning = True
         self.resolution = _USUAL_RESOLUTION
         self._finest_step = math.inf
-        self._squares = _MODEL_ERROR**2 * ((_DELAYS - self.delay) / _UNSURE) ** 2
+        self._first_delay = self.delay
+        self._squares = self._expected_squares()
         self._unread = 0
         self._times = [stamp]
         self._setpoints = [position]
@@ -122,10 +137,15 @@ class ServoResponse:
         within = max(-0.5 * self.resolution, min(0.5 * self.resolution, surprise))
         self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (surprise - within)
         self._readings.append((stamp, position))
-        while self._readings[1][0] <= stamp - _WINDOW:
+        while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
+        saturated = self._learn_acceleration(stamp - last_stamp)
         self._unread += 1
-        if self.learning and self._unread >= _LEARNED_EVERY:
+        if saturated and self.learning:
+            # what the shaft could not follow tells no delay
+            self.delay = min(self.delay, self._first_delay)
+            self._squares = self._expected_squares()
+        if self.learning and not saturated and self._unread >= _LEARNED_EVERY:
             self._unread = 0
             self._learn_delay()
 
@@ -160,7 +180,8 @@ class ServoResponse:
 
     def _learn_delay(self) -> None:
         """Compares how far the shaft moved in a window with what every delay makes expected."""
-        (start, first), (end, last) = self._readings[0], self._readings[-1]
+        end, last = self._readings[-1]
+        start, first = self._reading_before(end - _WINDOW)
         times, setpoints = self._knots()
         expected = np.interp(end - _DELAYS, times, setpoints)
         expected -= np.interp(start - _DELAYS, times, setpoints)
@@ -173,6 +194,58 @@ class ServoResponse:
         elapsed = _LEARNED_EVERY * (end - self._readings[-2][0])
         self._squares = math.exp(-elapsed / _MEMORY) * self._squares + misses * misses
         self.delay = _least(self._squares)
+
+    def _expected_squares(self) -> Array:
+        """What is expected of every delay before the servo has moved."""
+        return np.asarray((_MODEL_ERROR * (_DELAYS - self.delay) / _UNSURE) ** 2)
+
+    def _reading_before(self, time: float) -> tuple[float, float]:
+        """The newest reading that is not after a time [s]; else the oldest."""
+        for reading in reversed(self._readings):
+            if reading[0] <= time:
+                return reading
+        return self._readings[0]
+
+    def _learn_acceleration(self, elapsed: float) -> bool:
+        """How hard the shaft accelerates while it is slower, or faster, than it was told to be.
+
+        Whether it gives all it can now.
+        """
+        if self.acceleration < math.inf:
+            self.acceleration *= math.exp(elapsed / _RECOVERY)
+            if self.acceleration > _HARDEST:
+                self.acceleration = math.inf
+        end = self._readings[-1][0]
+        stamps, positions = zip(
+            *(self._reading_before(end - spans * _SPAN) for spans in (3, 2, 1, 0)), strict=True
+        )
+        if len(set(stamps)) < 4:
+            return False
+        told = [self._sum(stamp - self.delay) for stamp in stamps]
+        times = [later - earlier for earlier, later in pairwise(stamps)]
+        first, second, third = (
+            (later - earlier) / time
+            for (earlier, later), time in zip(pairwise(positions), times, strict=True)
+        )
+        behind = [
+            (later - earlier) / time
+            for (earlier, later), time in zip(pairwise(told), times, strict=True)
+        ]
+        behind = [told - shown for told, shown in zip(behind, (first, second, third), strict=True)]
+        self.velocity = third
+        if min(behind) < _BEHIND and max(behind) > -_BEHIND:
+            return False
+        gained, gained_before = third - second, second - first
+        if gained * behind[-1] <= 0.0 or abs(gained) < max(_GAINED, _STEADY * abs(gained_before)):
+            return True  # at its top speed, or held
+        shown = max(2.0 * abs(gained) / (times[1] + times[2]), _SLOWEST_START)
+        if shown < self.acceleration:
+            self.acceleration = (
+                shown
+                if self.acceleration == math.inf
+                else self.acceleration + _SHARE * (shown - self.acceleration)
+            )
+        return True
 
     def _knots(self) -> tuple[Array, Array]:
         """The setpoint as a polyline: times [s] and positions [rad]."""
