@@ -145,7 +145,7 @@ class Rig:
     """Tracker, placer and buffer as the node wires them, on a clock that can be set."""
 
     def __init__(self, model, head, law):
-        self.clocks = Clocks()
+        self.clocks = Clocks(1e6)
         self.watch = ClockWatch(lambda: self.clocks.now, lambda: self.clocks.steady)
         self.buffer = TransformBuffer()
         self.buffer.set_model(model)
@@ -270,8 +270,9 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(on=st.booleans())
     def switch(self, on):
+        changed = on != self.rig.tracker.machine.enabled
         self.rig._obey(self.rig.tracker.enable(on, self.rig.clocks.now))
-        self.asked = False
+        self.asked = self.asked and not changed
 
     @rule()
     def recenter(self):
