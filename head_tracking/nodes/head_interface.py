@@ -313,7 +313,7 @@ class HeadInterface:
                     self._buffer.set_model(self._model)
                     self._log.error(f"another robot_description is not used: {error}")
                 else:
-                    self.trouble = f"no head in robot_description: {error}"
+                    self.trouble = f"robot_description cannot be used: {error}"
         if self._placer is None:
             self._tell("model", self.trouble)
 
@@ -321,6 +321,14 @@ class HeadInterface:
         p = self._parameters
         head = p.head(model, self._pointing_frame)
         fixed_frame = p.fixed_frame or head.base_frame
+        if fixed_frame in model.links and any(
+            joint.name in (head.pan_joint, head.tilt_joint)
+            for joint in model.joints_above(fixed_frame)
+        ):
+            raise RobotModelError(
+                f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
+                f"stands still, such as {head.base_frame} or odom"
+            )
         self._model = model
         self._base_frame = head.base_frame
         self._carried.clear()

@@ -80,10 +80,18 @@ def test_a_model_without_the_head_is_said_and_the_old_head_stays(make, node):
 
 def test_a_model_without_the_head_that_comes_first_is_said_until_another_comes(make, kinectbot):
     head = make(urdf=WITHOUT_HEAD)
-    head.until_state("idle: no head in robot_description", "head_pan_joint")
+    head.until_state("idle: robot_description cannot be used", "head_pan_joint")
     head.describe(kinectbot.urdf)
     head.target = LEFT
     head.until_state("tracking:")
+
+
+def test_a_fixed_frame_that_moves_with_the_head_is_refused(make):
+    head = make(fixed_frame="camera_link")
+    head.until_state("'camera_link', which moves with the head", "head_pan_link")
+    head.target = LEFT
+    head.until_logged("fixed_frame is 'camera_link'")
+    assert head.commands == 0
 
 
 def test_no_model_is_said(make, kinectbot):
