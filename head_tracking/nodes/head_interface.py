@@ -193,7 +193,7 @@ class HeadInterface:
         self._check_model()
         if self._placer is None:
             return None
-        p, now = self._parameters, self.now
+        p, now = self._parameters, self._clock.checked
         found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
             stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
@@ -293,10 +293,11 @@ class HeadInterface:
 
     def _check_clock(self) -> None:
         happened = self._clock.check(simulated=self._simulated)
-        self._listening_since = self._listening_since or round(self.now * 1e9)
+        now = round(self._clock.checked * 1e9)
+        self._listening_since = self._listening_since or now
         if happened:
             self._log.warning(f"{happened}: everything starts anew, and the head holds")
-            self._listening_since = round(self.now * 1e9)
+            self._listening_since = now
             if not self._clock.standing:
                 self._buffer.clear()
             self.forget_targets()
