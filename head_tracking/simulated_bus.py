@@ -88,6 +88,10 @@ def _parser() -> argparse.ArgumentParser:
         "--servo", type=_servo_option, action="append", metavar="MODEL:ID",
         help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",
     )  # fmt: skip
+    add(
+        "--firmware", type=between(1, 255, "", int), metavar="N",
+        help="version of their firmware, and so of their registers (default: a recent one)",
+    )  # fmt: skip
     add("--link", metavar="PATH", help="also make a link to the port here")
     add(
         "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
@@ -129,6 +133,7 @@ def _servo(option: ServoOption, options: argparse.Namespace, random: Random) -> 
     servo = SimulatedServo(
         option.id,
         option.model,
+        firmware=options.firmware,
         start_delay=0.03 if options.realistic else 0.0,
         position_noise=0.3 if options.realistic else 0.0,
         eeprom_time=0.006 if options.realistic else 0.0,

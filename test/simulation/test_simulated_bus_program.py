@@ -73,6 +73,14 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     )
 
 
+def test_firmware_can_be_an_old_one(start) -> None:
+    program = start("--servo", "XM430-W350:3", "--firmware", "37")
+    answer = StatusPacket2.decode(ask(program.port, InstructionPacket2.ping(3).encode(), 14))
+    assert answer is not None and answer.data[2] == 37
+    watchdog = InstructionPacket2.write(3, 98, b"\x05").encode()
+    assert StatusPacket2.decode(ask(program.port, watchdog, 11)) == StatusPacket2(3, 7)
+
+
 def test_servos_keep_to_their_baud_rate(start) -> None:
     program = start("--ids", "1", "--baud", "57600", "--return-delay", "0", "--paced")
     assert ask(program.port, PING, 6, 57_600) == PONG
