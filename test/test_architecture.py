@@ -48,7 +48,7 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
     "xacro": {"transforms/urdf.py"},
-    "dynamixel_sdk": {"dynamixel/sdk.py"},
+    "dynamixel_sdk": {"dynamixel/serial_port.py"},
     "rich": {"servo_tool/bench.py", "servo_tool/looks.py"},
 }
 

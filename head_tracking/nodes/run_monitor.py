@@ -123,7 +123,7 @@ class RunMonitorNode(Node):
                 else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
                 "no target" if self._target is None else f"target {self._target}",
                 "error    - " if self._error is None else f"error {_degrees(self._error, '')}",
-                f"bus {bus.timing.reached_rate:.0f} Hz",
+                f"bus {bus.in_short}",
                 f"{temperatures or '-'} °C",
             )
         )
@@ -132,6 +132,8 @@ class RunMonitorNode(Node):
         """One line on the whole run."""
         bus = self._sources.bus_status()
         counted = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
+        if not bus.statistics.connected:
+            counted += ", the adapter has gone"
         if not self.statistics.count:
             return f"no target was followed; {counted}"
         judge = "measured" if self._sources.true_position is None else "true"

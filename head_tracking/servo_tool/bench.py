@@ -14,7 +14,6 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -22,7 +21,8 @@ from head_tracking.dynamixel.exceptions import (
     ReplyTimeoutError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
-from head_tracking.dynamixel.servo_link import ServoLink
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.servo import Servo
 
 _LOOKS = 10.0  # Hz
 _PLAIN_WIDTH = 120  # where there is no terminal that has one
@@ -210,7 +210,7 @@ def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -
     return None
 
 
-def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> ServoLink:
+def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
     """Return the servo with an id.
 
     Args:
@@ -235,11 +235,11 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
                 "probably 0. Tell its model, and set it to 2: "
                 f"servo --model MODEL set {servo_id} 'Status Return Level' 2"
             )
-        link = ServoLink(port, servo_id, model)
+        link = Servo(port, servo_id, model)
         link.acknowledges_writes = False
         return link
     try:
-        link = ServoLink(port, servo_id, servo_model_by_number(number))
+        link = Servo(port, servo_id, servo_model_by_number(number))
     except ConfigurationError as error:
         raise ToolError(f"servo {servo_id}: {error}") from error
     link.acknowledges_writes = link.get("Status Return Level") >= 2

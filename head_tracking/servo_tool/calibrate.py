@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.models import ServoModel
-from head_tracking.dynamixel.mount import ServoMount
-from head_tracking.dynamixel.servo_link import ServoLink
+from head_tracking.dynamixel.servo import Servo
 from head_tracking.servo_tool.bench import RefusedError, ToolError, Workshop, find_servo
 
 _READINGS = 9
@@ -45,7 +45,7 @@ def calibrate(
         _check_writable(output)
         if output.exists():
             workshop.terminal.confirm(f"Replace {output}?")
-    mounts: list[ServoMount] = []
+    mounts: list[ServoCalibration] = []
     with workshop.port() as port:
         links = [find_servo(port, servo.id, model) for servo in wanted]
         for link in links:
@@ -93,7 +93,7 @@ def _check_writable(output: Path) -> None:
         ) from error
 
 
-def _calibrate(workshop: Workshop, servo: Wanted, link: ServoLink, margin: float) -> ServoMount:
+def _calibrate(workshop: Workshop, servo: Wanted, link: Servo, margin: float) -> ServoCalibration:
     workshop.terminal.say(
         f"\n{servo.name}: servo {servo.id}, {link.model.name}. It is relaxed: move it by hand."
     )
@@ -105,7 +105,7 @@ def _calibrate(workshop: Workshop, servo: Wanted, link: ServoLink, margin: float
 
 def mount_of(
     servo: Wanted, model: ServoModel, zero: int, low: int, high: int, margin: float
-) -> ServoMount:
+) -> ServoCalibration:
     """Return how a servo is mounted, from the ticks at three poses.
 
     Args:
@@ -134,7 +134,7 @@ def mount_of(
         )
     inward = round(margin / model.radians_per_tick) * (1 if high > low else -1)
     try:
-        return ServoMount(servo.name, servo.id, zero, low + inward, high - inward, model)
+        return ServoCalibration(servo.name, servo.id, zero, low + inward, high - inward, model)
     except ConfigurationError as error:
         raise RefusedError(
             f"{error}. Zero was at tick {zero}, lowest at {low}, highest at {high}"
@@ -142,7 +142,7 @@ def mount_of(
 
 
 def configuration(
-    names: Sequence[str], mounts: Sequence[ServoMount], port_name: str, baud_rate: int
+    names: Sequence[str], mounts: Sequence[ServoCalibration], port_name: str, baud_rate: int
 ) -> str:
     """Return the servo bus's part of a configuration file such as config/head.yaml."""
     lines = [
@@ -168,13 +168,13 @@ def configuration(
     return "\n".join(lines) + "\n"
 
 
-def _pose(workshop: Workshop, link: ServoLink, prompt: str) -> int:
+def _pose(workshop: Workshop, link: Servo, prompt: str) -> int:
     """Return the tick at which the joint is held when Enter is pressed."""
     workshop.terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: _reading(link))
     return round(median(link.get("Present Position") for _ in range(_READINGS)))
 
 
-def _reading(link: ServoLink) -> str:
+def _reading(link: Servo) -> str:
     try:
         return f"  tick {link.get('Present Position')}"
     except CommunicationError:

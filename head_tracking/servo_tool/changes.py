@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
-from head_tracking.dynamixel.eeprom import PAUSE, write_eeprom
 from head_tracking.dynamixel.exceptions import DynamixelError
 from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
-from head_tracking.dynamixel.servo_link import ServoLink
+from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.servo_tool.bench import (
     RefusedError,
     ToolError,
@@ -48,7 +47,7 @@ def set_register(
     return set_baud_rate(workshop, servo_id, link.model.baud_rates.get(value, 0), model)
 
 
-def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) -> None:
+def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     terminal = workshop.terminal
     words = in_words(link.model, register, value)
     told = f"{value} {words}".strip() if value or not _is_wheel(link) else str(value)
@@ -59,7 +58,7 @@ def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) ->
         _check_torque(link)
         _ask(workshop, link, f"{register.name} = {told} (now {before})")
         if register.memory is Memory.EEPROM:
-            write_eeprom(link, {register.name: value}, workshop.pause)
+            run(link.write_eeprom({register.name: value}), workshop.pause)
         else:
             link.set(register.name, value)
     elif register.name == "Torque Enable" and value:
@@ -70,7 +69,7 @@ def _set(workshop: Workshop, link: ServoLink, register: Register, value: int) ->
     terminal.show(f"servo {link.id}: {register.name} = {told}")
 
 
-def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
+def _set_return_level(workshop: Workshop, link: Servo, value: int) -> None:
     """Set what a servo answers; it may be one that answers nothing but pings."""
     register = link.model.control_table["Status Return Level"]
     kept = register.memory is Memory.EEPROM
@@ -79,7 +78,7 @@ def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
         link.release()
     link.acknowledges_writes = False  # the answer, if any, is by the new level
     link.write(link.model.control_table.block(register.name), value)
-    workshop.pause(PAUSE)
+    workshop.pause(EEPROM_PAUSE)
     if value == 0:
         workshop.terminal.say(
             f"servo {link.id} answers nothing but pings from now on; this tool needs --model "
@@ -91,7 +90,7 @@ def _set_return_level(workshop: Workshop, link: ServoLink, value: int) -> None:
         raise ToolError(f"servo {link.id} keeps {after} in {register.name}")
 
 
-def _ask(workshop: Workshop, link: ServoLink, what: str) -> None:
+def _ask(workshop: Workshop, link: Servo, what: str) -> None:
     workshop.terminal.confirm(f"Set {what} in servo {link.id} ({link.model.name})?")
 
 
@@ -117,7 +116,7 @@ def set_id(workshop: Workshop, servo_id: int, new_id: int, model: ServoModel | N
         _check_memory(link)
         workshop.terminal.confirm(f"Give servo {servo_id} ({link.model.name}) the id {new_id}?")
         link.write(link.model.control_table.block("ID"), new_id)
-        workshop.pause(PAUSE)
+        workshop.pause(EEPROM_PAUSE)
         if protocol_of(port, new_id) is None:
             raise ToolError(f"the servo does not answer with id {new_id}; look for it: servo scan")
     workshop.terminal.show(f"servo {servo_id} has the id {new_id} now")
@@ -144,7 +143,7 @@ def set_baud_rate(workshop: Workshop, servo_id: int, rate: int, model: ServoMode
     with workshop.port() as port:
         link = find_servo(port, servo_id, model)
         link.write(link.model.control_table.block("Baud Rate"), codes[rate])
-        workshop.pause(PAUSE)
+        workshop.pause(EEPROM_PAUSE)
     with workshop.port(rate) as port:
         if protocol_of(port, servo_id) is None:
             raise ToolError(
@@ -174,7 +173,7 @@ def _relax_all(port: DynamixelPort) -> None:
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
 
 
-def _check_torque(link: ServoLink) -> None:
+def _check_torque(link: Servo) -> None:
     if link.get("Torque Enable"):
         raise RefusedError(
             f"the torque of servo {link.id} is on, and its memory must not be changed then; hold "
@@ -182,13 +181,13 @@ def _check_torque(link: ServoLink) -> None:
         )
 
 
-def _check_memory(link: ServoLink) -> None:
+def _check_memory(link: Servo) -> None:
     _check_torque(link)
     if "Lock" in link.model.control_table and link.get("Lock"):
         raise RefusedError(f"the memory of servo {link.id} is locked; switch its power off and on")
 
 
-def _check_speed(link: ServoLink, register: Register, value: int, text: str) -> None:
+def _check_speed(link: Servo, register: Register, value: int, text: str) -> None:
     """Refuse a speed of 0 that is full speed, unless it is called so."""
     if register.name not in UNLIMITED or value:
         return
@@ -203,7 +202,7 @@ def _check_speed(link: ServoLink, register: Register, value: int, text: str) -> 
         raise RefusedError(f"servo {link.id} is in wheel mode, where 0 is a stop, not full speed")
 
 
-def _check_goal(workshop: Workshop, link: ServoLink, register: Register, value: int) -> None:
+def _check_goal(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     """Refuse goals beyond the servo's own limits, and those that switch torque on."""
     if register.name not in _STIFFENING:
         return
@@ -228,18 +227,18 @@ def _check_goal(workshop: Workshop, link: ServoLink, register: Register, value: 
         )
 
 
-def _speed_register(link: ServoLink) -> str:
+def _speed_register(link: Servo) -> str:
     return link.model.goal.registers[1 if link.model.position_first else 0].name
 
 
-def _stiffens(link: ServoLink) -> bool:
+def _stiffens(link: Servo) -> bool:
     """Return whether goals switch torque on: AX servos do so, others if they are told to."""
     if "Drive Mode" in link.model.control_table and link.model.protocol == 2:
         return bool(link.get("Drive Mode") & _TORQUE_BY_GOAL)
     return link.model.sign_magnitude
 
 
-def _is_wheel(link: ServoLink) -> bool:
+def _is_wheel(link: Servo) -> bool:
     """Return whether the servo turns without end, at a speed of which 0 is a stop."""
     table = link.model.control_table
     if "Operating Mode" in table:
@@ -249,7 +248,7 @@ def _is_wheel(link: ServoLink) -> bool:
     return all(link.get(name) == 0 for name in link.model.position_limits)
 
 
-def _goes_to_positions(link: ServoLink) -> bool:
+def _goes_to_positions(link: Servo) -> bool:
     """Return whether the servo goes to positions within one turn."""
     if "Operating Mode" in link.model.control_table:
         return link.get("Operating Mode") == 3
@@ -257,7 +256,7 @@ def _goes_to_positions(link: ServoLink) -> bool:
     return low != high and not _is_wheel(link)
 
 
-def _hold(workshop: Workshop, link: ServoLink) -> None:
+def _hold(workshop: Workshop, link: Servo) -> None:
     """Switch torque on where the servo stands, not on the way to an old goal."""
     if not _goes_to_positions(link):
         raise RefusedError(
@@ -265,12 +264,8 @@ def _hold(workshop: Workshop, link: ServoLink) -> None:
             "first"
         )
     low, high = (link.get(name) for name in link.model.position_limits)
-    turn = link.model.ticks
-
-    def fold(ticks: int) -> int:  # a relaxed X servo counts turns; torque on ends that
-        return ticks % turn if link.model.endless else ticks
-
-    stands = fold(link.read_position())
+    # A relaxed X servo counts turns; torque on ends that.
+    stands = link.calibration.fold(link.get("Present Position"))
     outside = not low <= stands <= high
     if outside:
         workshop.terminal.confirm(
@@ -278,7 +273,8 @@ def _hold(workshop: Workshop, link: ServoLink) -> None:
             f"on it creeps to {max(low, min(high, stands))}. Switch it on?"
         )
     try:
-        goal = link.pin(low, high, fold)
+        link.range = (low, high)
+        goal = run(link.pin())
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
     speed = _speed_register(link)

@@ -10,7 +10,6 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -20,10 +19,10 @@ from head_tracking.dynamixel.exceptions import (
     PortMissingError,
     PortPermissionError,
 )
-from head_tracking.dynamixel.identification import model_name
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
-from head_tracking.dynamixel.servo_link import Feedback, ServoLink
+from head_tracking.dynamixel.servo import Feedback, Servo, model_name
 from head_tracking.servo_tool.bench import (
     MODEL_NUMBER,
     ToolError,
@@ -121,9 +120,9 @@ def _found(port: DynamixelPort, protocol: int, servo_id: int, number: int | None
         if number is None:
             port.read(servo_id, *MODEL_NUMBER, protocol)
         else:
-            link = ServoLink(port, servo_id, servo_model_by_number(number))
+            link = Servo(port, servo_id, servo_model_by_number(number))
             rate = link.model.baud_rates.get(link.get("Baud Rate"))
-            link.read_feedback(retries=2)
+            link.read_feedback(3)
     except CorruptReplyError:
         garbled = True
     except (CommunicationError, ConfigurationError):
@@ -208,7 +207,7 @@ _FIRST_IDS = range(0, 30)
 class Watched:
     """A servo and the last that was heard of it."""
 
-    link: ServoLink
+    link: Servo
     feedback: Feedback | None = None
     torque: bool = False
     errors: str = ""
@@ -250,9 +249,9 @@ def _present(port: DynamixelPort) -> list[int]:
 
 def _look(servo: Watched) -> None:
     try:
-        feedback = servo.link.read_feedback(retries=0)
+        feedback = servo.link.read_feedback()
         servo.torque = bool(servo.link.get("Torque Enable"))
-        servo.errors = describe_errors(servo.link.errors(feedback.error))
+        servo.errors = describe_errors(servo.link.state_of(feedback.error))
     except CommunicationError as failure:
         servo.failed = True
         damaged = isinstance(failure, CorruptReplyError)

@@ -376,7 +376,7 @@ class SimulatedJoints:
         self.port = SimulatedPort(
             SimulatedServo(mount.id, mount.model, position=mount.init)
             for joint in self._joints.values()
-            for mount in joint.mounts
+            for mount in joint.calibrations
         )
 
     @property
@@ -391,7 +391,7 @@ class SimulatedJoints:
 
     def lead(self, joint_name: str, position: float, duration: float) -> None:
         """Lets a hand lead the joint to a position [rad] within `duration` [s]."""
-        for mount in self._joints[joint_name].mounts:
+        for mount in self._joints[joint_name].calibrations:
             self.port.lead(mount.id, mount.ticks(position), duration)
 
     def __enter__(self) -> Self:

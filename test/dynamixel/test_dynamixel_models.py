@@ -8,6 +8,7 @@ from simulated_device import Bench
 from head_tracking.dynamixel import (
     ConfigurationError,
     Goal,
+    Instruction,
     JointConfiguration,
     RangeError,
     ReadMethod,
@@ -18,7 +19,7 @@ from head_tracking.dynamixel import (
     servo_model_by_number,
 )
 from head_tracking.dynamixel.models import MODELS
-from head_tracking.dynamixel.servo_link import ServoLink
+from head_tracking.dynamixel.servo import Servo
 from head_tracking.simulation import SimulatedServo
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
@@ -81,7 +82,7 @@ def test_every_register_is_read_as_the_servo_holds_it(model: ServoModel) -> None
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
     bench.port.open()
-    link = ServoLink(bench.port, 1, model)
+    link = Servo(bench.port, 1, model)
     alone = {register.name: link.get(register.name) for register in model.control_table}
     together = {register.name: value for register, value in link.registers()}
     bench.bus.advance(bench.now())
@@ -106,7 +107,7 @@ def test_every_setting_is_written_and_kept_and_nothing_beyond_its_range_is_sent(
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
     bench.port.open()
-    link = ServoLink(bench.port, 1, model)
+    link = Servo(bench.port, 1, model)
     for register in _settable(model):
         assert register.minimum is not None and register.maximum is not None
         if register.name.startswith("Indirect Data"):
@@ -151,24 +152,33 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     assert [servo.register("Torque Enable") for servo in servos] == [0, 0]
 
 
-def _first_methods(model: ServoModel, firmware: int = 50) -> object:
-    """How two servos of a model are read."""
-    from head_tracking.dynamixel.bus_servo import BusServo
-    from head_tracking.dynamixel.mount import ServoMount
-    from head_tracking.dynamixel.reading_plan import ReadingPlan
+_METHODS = {
+    Instruction.READ: ReadMethod.EACH,
+    Instruction.BULK_READ: ReadMethod.BULK,
+    Instruction.SYNC_READ: ReadMethod.SYNC,
+    Instruction.FAST_SYNC_READ: ReadMethod.FAST_SYNC,
+}
 
+
+def _first_methods(model: ServoModel, firmware: int = 50) -> object:
+    """How two servos of a model are read, by what goes over the wire."""
     servos = [SimulatedServo(i, model) for i in (1, 2)]
     for servo in servos:
         servo.set_register("Firmware Version", firmware)
     bench = Bench(servos)
-    bench.port.open()
-    found = []
-    for i in (1, 2):
-        mount = ServoMount("j", i, model.center, 0, model.ticks - 1, model)
-        found.append(BusServo(mount, bench.port))
-        found[-1].identify()
-    groups = ReadingPlan().groups(found)
-    return [group.method for group, _ in groups]
+    joints = [
+        JointConfiguration(f"j{i}", f"c{i}", i, model.center, 0, model.ticks - 1, model=model)
+        for i in (1, 2)
+    ]
+    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus.connect()
+    bus.step()
+    sent: list[bytes] = []
+    write = bench.line.write
+    bench.line.write = lambda data, timeout: (sent.append(data), write(data, timeout))  # type: ignore[method-assign,assignment,func-returns-value]
+    bus.step()
+    codes = [packet[4 if model.protocol == 1 else 7] for packet in sent]
+    return [_METHODS[Instruction(code)] for code in dict.fromkeys(codes)]
 
 
 @pytest.mark.parametrize(

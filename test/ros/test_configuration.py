@@ -3,7 +3,7 @@
 import pytest
 from robot_under_test import wait_for
 
-from head_tracking.nodes.spinning import EXPLAINED_ERRORS
+from head_tracking.nodes.spinning import explained_errors
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ from head_tracking.nodes.spinning import EXPLAINED_ERRORS
     ],
 )
 def test_a_configuration_that_cannot_work_is_an_error(make_robot, ros_args, words):
-    with pytest.raises(EXPLAINED_ERRORS, match=words):
+    with pytest.raises(explained_errors(), match=words):
         make_robot("--mode", "point", ros_args=ros_args)
 
 

@@ -260,7 +260,9 @@ def test_the_simulated_bus_takes_any_ids(start, tmp_path):
     bus = start("simulated_bus", "--ids", "3", "--link", str(tmp_path / "one"))
     port = bus.read_until("one").strip()
     three = JointConfiguration("joint", "controller", 3)
-    assert ServoBus(DynamixelPort(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
+    driver = ServoBus(DynamixelPort(port, 1_000_000), [three])
+    assert driver.connect() == "1 AX-12 servo: id 3"
+    driver.close()
     four = JointConfiguration("joint", "controller", 4)
     with pytest.raises(ServoNotFoundError, match="4"):
         ServoBus(DynamixelPort(port, 57_600), [four]).connect()

@@ -11,10 +11,10 @@ import yaml
 from simulated_packets import InstructionPacket
 
 from head_tracking.dynamixel.adapter import Adapter
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import MODELS, servo_model
-from head_tracking.dynamixel.port_diagnosis import port_error
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.servo_tool import main as tool
 from head_tracking.servo_tool.bench import RefusedError, Terminal, ToolError, Workshop
 from head_tracking.servo_tool.calibrate import Wanted, mount_of

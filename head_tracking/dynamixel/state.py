@@ -1,14 +1,74 @@
-"""What was measured: the values a bus cycle hands out."""
+"""Values that the bus takes and hands out: goals, states, events, counters."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag
 from typing import NamedTuple
 
 from head_tracking.dynamixel.adapter import Adapter
+from head_tracking.dynamixel.exceptions import GoalError
 from head_tracking.dynamixel.protocol import NO_ERROR
+
+
+class Torque(Enum):
+    """Why a servo holds or does not hold its position."""
+
+    OFF_UNTIL_COMMANDED = "relaxed; the first command switches torque on"
+    OFF_ON_REQUEST = "relaxed on request; commands are refused"
+    OFF_TO_COOL = "relaxed to cool down; commands are refused until then"
+    OFF_BY_FAULT = "shut down by itself; commands are refused until it has recovered"
+    OFF_STOPPED = "stopped on request; commands are refused until it is started"
+    ON = "torque on"
+
+    @property
+    def waits(self) -> bool:
+        """Whether commands are refused."""
+        return self not in (Torque.ON, Torque.OFF_UNTIL_COMMANDED)
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where a joint shall go.
+
+    Attributes:
+        position: Goal, rad.
+        speed: Speed to go there, rad/s; None stands for the joint's own speed.
+    """
+
+    position: float
+    speed: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandResult:
+    """What became of an accepted command.
+
+    Attributes:
+        positions: Goal positions taken over, rad, by joint; within the limits.
+        clamped: By how much a position was moved to reach the limit (taken over minus asked), rad,
+            for the joints where it was.
+        lost: Joints whose goal was dropped because their servo does not answer.
+    """
+
+    positions: Mapping[str, float]
+    clamped: Mapping[str, float]
+    lost: tuple[str, ...]
+
+
+def check_speed(joint_name: str, speed: float) -> None:
+    """Refuse a speed that is not finite or not above 0.
+
+    Raises:
+        GoalError: It is not.
+    """
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise GoalError(
+            f"{joint_name}: speed {speed} rad/s refused; it must be finite and above 0. To stop a "
+            "joint, hold it"
+        )
 
 
 class Health(Enum):
