@@ -11,10 +11,10 @@ from pathlib import Path
 from head_tracking.command_line import between, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.servo_tool.bench import RefusedError, Terminal, ToolError, Workshop
-from head_tracking.servo_tool.calibrate import Wanted, calibrate
-from head_tracking.servo_tool.changes import relax, set_baud_rate, set_id, set_register
-from head_tracking.servo_tool.looks import USUAL_BAUD_RATES, info, monitor, scan
+from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
+from head_tracking.tools.servo.calibrate import Wanted, calibrate
+from head_tracking.tools.servo.changes import relax, set_baud_rate, set_id, set_register
+from head_tracking.tools.servo.looks import USUAL_BAUD_RATES, info, monitor, scan
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 

@@ -17,7 +17,7 @@ from head_tracking.dynamixel.control_table import (
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.protocol import describe_errors
-from head_tracking.servo_tool.bench import ToolError
+from head_tracking.tools.servo.bench import ToolError
 
 _QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)
 _OTHER_UNITS: Final = {

@@ -11,14 +11,14 @@ from head_tracking.dynamixel.models import MODELS, ServoModel
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
-from head_tracking.servo_tool.bench import (
+from head_tracking.tools.servo.bench import (
     RefusedError,
     ToolError,
     Workshop,
     find_servo,
     protocol_of,
 )
-from head_tracking.servo_tool.registers import (
+from head_tracking.tools.servo.registers import (
     UNLIMITED,
     asks_for_full_speed,
     find_register,

@@ -23,7 +23,7 @@ from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Feedback, Servo, model_name
-from head_tracking.servo_tool.bench import (
+from head_tracking.tools.servo.bench import (
     MODEL_NUMBER,
     ToolError,
     Workshop,
@@ -31,7 +31,7 @@ from head_tracking.servo_tool.bench import (
     protocol_of,
     read_model_number,
 )
-from head_tracking.servo_tool.registers import in_words
+from head_tracking.tools.servo.registers import in_words
 
 USUAL_BAUD_RATES: Final = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
 """The factory's and those that people change to; the first ones find the most."""

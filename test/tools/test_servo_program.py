@@ -30,7 +30,7 @@ def simulated(tmp_path: Path) -> Iterator[SimulatedPort]:
 
 
 def command(port: SimulatedPort, *arguments: str) -> list[str]:
-    program = [sys.executable, "-m", "head_tracking.servo_tool.main", "--port", port.port_name]
+    program = [sys.executable, "-m", "head_tracking.tools.servo.main", "--port", port.port_name]
     return [*program, *arguments]
 
 

@@ -15,12 +15,12 @@ from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import MODELS, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
-from head_tracking.servo_tool import main as tool
-from head_tracking.servo_tool.bench import RefusedError, Terminal, ToolError, Workshop
-from head_tracking.servo_tool.calibrate import Wanted, mount_of
-from head_tracking.servo_tool.main import DONE, FAILED, REFUSED
-from head_tracking.servo_tool.registers import find_register, in_words, parse_value
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+from head_tracking.tools.servo import main as tool
+from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
+from head_tracking.tools.servo.calibrate import Wanted, mount_of
+from head_tracking.tools.servo.main import DONE, FAILED, REFUSED
+from head_tracking.tools.servo.registers import find_register, in_words, parse_value
 
 AX_12 = servo_model("AX-12")
 XL430 = servo_model("XL430-W250")
