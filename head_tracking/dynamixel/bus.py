@@ -474,17 +474,16 @@ class ServoBus:
                 if self._read(plan, stamp, states) or troubled:
                     troubled = True
                     failed = self._settle(plan, states, start)
-                if self._missing:
-                    self._poll_one_lost()
+                spent = self._poll_one_lost() if self._missing else 0
                 if self._inbox:
                     self._take_goals()
                 if self._tasks:
                     troubled = True
-                    self._take_steps()
+                    self._take_steps(spent)
                     if self._inbox:
                         self._take_goals()  # of a joint whose torque has come on
                 self._write_goals()
-                if not troubled:
+                if not (troubled or spent):
                     took = self._monotonic() - start
                     self._usual += _GAIN * (took - self._usual) if self._usual else took
         except PortLostError as cause:
@@ -656,16 +655,20 @@ class ServoBus:
             with self._lock:
                 self._inbox.setdefault(name, goal)  # until its torque is on
             unseen = [s for s in joint.servos if not s.lost and (s.failed_cycles or s.unseen)]
-            if not joint.busy and not unseen:  # torque needs to know where it stands
-                self.submit(self._exclusively(joint, self._switching_on_for_goal(joint)))
+            if not (joint.busy or joint.awaited or unseen):  # torque needs to know where it stands
+                joint.awaited = True
+                self._enqueue(self._exclusively(joint, self._switching_on_for_goal(joint)))
 
     def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
+        joint.awaited = False
         problem = yield from joint.switch_on()
-        self._plan = None
         if problem:
             self._drop_goal(joint)
-            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+            if problem != joint.told_problem:  # commands keep coming
+                self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+            joint.told_problem = problem
         else:
+            joint.told_problem = ""
             self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
     def _write_goals(self, also_silent: bool = False) -> None:
@@ -695,10 +698,15 @@ class ServoBus:
             steps: The steps.
             future: Gets what comes of them; if it is cancelled, no further step is taken.
         """
-        task = _Task(steps, future or Future())
-        self._tasks.append(task)
+        task = self._enqueue(steps, future)
         self._advance(task)
         return task.future
+
+    def _enqueue(self, steps: Steps[_T], future: Future[_T] | None = None) -> _Task:
+        """Take steps between the work of the next cycles."""
+        task = _Task(steps, future or Future())
+        self._tasks.append(task)
+        return task
 
     def _advance(self, task: _Task) -> None:
         """Take one step of a task."""
@@ -731,10 +739,16 @@ class ServoBus:
             else:
                 task.future.set_exception(error)
 
-    def _take_steps(self) -> None:
-        """Take as many steps as leave the cycle within twice its usual time, at least one."""
-        begin = now = self._monotonic()
-        longest = 0
+    def _take_steps(self, spent: int) -> None:
+        """Take as many steps as leave the cycle within twice its usual time, but one at least.
+
+        Args:
+            spent: What has been taken of that time, ns; then there need not be any step.
+        """
+        now = self._monotonic()
+        begin, longest = now - spent, spent
+        if spent and 2 * spent > self._usual:
+            return
         for _ in range(_MOST_STEPS):
             task = self._next_task(now)
             if task is None:
@@ -879,7 +893,9 @@ class ServoBus:
             if problem:
                 problems[joint.name] = problem
             else:
-                self._note(EventKind.RECOVERED, joint, joint.torque.value)
+                self._note(
+                    EventKind.RECOVERED, joint, "it restarts" if joint.lost else joint.torque.value
+                )
         if problems:
             raise ServoError(_told(problems))
         deadline = self._monotonic() + round(patience * 1e9)
@@ -1011,7 +1027,7 @@ class ServoBus:
         self._drop_goal(joint)
         joint.cut()
         self._plan = None
-        self.submit(self._confirming(joint))
+        self._enqueue(self._confirming(joint))
 
     def _confirming(self, joint: Joint) -> Steps[None]:
         yield 0.0
@@ -1026,7 +1042,7 @@ class ServoBus:
         """
         for joint in self._all:
             if joint.on and not joint.busy and any(servo.watched for servo in joint.servos):
-                self.submit(self._exclusively(joint, self._holding(joint, gap)))
+                self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
 
     def _holding(self, joint: Joint, gap: int) -> Steps[None]:
         problem = yield from joint.pin()
@@ -1066,8 +1082,8 @@ class ServoBus:
             "`servo set-id`), or something disturbs the line"
         )
 
-    def _poll_one_lost(self) -> None:
-        """Ask one lost servo whose time has come.
+    def _poll_one_lost(self) -> int:
+        """Ask one lost servo whose time has come; return how long that took, ns.
 
         One per cycle, because each silent servo costs the others a timeout.
         """
@@ -1081,10 +1097,18 @@ class ServoBus:
                     else:
                         servo.read_feedback()
                         servo.readable = True
-                    self.submit(self._exclusively(joint, self._returning(joint, servo)))
-                return
+                    joint.busy = True
+                    self._enqueue(self._returning(joint, servo))
+                return self._monotonic() - now
+        return 0
 
     def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+        try:
+            yield from self._counting_in(joint, servo)
+        finally:
+            joint.busy = False
+
+    def _counting_in(self, joint: Joint, servo: Servo) -> Steps[None]:
         try:
             torque = yield from joint.come_back(servo)
         except CommunicationError:

@@ -56,6 +56,8 @@ class Joint:
         share: The bytes of goal position and speed for each servo.
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
+        awaited: Whether its torque is about to come on for a goal.
+        told_problem: Why its torque did not come on for a goal, when that was told.
     """
 
     def __init__(
@@ -72,7 +74,8 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = False
+        self.busy = self.awaited = False
+        self.told_problem = ""
         self._port = port
         self._speed: float | None = None  # of the goal; None: the default, 0: the slowest
         self._overtaken = 0  # counts who relaxed or stopped it
@@ -286,6 +289,10 @@ class Joint:
                 yield 0.0
                 if self._overtaken != overtaken:
                     return "somebody has relaxed it meanwhile"
+        except GeneratorExit:  # given up; the goal alone may have switched torque on
+            with suppress(DynamixelError):
+                self.cut()
+            raise
         except (CommunicationError, ServoError) as cause:
             # The goal alone may have switched torque on.
             self.cut()

@@ -792,6 +792,7 @@ class DynamixelPort:
         assert line is not None
         self._clear()
         self._send(b"\x00")
+        self._sent.pop()  # it would be found in every packet
         return line.read(_CHUNK, self._wire_free + self._timeout.allowance).startswith(b"\x00")
 
     def _tell(self, packet: bytes) -> None:

@@ -317,9 +317,9 @@ class Servo:
             self.write(block, *values)
             yield 0.0
             kept = self.read(block)
+            yield 0.0
             if kept == values:
                 return
-            yield 0.0
         names = ", ".join(register.name for register in block.registers)
         raise RegisterRefusedError(
             f"servo {self.id} keeps {kept} in {names} instead of {values}; it may have shut down: "
@@ -369,7 +369,6 @@ class Servo:
         self.acknowledges_writes = memory["Status Return Level"] >= 2
         if not keep_torque:
             yield from self.switch_torque(False)
-            yield 0.0
         lower, upper = (memory[name] for name in model.position_limits)
         _check_mode(self, memory, lower, upper)
         shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
@@ -406,14 +405,13 @@ class Servo:
         if self.watched:
             # One that has tripped refuses goals until it is cleared.
             yield from self._set_watchdog(0)
-            yield 0.0
         present = self.get("Present Position")
+        yield 0.0
         goal = self.inside(self.calibration.fold(present))
         values = (goal, SLOWEST) if self.model.position_first else (SLOWEST, goal)
         yield from self.verify(self.model.goal, *values)
         yield from self.switch_torque(True)
         if self.watched:
-            yield 0.0
             units = round(self._wanted_watchdog / _WATCHDOG_UNIT)
             yield from self._set_watchdog(max(1, min(127, units)))
         self.interrupted = False
@@ -463,6 +461,7 @@ class Servo:
             raise ServoError(
                 f"servo {self.id} has its torque on; relax it before changing its memory"
             )
+        yield 0.0
         if "Lock" in table and self.get("Lock"):
             raise ServoError(
                 f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
@@ -474,6 +473,7 @@ class Servo:
             before = self.get(name)
             if before == value:
                 continue
+            yield 0.0
             block = table.block(name)
             self.write(block, value)
             if name == "Status Return Level":

@@ -12,6 +12,7 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -38,15 +39,16 @@ class BusServices:
     def __init__(self, node: Node, buses: Buses, eeprom: Callable[[], EepromSettings]) -> None:
         self._buses = buses
         self._eeprom = eeprom
+        self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
         everything = tuple(joint.joint_name for joint in buses.joints)
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
-            node.create_service(SetBool, f"{controller}/torque_enable", self._on_torque(one))
+            self._offer_torque(node, f"{controller}/torque_enable", one)
             self._offer(node, f"{controller}/stop", partial(self._stop, one))
             self._offer(node, f"{controller}/start", partial(self._start, one))
             self._offer(node, f"{controller}/restart", partial(self._restart, one))
             self._offer(node, f"{controller}/recover", partial(self._recover, one))
-        node.create_service(SetBool, "torque_enable", self._on_torque(everything))
+        self._offer_torque(node, "torque_enable", everything)
         self._offer(node, "relax", lambda: self._switch(everything, False))
         self._offer(node, "recover", lambda: self._recover(everything))
         self._offer(node, "~/write_eeprom", lambda: self._write_eeprom(everything))
@@ -55,15 +57,15 @@ class BusServices:
         async def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             return await _answer(response, act)
 
-        node.create_service(Trigger, name, callback)
+        node.create_service(Trigger, name, callback, callback_group=self._group)
 
-    def _on_torque(self, joints: Joints) -> Callable[..., Awaitable[SetBool.Response]]:
+    def _offer_torque(self, node: Node, name: str, joints: Joints) -> None:
         async def callback(
             request: SetBool.Request, response: SetBool.Response
         ) -> SetBool.Response:
             return await _answer(response, lambda: self._switch(joints, request.data))
 
-        return callback
+        node.create_service(SetBool, name, callback, callback_group=self._group)
 
     async def _switch(self, joints: Joints, on: bool) -> str:
         await self._run(joints, lambda bus, share: bus.switching_torque(share, on), cancel=on)
@@ -105,7 +107,7 @@ class BusServices:
         return "; ".join(changes) or "nothing to change"
 
     async def _run(
-        self, joints: Joints, request: Request, timeout: float = _TIMEOUT, *, cancel: bool = True
+        self, joints: Joints, request: Request, timeout: float | None = None, *, cancel: bool = True
     ) -> list[Any]:
         """What came of it on each bus; raises the first error after all have ended.
 
@@ -113,6 +115,7 @@ class BusServices:
             TimeoutError: it is not done in time; nothing more of it will be done, unless it is to
                 relax, which nobody takes back.
         """
+        timeout = timeout or _TIMEOUT
         futures: list[Future[Any]] = self._buses.call(joints, request)
         await _Done(futures, time.monotonic() + timeout)
         late = [future for future in futures if not future.done()]
