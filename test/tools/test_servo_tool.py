@@ -460,6 +460,25 @@ def test_common_options_may_come_after_the_command(bench: Bench) -> None:
     assert bench.run(*command) == DONE
 
 
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_a_servo_that_answers_nothing_can_be_told_so_again(bench: Bench, servo_id: int) -> None:
+    bench[servo_id].set_register("Status Return Level", 0)
+    command = ("set", str(servo_id), "Status Return Level", "0", "--yes", "--model")
+    assert bench.run(*command, bench[servo_id].model.name) == DONE
+
+
+def test_over_an_adapter_that_echoes_nothing_is_different(bench: Bench) -> None:
+    bench.bus = SimulatedBus(list(bench.bus), echo=True)
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-20") == DONE
+    assert [line.split()[1] for line in bench.output.splitlines()[1:]] == ["1", "2", "7", "8"]
+    assert bench.messages.strip() == ""
+    assert bench.run("scan", "--bauds", "1000000") == DONE
+    assert [line.split()[1] for line in bench.output.splitlines()[1:]] == ["1", "2", "7", "8"]
+    assert bench.run("info", "7") == DONE
+    assert bench.run("set", "1", "LED", "1") == DONE
+    assert bench[1].register("LED") == 1
+
+
 # set-id, set-baud
 
 

@@ -49,8 +49,8 @@ def set_register(
 
 def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     terminal = workshop.terminal
-    words = in_words(link.model, register, value)
-    told = f"{value} {words}".strip() if value or not _is_wheel(link) else str(value)
+    stop = register.name == "Moving Speed" and not value and _is_wheel(link)
+    told = f"{value} {'' if stop else in_words(link.model, register, value)}".strip()
     if register.name == "Status Return Level":
         _set_return_level(workshop, link, value)
     elif register.memory is Memory.EEPROM or register.name == "Lock":
