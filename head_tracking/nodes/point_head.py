@@ -14,6 +14,7 @@ from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer
+from head_tracking.tracking import HeadBase
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +38,30 @@ class PointHeadNode(Node):
         )
         self._pointing: Pointing | None = None
         self._interface = HeadInterface(
-            self, p.pointing_frame, "~/pointing_error", buffer, self._on_head, self._step
+            self,
+            p.pointing_frame,
+            "~/pointing_error",
+            buffer,
+            self._on_head,
+            self._reset,
+            self._step,
         )
         self._enabled = True
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
-        self.create_timer(1.0 / p.rate, self._step)
+        self._interface.every(1.0 / p.rate, self._step)
 
     @property
     def head(self) -> PanTiltHead | None:
         """The head that is turned, once the robot's model is known."""
         return None if self._pointing is None else self._pointing.head
 
-    def _on_head(self, head: PanTiltHead) -> None:
+    def _reset(self, _: str) -> None:
+        """What is known of the turn that is under way holds no more; the head ends it by itself."""
+        if self._pointing is not None:
+            self._pointing = Pointing(self._pointing.head, self._pointing_parameters.value)
+
+    def _on_head(self, head: PanTiltHead, _: HeadBase | None) -> None:
         self._pointing = Pointing(head, self._pointing_parameters.value)
         self.get_logger().info(f"ready to point {head.pointing_frame} at target_point")
 
@@ -58,12 +70,13 @@ class PointHeadNode(Node):
             self._pointing.parameters = parameters
 
     def _step(self) -> None:
-        if not self._interface.ready() or self._pointing is None:
+        reading = self._interface.reading()
+        if reading is None or self._pointing is None:
             return
-        present = self._interface.positions()
-        if present is None:
-            return
+        present = reading[1]
         self._take_target(self._pointing, present)
+        if not self._enabled:
+            return
         self._interface.publish_error(self._pointing.miss(present))
         result = self._pointing.judge(present, self._interface.now)
         if result is not None:
@@ -97,12 +110,12 @@ class PointHeadNode(Node):
         return response
 
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        present = self._interface.positions() if self._interface.ready() else None
-        if present is None or self._pointing is None:
+        reading = self._interface.reading()
+        if reading is None or self._pointing is None:
             response.message = "the head cannot be recentred: there is no model or no joint state"
             return response
         self._interface.forget_targets()
-        self._interface.send(self._pointing.recenter(present, self._interface.now))
+        self._interface.send(self._pointing.recenter(reading[1], self._interface.now))
         response.success, response.message = True, "recentring"
         return response
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_drive import JointDrive
 from head_tracking.tracking.joint_motion import MotionLimits
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.rest import Wish
-from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.transforms import JointLimits
 
 USUAL_SPEED = 5.0  # rad/s
@@ -78,13 +78,15 @@ class PredictiveLaw:
             before = self._gaze(target, start, near)
             wanted = before.pan, before.tilt
         self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
-        distance = max(math.hypot(*target.point), 1e-3)
-        noise = target.deviation(start) / distance
-        speed_noise = target.speed_deviation / distance
         here, there = self._path.start_positions, self._path.end_positions
         wishes = [
-            Wish(a, (b - a) / self._period, noise, speed_noise)
-            for a, b in zip(here, there, strict=True)
+            Wish(
+                a,
+                (b - a) / self._period,
+                target.deviation(joint, start),
+                target.speed_deviation(joint),
+            )
+            for joint, (a, b) in enumerate(zip(here, there, strict=True))
         ]
         return self._steer(wishes, self.parameters.limits.speed(USUAL_SPEED), now), gaze
 
@@ -132,7 +134,7 @@ class PredictiveLaw:
         A target that comes into reach at the far end of the range is not followed there, all the
         way round, before it is well inside: it may be gone again at once.
         """
-        gaze = self._head.gaze(target.position(time), *near)
+        gaze = self._head.look(target.sight_at(time), *near)
         if self._path is None:
             return gaze
         pan, tilt = self._path.end_positions

@@ -8,9 +8,9 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     LawParameters,
-    LifeCycleParameters,
     SpeedLimits,
     TargetState,
+    TargetStateParameters,
     Tracker,
     Verdict,
 )
@@ -32,7 +32,7 @@ def make(head):
             head,
             LAWS[law](head, DT, parameters),
             EstimatorParameters(),
-            LifeCycleParameters(**life),
+            TargetStateParameters(**life),
         )
 
     return make
@@ -93,7 +93,7 @@ def test_it_turns_to_the_target_and_stays(make, law):
 def test_a_target_behind_the_head_is_no_reason_to_hunt(make):
     bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
     assert bench.tracker.state is TargetState.AT_LIMIT
-    assert "out of reach" in bench.tracker.life_cycle.reason
+    assert "out of reach" in bench.tracker.machine.reason
     assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
     # it wanders across to the other side of the back, and the head stays
     bench.run(2.0, (-2.0, -0.1, 0.0))

@@ -9,9 +9,9 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     LawParameters,
-    LifeCycleParameters,
     PredictiveLawParameters,
     SpeedLimits,
+    TargetStateParameters,
     Tracker,
     TrackingStep,
 )
@@ -34,7 +34,7 @@ def tracker(head, law="predictive", parameters=None, rate=50.0):
         head,
         LAWS[law](head, 1.0 / rate, parameters),
         EstimatorParameters(),
-        LifeCycleParameters(),
+        TargetStateParameters(),
     )
 
 
@@ -171,7 +171,7 @@ class Switched:
         self.joints_read, self.target_seen = controller.joints_read, controller.target_seen
 
     def step(self, now):
-        enabled = self._tracker.life_cycle.enabled
+        enabled = self._tracker.machine.enabled
         if self._off <= now < self._on and enabled:
             return TrackingStep(self._tracker.enable(False, now))
         if now >= self._on and not enabled:

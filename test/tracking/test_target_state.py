@@ -1,7 +1,7 @@
 import pytest
 
 from head_tracking.gaze import Gaze, GazeStatus
-from head_tracking.tracking import LifeCycle, LifeCycleParameters, TargetState
+from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
 
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
 BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
@@ -10,7 +10,7 @@ HERE = (0.5, 0.2)
 
 @pytest.fixture
 def make(head):
-    return lambda **parameters: LifeCycle(head, LifeCycleParameters(**parameters))
+    return lambda **parameters: TargetStateMachine(head, TargetStateParameters(**parameters))
 
 
 def seen(life, until=1.0):
