@@ -364,8 +364,8 @@ class SimulatedPort:
 class SimulatedJoints:
     """The servos of a configuration, simulated: a port to open, and the truth about the joints.
 
-    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos on
-    one joint turn each for itself: no shaft joins them.
+    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos
+    on one joint turn each for itself: no shaft joins them.
 
     Attributes:
         port: the port of the bus that they share.
