@@ -14,6 +14,7 @@ from head_tracking.dynamixel.protocol import (
     Packet,
     PacketParser,
     Status,
+    decode_packet,
     encode_packet,
     encode_status,
     joint_status,
@@ -143,7 +144,8 @@ class SimulatedBus:
             answers += more
         for protocol, parser in self._parsers.items():
             begun = parser.pending > 0
-            found = parser.feed(data, now)
+            whole = None if begun else decode_packet(protocol, data)
+            found = parser.feed(data, now) if whole is None else [whole]
             for packet in _not_swallowed(found, protocol, data) if begun else found:
                 hearers = [
                     servo

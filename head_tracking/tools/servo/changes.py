@@ -194,9 +194,10 @@ def _check_speed(link: Servo, register: Register, value: int, text: str) -> None
     full, asked = register.name == "Profile Velocity" or not _is_wheel(link), text.strip()
     if full and not asks_for_full_speed(text):
         lowest = in_words(link.model, register, 1)
+        counts = "" if asked.lstrip("+-") == "0" else f" ({asked})"
         raise RefusedError(
-            f"{asked} is 0 in {register.name}, and that is not a stop but full speed; the slowest "
-            f"is 1, {lowest}. If full speed is wanted: servo set {link.id} '{register.name}' full"
+            f"{register.name} 0{counts} is not a stop but full speed; the slowest is 1, {lowest}. "
+            f"If full speed is wanted: servo set {link.id} '{register.name}' full"
         )
     if not full and asks_for_full_speed(text):
         raise RefusedError(f"servo {link.id} is in wheel mode, where 0 is a stop, not full speed")
