@@ -142,6 +142,8 @@ class SimulatedBus:
         if self._faults is not None:
             data, more = self._faults.request(self, data, now)
             answers += more
+        if not data:
+            return answers
         for protocol, parser in self._parsers.items():
             begun = parser.pending > 0
             whole = None if begun else decode_packet(protocol, data)
