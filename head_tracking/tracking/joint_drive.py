@@ -70,9 +70,7 @@ class JointDrive:
         motion, servo, rest = self.motion, self.servo, self._rest
         shown = _SHOWN * servo.acceleration
         if shown < limits.acceleration:
-            limits = MotionLimits(
-                min(limits.speed, _BRAKED * shown), shown, limits.jerk
-            )
+            limits = MotionLimits(min(limits.speed, _BRAKED * shown), shown, limits.jerk)
         setpoint = servo.setpoint(now)
         off = wish.position - motion.position
         rest.judge(wish, off, motion.velocity, setpoint, dead_band, now)
