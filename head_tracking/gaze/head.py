@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +82,7 @@ class Sight(NamedTuple):
     Attributes:
         pan: position of the pan joint that looks at it [rad]; may count full turns.
         tilt: position of the tilt joint that looks at it [rad].
-        distance: from the camera along its axis [m].
+        distance: along the camera's axis, from where it passes the pan axis [m].
     """
 
     pan: float
@@ -376,6 +377,11 @@ class HeadGeometry:
         )
 
     @property
+    def lead(self) -> float:
+        """How far before the pan axis the camera is, along its axis [m]."""
+        return self.tilt_origin[0] + math.fsum(map(mul, self.camera, self.axis))
+
+    @property
     def nearly_square(self) -> bool:
         """Whether tilt is all but square to pan and the camera looks all but square to tilt."""
         return abs(self.slant[1]) < _NEARLY_SQUARE and abs(self.axis[2]) < _NEARLY_SQUARE
@@ -436,12 +442,13 @@ class HeadGeometry:
         return math.atan2(across, ax * x + ay * y + az * z)
 
     def distance(self, point: Vector3, pan: float, tilt: float) -> float:
-        """How far away a point of C on the pointing axis is from the camera [m]."""
-        return math.hypot(*self._seen(point, pan, tilt))
+        """How far a point of C on the pointing axis is from where that passes the pan axis [m]."""
+        return max(math.hypot(*self._seen(point, pan, tilt)) + self.lead, _CLOSE)
 
     def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
-        """The point on the pointing axis at a distance from the camera, in the base frame [m]."""
+        """The point on the pointing axis at a distance from the pan axis, in the base frame [m]."""
         (cu, cv, cw), (au, av, aw) = self.camera, self.axis
+        distance = max(distance - self.lead, _CLOSE)
         x, v, w = _turned((cu + distance * au, cv + distance * av, cw + distance * aw), -tilt)
         ny, nz = self.slant
         ox, oy, oz = self.tilt_origin

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from geometry_msgs.msg import PointStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -16,6 +16,7 @@ from std_msgs.msg import Float64
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.nodes.conversions import command_message, target_from_message
 from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
@@ -29,6 +30,7 @@ from head_tracking.transforms import (
 
 _WATCH_PERIOD = 0.25  # s
 _TELL_PERIOD = 1.0  # s
+_MOST_TOLD = 100  # things at a time; anybody may send targets in frames of any name
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +108,20 @@ class HeadParameters:
         )
 
 
+class HeadReading(NamedTuple):
+    """The head as it was measured last.
+
+    Attributes:
+        now: the time [s].
+        stamp: when it was measured [s].
+        positions: pan and tilt [rad].
+    """
+
+    now: float
+    stamp: float
+    positions: tuple[float, float]
+
+
 class HeadInterface:
     """Connects a node to the head that it turns.
 
@@ -158,22 +174,17 @@ class HeadInterface:
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._errors = node.create_publisher(Float64, error_topic, 10)
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
-        # by a clock that runs whatever happens to the node's
-        node.create_timer(
-            _WATCH_PERIOD, self.reading, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady_timer(node, _WATCH_PERIOD, self.reading)
+        if self._buffer.model is not None:
+            self._check_model()
 
     @property
     def now(self) -> float:
         """The time [s] on the node's clock."""
         return self._clock.now(simulated=self._simulated)
 
-    def every(self, period: float, callback: Callable[[], object]) -> None:
-        """Calls back after each period [s] of a clock that runs whatever happens to the node's."""
-        self._node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def reading(self) -> tuple[float, tuple[float, float]] | None:
-        """Time [s], and pan and tilt [rad] as measured then; None without a robot or a fresh one.
+    def reading(self) -> HeadReading | None:
+        """The head as measured; None without a robot or a fresh measurement.
 
         Before, the clock and the robot's model are looked at. What is missing stands in `trouble`
         and in the log.
@@ -182,7 +193,7 @@ class HeadInterface:
         self._check_model()
         if self._placer is None:
             return None
-        p, now = self._parameters, self.now
+        p, now = self._parameters, self._clock.checked
         found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
             stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
@@ -196,40 +207,44 @@ class HeadInterface:
                 )
                 self._tell(joint, f"{self.trouble} (by {abs(age):.1f} s)")
                 return None
-            if stamp < 0:
+            if position is None:
                 return None
-            assert position is not None
             found.append(position)
             stamps.append(stamp)
         self.trouble = self._clock.standing
-        return min(stamps) * 1e-9, (found[0], found[1])
+        return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
     def take_targets(
-        self, moving_with_head: Mapping[str, float]
-    ) -> tuple[list[tuple[Target, Vector3]], str]:
+        self, positions: tuple[float, float], now: float
+    ) -> list[tuple[Target, Vector3]]:
         """New targets and their places in the fixed frame; see `TargetPlacer.place`.
 
-        Returns:
-            Them, and why another one was refused, if one was.
+        Args:
+            positions: pan and tilt [rad] at which a target that is meant for now is placed.
+            now: the time [s].
         """
         assert self._placer is not None
-        placed = self._placer.place(self.now, moving_with_head)
-        return placed, self._refused()
+        return self._placer.place(now, self._named(positions))
 
     def take_newest_target(
-        self, moving_with_head: Mapping[str, float]
+        self, positions: tuple[float, float], now: float
     ) -> tuple[Target, Vector3] | None:
         """The newest target only, and its place in the head's base frame as that is now."""
         assert self._placer is not None
-        placed = self._placer.place_newest(self.now, moving_with_head)
-        self._refused()
+        placed = self._placer.place_newest(now, self._named(positions))
         if placed is None or self._base is None:
             return placed
         unknown = self._base.update()
         if unknown:
             self.refuse(Refusal(placed[0], unknown))
             return None
-        return placed[0], self._base.pose(self.now).inverse() @ placed[1]
+        return placed[0], self._base.pose(now).inverse() @ placed[1]
+
+    def take_refusal(self) -> str:
+        """Why a target has led to nothing since this was asked last; empty if none has."""
+        assert self._placer is not None
+        refusal = self._placer.take_refusal()
+        return self.refuse(refusal) if refusal else ""
 
     def moves_with_head(self, frame_id: str) -> bool:
         """Whether a frame is carried by the head."""
@@ -267,10 +282,10 @@ class HeadInterface:
             self._placer.forget()
 
     def refuse(self, refusal: Refusal) -> str:
-        """Logs why a target leads to nothing; the same for the state, without coordinates."""
+        """Logs that a target leads to nothing; why."""
         target, reason = refusal
         self._tell(f"target in {target.frame_id}", f"target {target} refused: {reason}")
-        return f"targets in {target.frame_id!r} are refused: {reason}"
+        return reason
 
     @property
     def _simulated(self) -> bool:
@@ -278,10 +293,11 @@ class HeadInterface:
 
     def _check_clock(self) -> None:
         happened = self._clock.check(simulated=self._simulated)
-        self._listening_since = self._listening_since or round(self.now * 1e9)
+        now = round(self._clock.checked * 1e9)
+        self._listening_since = self._listening_since or now
         if happened:
             self._log.warning(f"{happened}: everything starts anew, and the head holds")
-            self._listening_since = round(self.now * 1e9)
+            self._listening_since = now
             if not self._clock.standing:
                 self._buffer.clear()
             self.forget_targets()
@@ -298,7 +314,7 @@ class HeadInterface:
                     self._buffer.set_model(self._model)
                     self._log.error(f"another robot_description is not used: {error}")
                 else:
-                    self.trouble = f"no head in robot_description: {error}"
+                    self.trouble = f"robot_description cannot be used: {error}"
         if self._placer is None:
             self._tell("model", self.trouble)
 
@@ -306,6 +322,14 @@ class HeadInterface:
         p = self._parameters
         head = p.head(model, self._pointing_frame)
         fixed_frame = p.fixed_frame or head.base_frame
+        if fixed_frame in model.links and any(
+            joint.name in (head.pan_joint, head.tilt_joint)
+            for joint in model.joints_above(fixed_frame)
+        ):
+            raise RobotModelError(
+                f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
+                f"stands still, such as {head.base_frame} or odom"
+            )
         self._model = model
         self._base_frame = head.base_frame
         self._carried.clear()
@@ -323,18 +347,19 @@ class HeadInterface:
             self._placer.offer(self._dated(target_from_message(message)), self.now)
             self._on_target()
 
-    def _refused(self) -> str:
-        assert self._placer is not None
-        refusal = self._placer.take_refusal()
-        return self.refuse(refusal) if refusal else ""
+    def _named(self, positions: tuple[float, float]) -> dict[str, float]:
+        p = self._parameters
+        return {p.head_pan_joint: positions[0], p.head_tilt_joint: positions[1]}
 
     def _tell(self, about: str, text: str) -> None:
         """Logs a warning, but not the same thing again and again."""
         now = time.monotonic()
         if now - self._told.get(about, -math.inf) >= _TELL_PERIOD:
+            if len(self._told) >= _MOST_TOLD:
+                self._told.clear()
             self._told[about] = now
             self._log.warning(text)
 
     def _dated(self, target: Target) -> Target:
         latency = round(self._parameters.target_latency * 1e9)
-        return replace(target, stamp=target.stamp - latency) if target.stamp else target
+        return replace(target, stamp=max(1, target.stamp - latency)) if target.stamp else target

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.head_interface import HeadInterface
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
@@ -79,9 +79,9 @@ class HeadTrackerNode(Node):
         )
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
-        self._interface.every(self._period, self._step)
-        self._interface.every(_STATE_PERIOD, self._report_state)
-        self._interface.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        steady_timer(self, self._period, self._step)
+        steady_timer(self, _STATE_PERIOD, self._report_state)
+        steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
 
     @property
     def head(self) -> PanTiltHead | None:
@@ -102,6 +102,7 @@ class HeadTrackerNode(Node):
     def _reset(self, reason: str) -> None:
         if self._tracker is not None:
             self._interface.send(self._tracker.reset(reason, self._interface.now))
+            self._report_state()
 
     @property
     def _law_parameters(self) -> LawParameters:
@@ -123,17 +124,15 @@ class HeadTrackerNode(Node):
             self._tracker.machine.parameters = self._target_state.value
 
     def _step(self) -> None:
-        reading, now = self._interface.reading(), self._interface.now
-        if reading is None or self._tracker is None:
+        reading, tracker = self._interface.reading(), self._tracker
+        if reading is None or tracker is None:
             return
+        now, stamp, positions = reading
         if 0.0 <= now - self._stepped < 0.5 * self._period:
             return  # simulated time is slow, or stands still
         self._stepped = now
-        tracker, (pan, tilt) = self._tracker, reading[1]
-        tracker.joints_read(*reading)
-        head = tracker.head
-        placed, refused = self._interface.take_targets({head.pan_joint: pan, head.tilt_joint: tilt})
-        for target, point in placed:
+        tracker.joints_read(stamp, positions)
+        for target, point in self._interface.take_targets(positions, now):
             verdict = tracker.target_seen(
                 target.stamp * 1e-9 if target.stamp else now,
                 point,
@@ -142,6 +141,7 @@ class HeadTrackerNode(Node):
             )
             if not verdict.used and tracker.machine.refusal == verdict:
                 self._interface.refuse(Refusal(target, verdict))
+        refused = self._interface.take_refusal()
         if refused:
             tracker.machine.refused(refused, now)
         step = tracker.step(now)
@@ -195,7 +195,7 @@ class HeadTrackerNode(Node):
             return response
         self._interface.forget_targets()
         if reading is not None:
-            self._tracker.joints_read(*reading)
+            self._tracker.joints_read(reading.stamp, reading.positions)
         self._interface.send(self._tracker.enable(request.data, self._interface.now))
         self._report_state()
         response.success = True

@@ -9,12 +9,12 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
-from head_tracking.nodes.head_interface import HeadInterface
+from head_tracking.nodes.head_interface import HeadInterface, HeadReading
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer
-from head_tracking.tracking import HeadBase
+from head_tracking.tracking import HeadBase, Refusal
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class PointHeadNode(Node):
         self._enabled = True
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
-        self._interface.every(1.0 / p.rate, self._step)
+        steady_timer(self, 1.0 / p.rate, self._step)
 
     @property
     def head(self) -> PanTiltHead | None:
@@ -73,32 +73,28 @@ class PointHeadNode(Node):
         reading = self._interface.reading()
         if reading is None or self._pointing is None:
             return
-        present = reading[1]
-        self._take_target(self._pointing, present)
+        present = reading.positions
+        self._take_target(self._pointing, reading)
         if not self._enabled:
             return
         self._interface.publish_error(self._pointing.miss(present))
-        result = self._pointing.judge(present, self._interface.now)
+        result = self._pointing.judge(present, reading.now)
         if result is not None:
             if result.arrived:
                 self.get_logger().info(str(result))
             else:
                 self.get_logger().warning(str(result))
 
-    def _take_target(self, pointing: Pointing, present: tuple[float, float]) -> None:
-        start = pointing.start_from(present)
-        head = pointing.head
-        placed = self._interface.take_newest_target(
-            {head.pan_joint: start[0], head.tilt_joint: start[1]}
-        )
+    def _take_target(self, pointing: Pointing, reading: HeadReading) -> None:
+        start = pointing.start_from(reading.positions)
+        placed = self._interface.take_newest_target(start, reading.now)
+        self._interface.take_refusal()
         if placed is None or not self._enabled:
             return
         target, point = placed
-        gaze, command = pointing.point_at(point, present, self._interface.now)
+        gaze, command = pointing.point_at(point, reading.positions, reading.now)
         if command is None:
-            self.get_logger().error(
-                f"target {target} refused, nothing moves: {gaze.reason}", throttle_duration_sec=1.0
-            )
+            self._interface.refuse(Refusal(target, f"nothing moves: {gaze.reason}"))
         elif not gaze.reached:
             self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
         self._interface.send(command)
@@ -115,7 +111,7 @@ class PointHeadNode(Node):
             response.message = "the head cannot be recentred: there is no model or no joint state"
             return response
         self._interface.forget_targets()
-        self._interface.send(self._pointing.recenter(reading[1], self._interface.now))
+        self._interface.send(self._pointing.recenter(reading.positions, reading.now))
         response.success, response.message = True, "recentring"
         return response
 

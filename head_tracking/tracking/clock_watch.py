@@ -22,12 +22,14 @@ class ClockWatch:
 
     Attributes:
         standing: why the clock stands still; empty while it runs.
+        checked: the time [s] at the last check.
     """
 
     def __init__(
         self, clock: Callable[[], float], steady: Callable[[], float] = time.monotonic
     ) -> None:
         self.standing = ""
+        self.checked = 0.0
         self._clock = clock
         self._steady = steady
         self._last: tuple[float, float] | None = None
@@ -39,7 +41,10 @@ class ClockWatch:
         now = self._clock()
         if not simulated or self._last is None or now != self._last[0]:
             return now
-        return now + min(self._speed * (self._steady() - self._changed), self._piece)
+        return self._between(now, self._steady())
+
+    def _between(self, now: float, steady: float) -> float:
+        return now + min(self._speed * (steady - self._changed), self._piece)
 
     def check(self, *, simulated: bool) -> str:
         """What has happened to the clock since the last check, if it is more than time going by.
@@ -50,6 +55,7 @@ class ClockWatch:
         before = self._steady()
         now = self._clock()
         steady = self._steady()
+        self.checked = now
         if steady - before > _LOOK and not simulated:
             return ""  # this thread was interrupted between the two
         last, self._last = self._last, (now, steady)
@@ -57,24 +63,30 @@ class ClockWatch:
             self._changed = steady
             return ""
         passed, really = now - last[0], steady - last[1]
-        if passed and simulated:
-            self._piece = passed if 0.0 < passed < _SIMULATED_STEP else 0.0
-            speed = min(self._piece / max(steady - self._changed, 1e-3), _FASTEST)
-            self._speed += _SMOOTHING * (speed - self._speed)
-        if passed or not simulated:
-            self._changed, self.standing = steady, ""
-        elif not self.standing and steady - self._changed > _STILL:
+        if simulated:
+            return self._check_simulated(now, steady, passed, really)
+        self._changed, self.standing = steady, ""
+        return _jumped(passed - really) if abs(passed - really) > _STEP else ""
+
+    def _check_simulated(self, now: float, steady: float, passed: float, really: float) -> str:
+        if not passed:
+            self.checked = self._between(now, steady)
+            if self.standing or steady - self._changed <= _STILL:
+                return ""
             self.standing = (
                 "the clock stands still: /clock is paused or silent"
                 if now
                 else "use_sim_time is set, but nobody publishes /clock"
             )
             return self.standing
-        if simulated:
-            runs = 0.0 <= passed <= max(_SIMULATED_STEP, _FASTEST * really)
-            off = 0.0 if runs or not last[0] else passed
-        else:
-            off = passed - really if abs(passed - really) > _STEP else 0.0
-        if not off:
-            return ""
-        return f"the clock jumped {'forward' if off > 0.0 else 'back'} by {abs(off):.3g} s"
+        self._piece = passed if 0.0 < passed < _SIMULATED_STEP else 0.0
+        speed = min(self._piece / max(steady - self._changed, 1e-3), _FASTEST)
+        self._speed += _SMOOTHING * (speed - self._speed)
+        self._changed, self.standing = steady, ""
+        runs = 0.0 <= passed <= max(_SIMULATED_STEP, _FASTEST * really)
+        begins = now == passed
+        return "" if runs or begins else _jumped(passed)
+
+
+def _jumped(by: float) -> str:
+    return f"the clock jumped {'forward' if by > 0.0 else 'back'} by {abs(by):.1f} s"

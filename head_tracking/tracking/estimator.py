@@ -29,6 +29,7 @@ _FIRST_RANGE_RATE = 1.0  # 1/s
 _RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
 _RANGE_MEMORY = 1.0  # s; over which the noise is learned
 _RANGE_OUTLIER = 9.0  # variances
+_NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
 
@@ -99,23 +100,32 @@ class Range(NamedTuple):
         noise = _FIRST_RANGE_NOISE**2
         return Range(math.log(distance), 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
-    def after(self, dt: float, distance: float) -> Range:
-        """After another point [m], a time `dt` [s] later."""
+    def after(self, dt: float, distance: float, turning: float) -> Range:
+        """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
         pp, pv, vv = self.covariance
         pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
         pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
         vv += _RANGE_ACCELERATION * dt
-        log = self.log + dt * self.rate
+        away, aside = max(1.0 + self.rate * dt, _NEAREST), turning * dt
+        square = away * away + aside * aside
+        log = self.log + 0.5 * math.log(square)
+        rate = (self.rate * away + turning * aside) / square
         off = math.log(distance) - log
         expected = pp + self.variance
         unexpected = min(off * off / expected, _RANGE_OUTLIER)
         share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
         variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
         if unexpected == _RANGE_OUTLIER:
-            return Range(log, self.rate, (pp, pv, vv), variance)
+            return Range(log, rate, (pp, pv, vv), variance)
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
-        return Range(log + k * off, self.rate + by_rate * off, left, variance)
+        return Range(log + k * off, rate + by_rate * off, left, variance)
+
+    @property
+    def receding(self) -> float:
+        """The change of the logarithm [1/s] as far as it can be told from noise."""
+        square = self.rate * self.rate
+        return self.rate * max(0.0, 1.0 - self.covariance[2] / square) if square else 0.0
 
     def distance(self, dt: float) -> float:
         """The distance [m] a time `dt` [s] later."""
@@ -360,9 +370,15 @@ class TargetEstimator:
         index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
         judged, ahead = snapshots[index].bearings, stamp - stamps[index]
         gains = before.gains.after(dt)
-        pan = before.bearings[0].after(stamps, self._pans, gains, judged[0], ahead)
-        tilt = before.bearings[1].after(stamps, self._tilts, gains, judged[1], ahead)
-        snapshots.append(_Snapshot(gains, (pan, tilt), before.range.after(dt, sight.distance)))
+        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings))
+        distance = before.range.after(dt, sight.distance, turning)
+        pan, tilt = (
+            bearing.after(stamps, angles, gains, distance.receding, earlier, ahead)
+            for bearing, angles, earlier in zip(
+                before.bearings, (self._pans, self._tilts), judged, strict=True
+            )
+        )
+        snapshots.append(_Snapshot(gains, (pan, tilt), distance))
         if stamps[0] < stamp - _HISTORY:
             del stamps[0], self._sights[0], self._pans[0], self._tilts[0], snapshots[0]
 

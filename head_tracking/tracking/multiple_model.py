@@ -1,4 +1,4 @@
-"""A multiple-model filter of one bearing: five Kalman filters, mixed by how well each predicts.
+"""A multiple-model filter of one bearing: six Kalman filters, mixed by how well each predicts.
 
 The models (docs/estimator.md has the equations): a target that stands still but for a random walk;
 two of nearly constant velocity, calm and restless (white acceleration: Bar-Shalom, Li and
@@ -17,13 +17,14 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
-STILL = 30.0
+STILL = 10.0
 """Random walk of the still model [1/s]."""
 
-CALM, RESTLESS = 1e3, 3e5
-"""White acceleration of the models of nearly constant velocity [1/s^3]."""
+CALM, WALKING, RESTLESS = 3e1, 1e3, 3e5
+"""White acceleration of the models of nearly constant velocity [1/s^3]; the one that walks takes the
+target to go straight on, so that its bearing turns faster the nearer it comes."""
 
-OSCILLATORS = (1e3, 5e5)
+OSCILLATORS = (1e3, 5e6)
 """White jerk of the two harmonic oscillators [1/s^5]."""
 
 # What is known of a target seen once, in units of a point's variance. Bearings of 2 mrad make this
@@ -31,7 +32,7 @@ OSCILLATORS = (1e3, 5e5)
 _UNKNOWN = 1e6
 
 # A new target is expected to be calm until it shows that it is not.
-_FIRST_SCORES = (1.0, 2.0, 10.0, 4.0, 10.0)
+_FIRST_SCORES = (1.0, 2.0, 3.0, 10.0, 4.0, 10.0)
 
 _MEMORY = 0.5  # s; over which the models are judged
 _ERROR_MEMORY = 1.2  # s; over which the mixture is judged: a kink now and then is remembered
@@ -42,6 +43,8 @@ _FINEST = 1e-12  # rad^2; noise below this is rounding
 _OUTLIER = 9.0  # variances
 _ALARM = 0.15  # s; how long a model stays doubted
 _DEVIATIONS = 3.0
+_NEAREST = 0.3  # of the distance; so near a walker is taken to come
+_LEAST_SHARE = 1e-9  # of the models
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
 
 _LAG = 1.0 / 6.0  # s between the points that are compared: swings up to 3 Hz can be told
@@ -54,15 +57,18 @@ Covariance2: TypeAlias = tuple[float, float, float]
 Covariance3: TypeAlias = tuple[float, float, float, float, float, float]
 """Of position, velocity and acceleration: pp, pv, pa, vv, va, aa."""
 
-Five: TypeAlias = tuple[float, float, float, float, float]
+Six: TypeAlias = tuple[float, float, float, float, float, float]
 """One number for every model."""
 
 
 class Motion(NamedTuple):
-    """How a bearing moves: a part with constant velocity and one that swings.
+    """How a bearing moves: by a walk along a straight line, a steady turn and a swing.
 
     Attributes:
         position: [rad].
+        walk: velocity of a target that walks straight on [rad/s].
+        share: of all models, those that say so; `walk` is this share of its velocity.
+        receding: change of the logarithm of the distance [1/s].
         velocity: of the steady part [rad/s].
         swing_velocity: of the swinging part [rad/s].
         swing_acceleration: of the swinging part [rad/s^2].
@@ -70,6 +76,9 @@ class Motion(NamedTuple):
     """
 
     position: float
+    walk: float
+    share: float
+    receding: float
     velocity: float
     swing_velocity: float
     swing_acceleration: float
@@ -77,10 +86,29 @@ class Motion(NamedTuple):
 
     def after(self, dt: float) -> tuple[float, float]:
         """Position [rad] and velocity [rad/s] a time `dt` [s] later."""
-        x, v, u, b, w = self
+        x, walk, share, receding, v, u, b, w = self
         sine, cosine = math.sin(w * dt), math.cos(w * dt)
-        position = x + dt * v + (u * sine + b * (1.0 - cosine) / w) / w
-        return position, v + u * cosine + b * sine / w
+        turned, slowed = walked(walk / share, receding, dt)
+        position = x + share * turned + dt * v + (u * sine + b * (1.0 - cosine) / w) / w
+        return position, slowed * walk + v + u * cosine + b * sine / w
+
+
+def walked(velocity: float, receding: float, dt: float) -> tuple[float, float]:
+    """How far a bearing turns in a time `dt` [s] if the target walks straight on.
+
+    As seen from where the target was, it has gone aside and away (Aidala and Hammel, modified polar
+    coordinates, 1983).
+
+    Args:
+        velocity: of the bearing [rad/s].
+        receding: change of the logarithm of the distance [1/s].
+        dt: [s].
+
+    Returns:
+        The angle [rad], and what is left of the velocity as a share of it.
+    """
+    aside, away = velocity * dt, max(1.0 + receding * dt, _NEAREST)
+    return math.atan2(aside, away), 1.0 / (away * away + aside * aside)
 
 
 class Gains(NamedTuple):
@@ -88,27 +116,30 @@ class Gains(NamedTuple):
 
     Attributes:
         still: of the still model: its variance after the point, which is its gain.
-        calm, restless: of the two models of nearly constant velocity, after the point.
-        expected: variances of the three predictions, point's noise included.
+        calm, walking, restless: of the models of nearly constant velocity, after the point.
+        expected: variances of the four predictions, point's noise included.
     """
 
     still: float
     calm: Covariance2
+    walking: Covariance2
     restless: Covariance2
-    expected: tuple[float, float, float]
+    expected: tuple[float, float, float, float]
 
     @staticmethod
     def seen_once() -> Gains:
         """Of a target of which one point is known."""
         once = (1.0, 0.0, _UNKNOWN)
-        return Gains(1.0, once, once, (1.0, 1.0, 1.0))
+        return Gains(1.0, once, once, once, (1.0, 1.0, 1.0, 1.0))
 
     def after(self, dt: float) -> Gains:
         """Those of the next point, a time `dt` [s] later."""
         walk = self.still + STILL * dt
         calm, by_calm = _corrected(self.calm, dt, CALM)
+        walking, by_walking = _corrected(self.walking, dt, WALKING)
         restless, by_restless = _corrected(self.restless, dt, RESTLESS)
-        return Gains(walk / (walk + 1.0), calm, restless, (walk + 1.0, by_calm, by_restless))
+        expected = (walk + 1.0, by_calm, by_walking, by_restless)
+        return Gains(walk / (walk + 1.0), calm, walking, restless, expected)
 
 
 class Oscillation(NamedTuple):
@@ -164,7 +195,8 @@ class Bearing(NamedTuple):
 
     Attributes:
         still: position by the still model [rad].
-        calm, restless: position [rad] and velocity [rad/s] by the models of constant velocity.
+        calm, walking, restless: position [rad] and velocity [rad/s] by the models of constant
+            velocity.
         oscillators: the harmonic models.
         oscillation: the rate of the swing.
         variance: of a point [rad^2].
@@ -179,14 +211,15 @@ class Bearing(NamedTuple):
 
     still: float
     calm: tuple[float, float]
+    walking: tuple[float, float]
     restless: tuple[float, float]
     oscillators: tuple[Oscillator, Oscillator]
     oscillation: Oscillation
     variance: float
-    scores: Five
-    innovations: Five
-    alarm: Five
-    weights: Five
+    scores: Six
+    innovations: Six
+    alarm: Six
+    weights: Six
     motion: Motion
     error: float
     certainty: tuple[float, float]
@@ -196,12 +229,14 @@ class Bearing(NamedTuple):
         """A target of which one point is known [rad], with the usual noise of points [rad]."""
         variance = noise * noise
         first = Oscillator(point, 0.0, 0.0, (1.0, 0.0, 0.0, _UNKNOWN, 0.0, _UNKNOWN))
-        scores = _five([variance * factor for factor in _FIRST_SCORES])
-        calm = (0.0,) * 5
+        scores = _six([variance * factor for factor in _FIRST_SCORES])
+        calm = (0.0,) * 6
         return _mixed(
             gains,
+            0.0,
             Bearing(
                 point,
+                (point, 0.0),
                 (point, 0.0),
                 (point, 0.0),
                 (first, first),
@@ -211,13 +246,13 @@ class Bearing(NamedTuple):
                 calm,
                 calm,
                 _weights(scores, calm, variance),
-                Motion(point, 0.0, 0.0, 0.0, _LEAST_RATE),
+                Motion(point, 0.0, _LEAST_SHARE, 0.0, 0.0, 0.0, 0.0, _LEAST_RATE),
                 variance,
                 (0.0, 0.0),
             ),
         )
 
-    def predicted(self, dt: float, rate: float) -> Five:
+    def predicted(self, dt: float, rate: float) -> Six:
         """The position by every model [rad] a time `dt` [s] later; swings have this rate."""
         by_velocity, by_acceleration = dt, 0.5 * dt * dt
         if rate > _LEAST_RATE:
@@ -227,6 +262,7 @@ class Bearing(NamedTuple):
         return (
             self.still,
             self.calm[0] + dt * self.calm[1],
+            self.walking[0] + walked(self.walking[1], self.motion.receding, dt)[0],
             self.restless[0] + dt * self.restless[1],
             calm.position + by_velocity * calm.velocity + by_acceleration * calm.acceleration,
             lively.position + by_velocity * lively.velocity + by_acceleration * lively.acceleration,
@@ -237,6 +273,7 @@ class Bearing(NamedTuple):
         stamps: Sequence[float],
         points: Sequence[float],
         gains: Gains,
+        receding: float,
         judged: Bearing,
         ahead: float,
     ) -> Bearing:
@@ -246,6 +283,7 @@ class Bearing(NamedTuple):
             stamps: of the points [s], rising; the new one is the last.
             points: [rad].
             gains: for it.
+            receding: change of the logarithm of the distance [1/s].
             judged: the bearing after an earlier point, whose predictions are judged now.
             ahead: the time from then until now [s].
         """
@@ -253,23 +291,32 @@ class Bearing(NamedTuple):
         oscillation = self.oscillation.after(stamps, points, self.variance)
         off = point - self.still
         still = self.still + gains.still * off
-        calm, off_calm = _moved(self.calm, dt, gains.calm, point)
-        restless, off_restless = _moved(self.restless, dt, gains.restless, point)
+        calm, off_calm = _corrected_by(
+            (self.calm[0] + dt * self.calm[1], self.calm[1]), gains.calm, point
+        )
+        turned, slowed = walked(self.walking[1], receding, dt)
+        walking, off_walking = _corrected_by(
+            (self.walking[0] + turned, slowed * self.walking[1]), gains.walking, point
+        )
+        restless, off_restless = _corrected_by(
+            (self.restless[0] + dt * self.restless[1], self.restless[1]), gains.restless, point
+        )
         swing = _Swing.over(dt, oscillation.rate)
         one, innovation_one = swing.corrected(self.oscillators[0], OSCILLATORS[0], point)
         two, innovation_two = swing.corrected(self.oscillators[1], OSCILLATORS[1], point)
-        by_still, by_calm, by_restless = gains.expected
+        by_still, by_calm, by_walking, by_restless = gains.expected
         deviation = math.sqrt(self.variance)
         innovation_restless = off_restless / math.sqrt(by_restless)
         innovations = (
             off / (deviation * math.sqrt(by_still)),
             off_calm / (deviation * math.sqrt(by_calm)),
+            off_walking / (deviation * math.sqrt(by_walking)),
             innovation_restless / deviation,
             innovation_one / deviation,
             innovation_two / deviation,
         )
         share = 1.0 - math.exp(-dt / _MEMORY)
-        scores = _five(
+        scores = _six(
             [
                 score + share * ((position - point) ** 2 - score) + _FINEST
                 for score, position in zip(
@@ -284,9 +331,11 @@ class Bearing(NamedTuple):
         alarm = _alarmed(self, innovations, math.exp(-dt / _ALARM))
         return _mixed(
             gains,
+            receding,
             Bearing(
                 still,
                 calm,
+                walking,
                 restless,
                 (one, two),
                 oscillation,
@@ -359,26 +408,25 @@ def _corrected(covariance: Covariance2, dt: float, index: float) -> tuple[Covari
     return (gain, by_velocity, vv - by_velocity * pv), expected
 
 
-def _moved(
-    state: tuple[float, float], dt: float, gains: Covariance2, point: float
+def _corrected_by(
+    state: tuple[float, float], gains: Covariance2, point: float
 ) -> tuple[tuple[float, float], float]:
-    """Position and velocity after a point, and its innovation [rad]."""
+    """Predicted position and velocity after a point, and its innovation [rad]."""
     position, velocity = state
-    position += dt * velocity
     off = point - position
     return (position + gains[0] * off, velocity + gains[1] * off), off
 
 
-def _alarmed(before: Bearing, innovations: Five, kept: float) -> Five:
+def _alarmed(before: Bearing, innovations: Six, kept: float) -> Six:
     """How strongly each model is to be doubted: two large innovations in a row to one side."""
     alarm = []
     for now, then, doubt in zip(innovations, before.innovations, before.alarm, strict=True):
         both = min(abs(now), abs(then)) if now * then > 0.0 else 0.0
         alarm.append(max(max(both - _DEVIATIONS, 0.0) ** 2, doubt * kept))
-    return _five(alarm)
+    return _six(alarm)
 
 
-def _weights(scores: Five, alarm: Five, variance: float) -> Five:
+def _weights(scores: Six, alarm: Six, variance: float) -> Six:
     off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
     errors = [max(score - off, least) for score in scores]
     best, calmest = min(errors), min(alarm)
@@ -387,48 +435,62 @@ def _weights(scores: Five, alarm: Five, variance: float) -> Five:
         for error, doubt in zip(errors, alarm, strict=True)
     ]
     total = sum(raw)
-    return _five([weight / total for weight in raw])
+    return _six([weight / total for weight in raw])
 
 
-def _mixed(gains: Gains, b: Bearing) -> Bearing:
+def _mixed(gains: Gains, receding: float, b: Bearing) -> Bearing:
     """The bearing with its mixture, and the mixture's variances: within and between the models."""
-    still, calm, restless, first, second = b.weights
+    still, calm, walking, restless, first, second = b.weights
     one, two = b.oscillators
     position = (
         still * b.still
         + calm * b.calm[0]
+        + walking * b.walking[0]
         + restless * b.restless[0]
         + first * one.position
         + second * two.position
     )
-    velocity = calm * b.calm[1] + restless * b.restless[1]
+    walk, velocity = walking * b.walking[1], calm * b.calm[1] + restless * b.restless[1]
     swing = first * one.velocity + second * two.velocity
     acceleration = first * one.acceleration + second * two.acceleration
-    motion = Motion(position, velocity, swing, acceleration, max(b.oscillation.rate, _LEAST_RATE))
-    speed = velocity + swing
+    motion = Motion(
+        position,
+        walk,
+        max(walking, _LEAST_SHARE),
+        receding,
+        velocity,
+        swing,
+        acceleration,
+        max(b.oscillation.rate, _LEAST_RATE),
+    )
+    speed = walk + velocity + swing
     certainty = (
         b.variance
         * (
             still * gains.still
             + calm * gains.calm[0]
+            + walking * gains.walking[0]
             + restless * gains.restless[0]
             + first * one.covariance[0]
             + second * two.covariance[0]
         )
         + still * (b.still - position) ** 2
         + calm * (b.calm[0] - position) ** 2
+        + walking * (b.walking[0] - position) ** 2
         + restless * (b.restless[0] - position) ** 2
         + first * (one.position - position) ** 2
         + second * (two.position - position) ** 2,
         b.variance
         * (
             calm * gains.calm[2]
+            + walking * gains.walking[2]
             + restless * gains.restless[2]
             + first * one.covariance[3]
             + second * two.covariance[3]
         )
         + still * speed**2
         + calm * (b.calm[1] - speed) ** 2
+        + walking * (b.walking[1] - speed) ** 2
         + restless * (b.restless[1] - speed) ** 2
         + first * (one.velocity - speed) ** 2
         + second * (two.velocity - speed) ** 2,
@@ -445,6 +507,6 @@ def _between(stamps: Sequence[float], points: Sequence[float], time: float) -> t
     return point, (1.0 - share) ** 2 + share**2
 
 
-def _five(numbers: Sequence[float]) -> Five:
-    a, b, c, d, e = numbers
-    return a, b, c, d, e
+def _six(numbers: Sequence[float]) -> Six:
+    a, b, c, d, e, f = numbers
+    return a, b, c, d, e, f

@@ -20,6 +20,7 @@ USUAL_SPEED = 5.0  # rad/s
 _USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
+_MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
 
 
@@ -79,14 +80,16 @@ class PredictiveLaw:
             wanted = before.pan, before.tilt
         self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
         here, there = self._path.start_positions, self._path.end_positions
+        velocities = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+        moving = max(map(abs, velocities)) > _MOVING  # one joint alone does not come to rest early
         wishes = [
             Wish(
-                a,
-                (b - a) / self._period,
-                target.deviation(joint, start),
-                target.speed_deviation(joint),
+                position,
+                velocity,
+                0.0 if moving else target.deviation(joint, start),
+                0.0 if moving else target.speed_deviation(joint),
             )
-            for joint, (a, b) in enumerate(zip(here, there, strict=True))
+            for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
         ]
         return self._steer(wishes, self.parameters.limits.speed(USUAL_SPEED), now), gaze
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from head_tracking.transforms import (
     LATEST,
-    StampedTransform,
+    ExtrapolationException,
+    Rotation,
     Transform,
     TransformBuffer,
     TransformException,
@@ -19,7 +20,7 @@ from head_tracking.transforms import (
 
 _MOST_WAITING = 4096
 _TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
-_WINDOW = 60_000_000  # ns; over which the base's motion is measured
+_WINDOW = 100_000_000  # ns; the base's motion is measured over two of these
 _AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose
 
 
@@ -167,24 +168,26 @@ class HeadBase:
     def __init__(self, buffer: TransformBuffer, fixed_frame: str, base_frame: str) -> None:
         self._buffer = buffer
         self._frames = fixed_frame, base_frame
-        self._older: StampedTransform | None = None
-        self._newest: StampedTransform | None = None
+        self._stamp = 0.0
+        self._newest = Transform.identity()
+        self._motion: tuple[_Way, _Way] | None = None
 
     def update(self) -> str:
-        """Takes the newest pose, and one a little before it; why not, or an empty string."""
+        """Takes the newest pose and the way to it; why not, or an empty string."""
+        self._motion = None
         try:
-            self._newest = self._buffer.lookup_transform(*self._frames)
-        except TransformException as error:
-            self._newest = self._older = None
-            return str(error)
-        self._older = None
-        if self._newest.stamp != LATEST:
-            try:
-                self._older = self._buffer.lookup_transform(
-                    *self._frames, self._newest.stamp - _WINDOW
+            newest = self._buffer.lookup_transform(*self._frames)
+            self._stamp, self._newest = newest.stamp * 1e-9, newest.transform
+            if newest.stamp != LATEST:
+                older, oldest = (
+                    self._buffer.lookup_transform(*self._frames, newest.stamp - ago).transform
+                    for ago in (_WINDOW, 2 * _WINDOW)
                 )
-            except TransformException:  # nothing is known of its motion yet
-                return ""
+                self._motion = _way(older, self._newest), _way(oldest, older)
+        except ExtrapolationException:
+            return ""  # nothing is known of its motion yet
+        except TransformException as error:
+            return str(error)
         return ""
 
     def at(self, time: float) -> Transform:
@@ -193,13 +196,32 @@ class HeadBase:
             return self._buffer.lookup_transform(*self._frames, round(time * 1e9)).transform
         except TransformException:
             self.update()
-            return Transform.identity() if self._newest is None else self.pose(time)
+            return self.pose(time)
 
     def pose(self, time: float) -> Transform:
-        """`T_fixed_base` at a time [s] near now; it moves on as it moved last."""
-        assert self._newest is not None
-        if self._older is None:
-            return self._newest.transform
-        start, end = self._older.stamp * 1e-9, self._newest.stamp * 1e-9
-        ratio = (min(time, end + _AHEAD) - start) / (end - start)
-        return self._older.transform.interpolate(self._newest.transform, ratio)
+        """`T_fixed_base` at a time [s] near now, with the velocity and acceleration it had last."""
+        if self._motion is None:
+            return self._newest
+        last, before = self._motion
+        windows = min(time - self._stamp, _AHEAD) / (_WINDOW * 1e-9)
+        bend = 0.5 * windows * (windows + 1.0)
+        x, y, z, a, b, c = (
+            windows * new + bend * (new - old) for new, old in zip(last, before, strict=True)
+        )
+        angle = math.hypot(a, b, c)
+        turn = (
+            Rotation.from_axis_angle((a / angle, b / angle, c / angle), angle)
+            if angle > 0.0
+            else Rotation(0.0, 0.0, 0.0, 1.0)
+        )
+        return self._newest @ Transform((x, y, z), turn)
+
+
+_Way = tuple[float, float, float, float, float, float]
+
+
+def _way(start: Transform, end: Transform) -> _Way:
+    """The translation and the small rotation vector from one pose to the next, in the first."""
+    x, y, z, a, b, c, w = start.inverse() @ end
+    twice = math.copysign(2.0, w)
+    return x, y, z, twice * a, twice * b, twice * c

@@ -99,7 +99,7 @@ class TargetStateMachine:
         if not self.enabled:
             return "tracking is switched off"
         reason = self.stalled or self._reason
-        return f"{reason}; {self.refusal}" if self.refusal else reason
+        return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
 
     def enable(self, on: bool) -> None:
         """Targets are followed from now on, or not."""

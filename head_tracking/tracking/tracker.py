@@ -219,6 +219,8 @@ class Tracker:
 
     def enable(self, on: bool, now: float) -> HeadCommand | None:
         """Follows targets from now on, or stops the head at once; the command for that."""
+        if on and self.machine.enabled:
+            return None
         self.estimator.reset()
         self.machine.enable(on)
         return None if on else self._stop(now)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from typing import Any
 
@@ -46,6 +47,7 @@ class Head:
         measured: joint states are published.
         stamped_ahead: joint states are stamped so far in the future [s].
         obeys: the servos do what they are told.
+        each_period: is called.
         target: is published 30 times a second: frame and a function of the robot's time.
     """
 
@@ -56,6 +58,7 @@ class Head:
         self.measured = self.obeys = True
         self.stamped_ahead = 0.0
         self.target: Any = None
+        self.each_period: Callable[[], None] = lambda: None
         self.states: list[str] = []
         self.errors: list[float] = []
         self.log: list[str] = []
@@ -143,6 +146,12 @@ class Head:
         moved = list(self.travel)
         return max(max(joint) - min(joint) for joint in zip(*moved, strict=True)) if moved else 0.0
 
+    def send(self, frame: str, point: tuple[float, float, float], stamp: float) -> None:
+        message = PointStamped()
+        message.header.frame_id, message.header.stamp = frame, _stamp(stamp)
+        message.point = Point(x=point[0], y=point[1], z=point[2])
+        self._targets.publish(message)
+
     def _on_command(self, message: JointState) -> None:
         self.commands += 1
         self._goals, self._speeds = list(message.position), list(message.velocity)
@@ -162,6 +171,7 @@ class Head:
             if self.clock_rate and steady >= due:
                 due = steady + 1.0 / self.clock_rate
                 self._clock.publish(Clock(clock=_stamp(self._now)))
+            self.each_period()
             if self.measured:
                 message = JointState(name=list(JOINTS), position=list(self.positions))
                 message.header.stamp = _stamp(self._now + self.stamped_ahead)
@@ -169,11 +179,7 @@ class Head:
             if self.target is not None and steady - last_target >= 0.03:
                 last_target = steady
                 frame, path = self.target
-                message = PointStamped()
-                message.header.frame_id, message.header.stamp = frame, _stamp(self._now)
-                x, y, z = path(self._now)
-                message.point = Point(x=x, y=y, z=z)
-                self._targets.publish(message)
+                self.send(frame, path(self._now), self._now)
 
     def _move(self, dt: float) -> None:
         for index in range(2):

@@ -168,6 +168,13 @@ def test_switching_off_stops_at_once_and_ignores_targets(make, law):
     assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
 
 
+def test_switching_on_what_is_on_changes_nothing(make):
+    bench = Bench(make()).run(2.0, TARGET)
+    assert bench.tracker.enable(True, bench.now) is None
+    bench.run(0.1)
+    assert bench.tracker.state is not TargetState.IDLE
+
+
 def test_recentring_forgets_the_target(make, law):
     bench = Bench(make(law)).run(2.0, TARGET)
     bench.tracker.recenter()
