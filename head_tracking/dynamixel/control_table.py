@@ -242,10 +242,11 @@ class Block:
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
+        layout: Packs and unpacks one value per register, unchecked.
     """
 
     registers: tuple[Register, ...]
-    _struct: struct.Struct = field(init=False, repr=False, compare=False)
+    layout: struct.Struct = field(init=False, repr=False, compare=False)
     _gapless: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -259,9 +260,9 @@ class Block:
                 code = code.lower()
             form += f"{register.address - position}x{code}"
             position = register.end
-        object.__setattr__(self, "_struct", struct.Struct(form))
+        object.__setattr__(self, "layout", struct.Struct(form))
         occupied = sum(register.size for register in self.registers)
-        object.__setattr__(self, "_gapless", occupied == self._struct.size)
+        object.__setattr__(self, "_gapless", occupied == self.layout.size)
 
     @property
     def address(self) -> int:
@@ -271,7 +272,7 @@ class Block:
     @property
     def length(self) -> int:
         """Number of bytes from the first register to the end of the last."""
-        return self._struct.size
+        return self.layout.size
 
     def decode(self, data: bytes) -> tuple[int, ...]:
         """Return one value per register.
@@ -279,9 +280,9 @@ class Block:
         Raises:
             RangeError: The number of bytes is wrong.
         """
-        if len(data) != self._struct.size:
-            raise RangeError(f"the block has {self._struct.size} bytes, not {len(data)}")
-        return self._struct.unpack(data)
+        if len(data) != self.layout.size:
+            raise RangeError(f"the block has {self.layout.size} bytes, not {len(data)}")
+        return self.layout.unpack(data)
 
     def encode(self, *values: int) -> bytes:
         """Return the bytes that write one value per register.
@@ -296,7 +297,7 @@ class Block:
                 register.encode(value)  # says why
         if not self._gapless:
             raise RangeError("the block has gaps, so it can be read but not written")
-        return self._struct.pack(*values)
+        return self.layout.pack(*values)
 
 
 class ControlTable:

@@ -21,7 +21,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.servo import SLOWEST, Servo, Steps
+from head_tracking.dynamixel.servo import Servo, Steps
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
 _REMEDIES = {
@@ -52,6 +52,7 @@ class Joint:
         resting: Whether it is relaxed to cool down.
         default_speed: Speed for goals that give none, rad/s.
         goal_ticks: What is written to its servos; () without a goal.
+        goal_position: The same as a position of the joint, rad.
         commanded_at: Monotonic time, ns, of the goal; None without one, or for one that is held.
         share: The bytes of goal position and speed for each servo.
         stale: Whether they are to be made anew.
@@ -71,11 +72,13 @@ class Joint:
         self.on = self.relaxed = self.stopped = self.resting = False
         self.default_speed = configuration.joint_speed
         self.goal_ticks: tuple[int, ...] = ()
+        self.goal_position = 0.0
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
         self.busy = self.awaited = False
         self.told_problem = ""
+        self._limit_speed()
         self._port = port
         self._speed: float | None = None  # of the goal; None: the default, 0: the slowest
         self._overtaken = 0  # counts who relaxed or stopped it
@@ -158,7 +161,6 @@ class Joint:
             voltage = min(servo.voltage for servo in answered)
             temperature = max(servo.temperature for servo in answered)
             errors = reduce(_both, [servo.errors for servo in answered])
-        ticks = self.goal_ticks
         return ServoState(
             self.name,
             first.id,
@@ -170,14 +172,24 @@ class Joint:
             temperature,
             errors,
             self.on,
-            servos[0].calibration.position(ticks[0]) if ticks else None,
+            self.goal_position if self.goal_ticks else None,
         )
 
     # Owner's thread. Everything that talks to servos raises PortLostError when the port has gone.
 
     def aim(self, position: float, speed: float | None, now: int) -> None:
         """Make this the goal that is written from now on; `now` is monotonic, ns."""
-        self._set_goal(tuple([servo.goal_ticks(position) for servo in self.servos]), speed, now)
+        servos = self.servos
+        if len(servos) == 1:
+            servo = servos[0]
+            ticks = servo.goal_ticks(position)
+            self.goal_ticks = (ticks,)
+            self._speed = speed
+            self.commanded_at = now
+            self.goal_position = (ticks - servo.zero) * servo.scale
+            self.share = (servo.encode_goal(ticks, self.default_speed if speed is None else speed),)
+        else:
+            self._set_goal(tuple([servo.goal_ticks(position) for servo in servos]), speed, now)
 
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
         self.goal_ticks = ticks
@@ -189,12 +201,13 @@ class Joint:
         """Make the bytes of goal position and speed anew."""
         self.stale = False
         speed = self.default_speed if self._speed is None else self._speed
-        limit = self.configuration.speed_limit
-        share = []
-        for servo, ticks in zip(self.servos, self.goal_ticks, strict=True):
-            count = servo.calibration.speed_ticks(speed, limit) if speed > 0.0 else SLOWEST
-            share.append(servo.model.encode_goal(ticks, count))
-        self.share = tuple(share)
+        pairs = zip(self.servos, self.goal_ticks, strict=True)
+        self.share = tuple([servo.encode_goal(ticks, speed) for servo, ticks in pairs])
+        self.goal_position = self.servos[0].calibration.position(self.goal_ticks[0])
+
+    def _limit_speed(self) -> None:
+        for servo in self.servos:
+            servo.limit_speed(self.configuration.speed_limit)
 
     def set_default_speed(self, speed: float) -> None:
         """Set the speed for goals that give none, also for one under way."""
@@ -380,6 +393,7 @@ class Joint:
         self.servos[0].recalibrate(new.calibration)
         self.configuration = new
         self.default_speed = min(self.default_speed, new.speed_limit)
+        self._limit_speed()
         if self.goal_ticks:
             first, *others = self.goal_ticks
             ticks = (self.servos[0].inside(first), *others)

@@ -58,6 +58,9 @@ class ServoModel:
         fast_sync_read: First firmware that knows fast sync read; None: none does.
         watchdog: First firmware that has a Bus Watchdog; None: none has.
         aliases: Other names of the same model.
+        radians_per_tick: Angle of one tick, rad.
+        sign_magnitude: Whether speed and load have their sign in bit 10.
+        endless: Whether the ticks go round a whole turn, so that each stands for many positions.
     """
 
     name: str
@@ -85,19 +88,13 @@ class ServoModel:
     watchdog: int | None = None
     aliases: tuple[str, ...] = ()
     radians_per_tick: float = field(init=False)
+    sign_magnitude: bool = field(init=False)
+    endless: bool = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radians_per_tick", self.angle_range / self.ticks)
-
-    @property
-    def sign_magnitude(self) -> bool:
-        """Whether speed and load have their sign in bit 10."""
-        return "Moving Speed" in self.control_table
-
-    @property
-    def endless(self) -> bool:
-        """Whether the ticks go round a whole turn, so that each stands for many positions."""
-        return self.ticks == MX_TICKS
+        object.__setattr__(self, "sign_magnitude", "Moving Speed" in self.control_table)
+        object.__setattr__(self, "endless", self.ticks == MX_TICKS)
 
     def encode_goal(self, ticks: int, speed: int) -> bytes:
         """Return what to write at `goal`, from register values.

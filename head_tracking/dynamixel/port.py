@@ -360,7 +360,7 @@ class DynamixelPort:
         Raises:
             PortLostError: The device has gone.
         """
-        line = self._open_line()
+        line = self._line or self._open_line()
         try:
             if self._suspect_until or self._late.due or self._buffer:
                 self._clear()
@@ -421,23 +421,31 @@ class DynamixelPort:
         self, protocol: int, servo_id: int, address: int, length: int, clear: bool = True
     ) -> Reply:
         if self._late.due:
-            extra = self._late.extra(protocol, (servo_id,), length)
-            if extra is None:
-                raise ReplyTimeoutError(f"servo {servo_id} has not answered many times")
-            # Before what is needed, where there are as many: past the end there may be nothing.
-            first = address - extra if address >= extra else address
-            request = read_packet(protocol, servo_id, first, length + extra)
-            status, stamp = self._ask(protocol, servo_id, request, length + extra)
-            data = status.data[address - first : address - first + length]
-        else:
-            request = _request(protocol, servo_id, address, length)
-            status, stamp = self._ask(protocol, servo_id, request, length, clear)
-            data = status.data
-        if status.error:
-            _check(protocol, status, "read")
-        if len(data) != length:
-            raise _wrong_length(protocol, status, f"read of {length} byte(s) at {address}")
-        return Reply(data, status.error, stamp)
+            return self._read_more(protocol, servo_id, address, length)
+        request = _request(protocol, servo_id, address, length)
+        if clear or self._buffer:
+            self._clear()
+        stamp = self._send(request)
+        status = self._receive(protocol, servo_id, length)
+        if status.error or len(status.data) != length:
+            _check(protocol, status, length, f"read of {length} byte(s) at {address}")
+        end = self._wire_free  # where bytes take no time, a reply may come before its time
+        return Reply(status.data, status.error, stamp if stamp < end else end)
+
+    def _read_more(self, protocol: int, servo_id: int, address: int, length: int) -> Reply:
+        """Read some bytes more than needed, so that no late reply looks like this one."""
+        extra = self._late.extra(protocol, (servo_id,), length)
+        if extra is None:
+            raise ReplyTimeoutError(f"servo {servo_id} has not answered many times")
+        # Before what is needed, where there are as many: past the end there may be nothing.
+        first = address - extra if address >= extra else address
+        request = read_packet(protocol, servo_id, first, length + extra)
+        self._clear()
+        stamp = self._send(request)
+        status = self._receive(protocol, servo_id, length + extra)
+        _check(protocol, status, length + extra, f"read of {length + extra} byte(s) at {first}")
+        data = status.data[address - first : address - first + length]
+        return Reply(data, status.error, min(stamp, self._wire_free))
 
     def _read_together(self, group: ReadGroup, retries: int) -> list[Reply | Retried | Failed]:
         """Ask several servos with one packet, which they answer one after the other, or in one.
@@ -485,10 +493,8 @@ class DynamixelPort:
             try:
                 if isinstance(outcome, CommunicationError):
                     raise outcome
-                if outcome.error:
-                    _check(protocol, outcome, "read")
-                if len(outcome.data) != length:
-                    raise _wrong_length(protocol, outcome, f"read of {length} byte(s)")
+                if outcome.error or len(outcome.data) != length:
+                    _check(protocol, outcome, length, f"read of {length} byte(s) at {address}")
                 reply = Reply(
                     outcome.data[offset : offset + group.length] if extra else outcome.data,
                     outcome.error,
@@ -524,7 +530,7 @@ class DynamixelPort:
         length = _PING_LENGTHS[protocol]
         try:
             try:
-                status = self._ask(protocol, servo_id, packet, length)[0]
+                status = self._ask(protocol, servo_id, packet, length)
             except ReplyTimeoutError:
                 # The honest reply to a ping of a servo with a voltage error looks like an echo.
                 if not self._mirrored or protocol == 2:
@@ -536,9 +542,7 @@ class DynamixelPort:
                 status = Status(servo_id, packet[4])
         except _LOST as cause:
             raise self._lost(cause) from cause
-        _check(protocol, status, "ping")
-        if len(status.data) != length:
-            raise _wrong_length(protocol, status, "ping")
+        _check(protocol, status, length, "ping")
         return status.error
 
     def write(
@@ -615,24 +619,17 @@ class DynamixelPort:
     def _command(self, protocol: int, servo_id: int, packet: bytes, what: str) -> int:
         self._open_line()
         try:
-            status = self._ask(protocol, servo_id, packet, 0)[0]
+            status = self._ask(protocol, servo_id, packet, 0)
         except _LOST as cause:
             raise self._lost(cause) from cause
-        _check(protocol, status, what)
-        if status.data:
-            raise _wrong_length(protocol, status, what)
+        _check(protocol, status, 0, what)
         return status.error
 
-    def _ask(
-        self, protocol: int, servo_id: int, packet: bytes, length: int, clear: bool = True
-    ) -> tuple[Status, float]:
-        """Send a request and return what the servo replied, and when it had heard the request."""
-        if clear or self._buffer:
-            self._clear()
-        stamp = self._send(packet)
-        status = self._receive(protocol, servo_id, length)
-        end = self._wire_free  # where bytes take no time, a reply may come before its time
-        return status, stamp if stamp < end else end
+    def _ask(self, protocol: int, servo_id: int, packet: bytes, length: int) -> Status:
+        """Send a request and return what the servo replied."""
+        self._clear()
+        self._send(packet)
+        return self._receive(protocol, servo_id, length)
 
     def _send(self, packet: bytes) -> float:
         """Write a packet; return when it will have gone over the wire, s."""
@@ -799,7 +796,8 @@ class DynamixelPort:
         return line.read(_CHUNK, self._wire_free + self._timeout.allowance).startswith(b"\x00")
 
     def _tell(self, packet: bytes) -> None:
-        self._open_line()
+        if self._line is None:
+            self._open_line()
         try:
             self._send(packet)
         except _LOST as cause:
@@ -839,21 +837,17 @@ def _refuses(protocol: int, status: Status) -> bool:
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
 
 
-def _check(protocol: int, status: Status, what: str) -> None:
-    """Refuse the reply of a servo that received a damaged request."""
+def _check(protocol: int, status: Status, length: int, what: str) -> None:
+    """Refuse the reply of a servo that received a damaged request, or of another length."""
     error = status.error
     if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
         raise CorruptReplyError(f"servo {status.id} received a damaged {what}")
-
-
-def _wrong_length(protocol: int, status: Status, what: str) -> CorruptReplyError:
-    told = (
-        describe_errors(ErrorBits(status.error)) if protocol == 1 else describe_status(status.error)
-    )
-    return CorruptReplyError(
-        f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; "
-        f"error bits: {told}"
-    )
+    if len(status.data) != length:
+        told = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
+        raise CorruptReplyError(
+            f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; error "
+            f"bits: {told}"
+        )
 
 
 def _impossible(servo_id: int, reply: Reply) -> CorruptReplyError:

@@ -154,7 +154,10 @@ class Servo:
         stamp: When it last answered, ns; 0: never.
         range: Lowest and highest tick that configuration and servo allow.
         limits: The same as positions of the joint, rad.
+        fastest: Highest goal speed, in counts.
         goal_key: Protocol, address and length of the block that goals are written to.
+        zero: Tick of position 0.
+        scale: What one tick more is for the joint's position, rad.
         ticks: Present position in the turn of the joint.
         position: Present position of the joint, rad.
         velocity: rad/s.
@@ -198,7 +201,11 @@ class Servo:
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
         self._port = port
         self._protocol = model.protocol
-        self._unpack = model.feedback.decode
+        self._speed_unit = model.speed_unit
+        self._unpack = model.feedback.layout.unpack
+        self._pack = model.goal.layout.pack
+        self._position_first = model.position_first
+        self.fastest = model.speed_maximum
         self._order = model.feedback_order
         self._magnitudes = model.sign_magnitude
         self._wanted_watchdog = watchdog
@@ -551,7 +558,7 @@ class Servo:
         if self._turn:
             ticks = (ticks - self._lowest) % self._turn + self._lowest
         self.ticks = ticks
-        self.position = (ticks - self._init) * self._scale
+        self.position = (ticks - self.zero) * self.scale
         self.velocity = speed * self._speed_scale
         self.load = load * self._load_scale
         self.voltage = values[d] * 0.1
@@ -577,8 +584,8 @@ class Servo:
         self.calibration = calibration
         sign = -1 if calibration.reversed else 1
         model = self.model
-        self._init = calibration.init
-        self._scale = sign * model.radians_per_tick
+        self.zero = calibration.init
+        self.scale = sign * model.radians_per_tick
         self._speed_scale = sign * model.speed_unit
         self._load_scale = sign / model.load_maximum
         self._turn = model.ticks if model.endless else 0
@@ -605,7 +612,28 @@ class Servo:
 
     def goal_ticks(self, position: float) -> int:
         """Return the tick next to a position of the joint, rad, inside the range."""
-        return self.inside(round(self._init + position / self._scale))
+        ticks = round(self.zero + position / self.scale)
+        lowest, highest = self.range
+        return lowest if ticks < lowest else highest if ticks > highest else ticks
+
+    def encode_goal(self, ticks: int, speed: float) -> bytes:
+        """Return what to write for a goal.
+
+        Args:
+            ticks: Goal position, inside the range.
+            speed: rad/s, above 0 and at most as fast as `fastest` allows; 0 for the slowest.
+        """
+        count = round(speed / self._speed_unit)
+        if count > self.fastest:
+            count = self.fastest
+        elif count < SLOWEST:  # 0 would be full speed
+            count = SLOWEST
+        return self._pack(ticks, count) if self._position_first else self._pack(count, ticks)
+
+    def limit_speed(self, limit: float) -> None:
+        """Never encode a goal speed above a limit, rad/s."""
+        fastest = int(limit / self._speed_unit)
+        self.fastest = max(SLOWEST, min(self.model.speed_maximum, fastest))
 
     def lose(self, ask_at: int) -> None:
         """Leave it out of the cycle and ask it again at a time, ns."""
