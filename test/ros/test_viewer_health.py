@@ -16,7 +16,7 @@ from head_tracking.dynamixel import (
     ServoState,
     ServoStatistics,
 )
-from head_tracking.dynamixel.command import Torque
+from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.nodes.viewer_robot import JointWatch
