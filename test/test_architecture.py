@@ -142,12 +142,3 @@ def test_exported_names_exist_and_are_sorted_as_the_linter_wants(name):
     assert len(exported) == len(set(exported))
     for member in exported:
         assert hasattr(package, member), f"{name} exports {member}, which is not there"
-
-
-def test_modules_stay_small():
-    long = {
-        str(path.relative_to(PACKAGE)): lines
-        for path in modules()
-        if (lines := len(path.read_text().splitlines())) > 330
-    }
-    assert not long
