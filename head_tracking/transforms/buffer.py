@@ -90,12 +90,16 @@ class Route:
 
     def latest(self) -> int:
         """The latest common time [ns]; as in tf2 a stamp of 0 does not count."""
-        newest = [history.stamps[-1] for history in self._histories]
-        return min(newest, default=LATEST) or min(filter(None, newest), default=LATEST)
+        latest = LATEST
+        for history in self._histories:
+            stamp = history.stamps[-1]
+            if stamp and (stamp < latest or not latest):
+                latest = stamp
+        return latest
 
     def covers(self, stamp: int) -> bool:
         """Whether everything on the way is known at this time [ns]."""
-        return all([history.covers(stamp) for history in self._histories])
+        return all(history.covers(stamp) for history in self._histories)
 
     def transform(self, stamp: int) -> Transform:
         """`T_target_source` at this time [ns].

@@ -106,10 +106,33 @@ def test_a_listener_in_a_thread_of_its_own(make_node, head):
     listener.unregister()
 
 
+def test_the_thread_spins_the_node_with_all_of_its_callbacks(make_node, head):
+    """As tf2's: the program's own timer and subscriptions run, and nobody else spins them."""
+    buffer, node, ticks = Buffer(), make_node("mine"), []
+    node.create_timer(0.01, lambda: ticks.append(1))
+    listener = TransformListener(buffer, node, spin_thread=True)
+    assert listener.node is node
+    wait_for(lambda: len(ticks) > 3)
+    listener.unregister()
+
+
+def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
+    buffer, node = Buffer(), make_node("fails")
+
+    def fail() -> None:
+        raise ValueError("of the program's own")
+
+    node.create_timer(0.01, fail)
+    listener = TransformListener(buffer, node, spin_thread=True)
+    head.move(0.5, 2)
+    assert turned(buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE))
+    listener.unregister()
+
+
 def test_a_callback_waits_for_data_while_its_executor_is_busy_with_it(make_node, head):
     """tf2's classic deadlock: the timer's callback holds the only thread of the executor."""
     buffer, node = Buffer(), make_node("waits")
-    listener = TransformListener(buffer, node, spin_thread=True)
+    listener = TransformListener(buffer)
     found = []
 
     def on_timer() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+from rclpy.clock import ROSClock
 from rclpy.logging import get_logger
 
 
@@ -26,6 +27,9 @@ class Topics:
 
     def get_logger(self) -> Any:
         return get_logger("topics")
+
+    def get_clock(self) -> ROSClock:
+        return ROSClock()
 
     def create_publisher(self, kind: type, topic: str, qos: Any) -> FakePublisher:
         return self.publishers.setdefault(topic, FakePublisher())
