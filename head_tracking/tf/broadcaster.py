@@ -9,7 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from head_tracking.tf.qos import TF, TF_STATIC
+from head_tracking.tf.qos import LATCHED, TF
 from head_tracking.tf.tf2_messages import TFMessage
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]
@@ -54,7 +54,7 @@ class StaticTransformBroadcaster:
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
         _require_tf2_msgs()
         self.pub_tf = node.create_publisher(
-            TFMessage, "/tf_static", TF_STATIC if qos is None else qos
+            TFMessage, "/tf_static", LATCHED if qos is None else qos
         )
         self._sent: dict[str, TransformStamped] = {}
 

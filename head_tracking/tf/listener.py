@@ -29,6 +29,8 @@ from head_tracking.transforms import (
     parse_robot_model,
 )
 
+CLOCK_JUMP = 1_000_000_000
+"""Joint states farther back than this [ns] are late, or their clock jumped."""
 PATIENCE = 2.0
 """So long is a callback waited for when the program ends [s]."""
 
@@ -73,6 +75,7 @@ class TransformListener:
         self.buffer = buffer
         self._prefix = frame_prefix
         self._joints_taken = on_joints
+        self._newest = 0
         self._own_node = node is None
         self.node = node or _own_node(self)
         self._log = self.node.get_logger()
@@ -151,14 +154,23 @@ class TransformListener:
                     throttle_duration_sec=1.0,
                 )
             return
+        stamp = stamp_to_ns(message.header.stamp)
+        if stamp < self._newest - CLOCK_JUMP:
+            self._start_anew(stamp)
+        self._newest = max(stamp, self._newest)
         try:
-            self._core.set_joint_positions(
-                stamp_to_ns(message.header.stamp), dict(zip(names, positions, strict=True))
-            )
+            self._core.set_joint_positions(stamp, dict(zip(names, positions, strict=True)))
         except InvalidArgumentException as error:
             self._log.error(f"joint_states: {error}", throttle_duration_sec=1.0)
         else:
             self._joints_taken(message)
+
+    def _start_anew(self, stamp: int) -> None:
+        """Forgets what a clock stamped that has jumped back since; not for a late message."""
+        if self.node.get_clock().now().nanoseconds < self._newest:
+            self._log.warning("time jumped back: the transform buffer is cleared")
+            self._core.clear()
+            self._newest = stamp
 
     def _listen(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile | int
