@@ -1,6 +1,6 @@
 """Transforms between frames: a replacement for tf2 that computes the robot's own at lookup."""
 
-from head_tracking.transforms.buffer import TransformBuffer
+from head_tracking.transforms.buffer import LARGEST_POSITION, TransformBuffer
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -31,6 +31,7 @@ from head_tracking.transforms.transform import (
 from head_tracking.transforms.urdf import load_robot_model, parse_robot_model, with_fixed_root
 
 __all__ = [
+    "LARGEST_POSITION",
     "LATEST",
     "ConnectivityException",
     "ExtrapolationException",

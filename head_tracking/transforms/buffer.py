@@ -171,7 +171,8 @@ class TransformBuffer:
         Raises:
             InvalidArgumentException: a position is not finite or absurd; the others are taken.
         """
-        joints, refused = self._joints, ""
+        joints = self._joints
+        refused: str | None = None
         with self._lock:
             for name, position in positions.items():
                 if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
@@ -182,7 +183,7 @@ class TransformBuffer:
                     self._joint_history(name).insert(stamp, position)
         if self._requests:
             self._serve_requests()
-        if refused:
+        if refused is not None:
             raise InvalidArgumentException(
                 f"the position of joint {refused!r} is {positions[refused]}; it must be finite "
                 f"and within {LARGEST_POSITION:g}"
