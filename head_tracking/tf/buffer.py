@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped, Twist, Vector3, VelocityStamped
+from geometry_msgs.msg import TransformStamped, Twist, VelocityStamped
+from geometry_msgs.msg import Vector3 as Vector3Msg
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
@@ -13,16 +14,15 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 
-from head_tracking import transforms
 from head_tracking.tf.buffer_interface import AnyTime, BufferInterface, convert
 from head_tracking.tf.conversions import seconds, stamp_to_ns
 from head_tracking.tf.do_transform import MAKERS
 from head_tracking.tf.messages import header, read, transform_stamped
 from head_tracking.tf.tf2_messages import FrameGraph
-from head_tracking.transforms import TransformBuffer, TransformException
+from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.transforms.history import DEFAULT_CACHE_TIME
 
-VelocityCore = tuple[transforms.Vector3, transforms.Vector3]
+VelocityCore = tuple[Vector3, Vector3]
 
 
 class BufferCore:
@@ -143,7 +143,7 @@ class BufferCore:
         tracking_frame: str,
         observation_frame: str,
         reference_frame: str,
-        reference_point: transforms.Vector3,
+        reference_point: Vector3,
         reference_point_frame: str,
         time: AnyTime,
         averaging_interval: Duration,
@@ -295,7 +295,7 @@ class Buffer(BufferCore, BufferInterface):
             stamp_to_ns(time),
             averaging_interval.nanoseconds,
         )
-        linear, angular = (Vector3(x=x, y=y, z=z) for x, y, z in (found.linear, found.angular))
+        linear, angular = (Vector3Msg(x=x, y=y, z=z) for x, y, z in (found.linear, found.angular))
         return VelocityStamped(
             header=header(found.stamp, found.reference_frame),
             body_frame_id=found.body_frame,
@@ -326,12 +326,7 @@ class Buffer(BufferCore, BufferInterface):
         self, target_frame: str, source_frame: str, time: AnyTime
     ) -> Future:
         """A future that gets the transform as soon as it is there."""
-        stamp = stamp_to_ns(time)
-        return _future(
-            lambda: self.lookup_transform(target_frame, source_frame, time),
-            lambda done: self.core.when_transformable(target_frame, source_frame, stamp, done),
-            self.core.withdraw,
-        )
+        return self._future(lambda: self.lookup_transform(target_frame, source_frame, time))
 
     def wait_for_transform_full_async(
         self,
@@ -342,15 +337,10 @@ class Buffer(BufferCore, BufferInterface):
         fixed_frame: str,
     ) -> Future:
         """A future that gets the transform as soon as it is there."""
-        times = stamp_to_ns(target_time), stamp_to_ns(source_time)
-        return _future(
+        return self._future(
             lambda: self.lookup_transform_full(
                 target_frame, target_time, source_frame, source_time, fixed_frame
-            ),
-            lambda done: self.core.when_transformable_full(
-                target_frame, times[0], source_frame, times[1], fixed_frame, done
-            ),
-            self.core.withdraw,
+            )
         )
 
     async def lookup_transform_async(
@@ -372,6 +362,21 @@ class Buffer(BufferCore, BufferInterface):
             target_frame, target_time, source_frame, source_time, fixed_frame
         )
 
+    def _future(self, lookup: Callable[[], TransformStamped]) -> Future:
+        future, found = Future(), []
+
+        def possible() -> bool:
+            try:
+                found.append(lookup())
+            except TransformException:
+                return False
+            return True
+
+        request = self.core.when(possible, lambda: future.set_result(found[-1]))
+        # who cancels the future is not called any more
+        future.add_done_callback(lambda _: self.core.withdraw(request))
+        return future
+
     def time_jump_callback(self, _: TimeJump) -> None:
         """Forgets what was recorded before the clock jumped."""
         get_logger("head_tracking.tf").warning("time jumped back: the transform buffer is cleared")
@@ -380,22 +385,3 @@ class Buffer(BufferCore, BufferInterface):
     def _on_frame_graph(self, _: Any, response: Any) -> Any:
         response.frame_yaml = self.all_frames_as_yaml()
         return response
-
-
-def _future(
-    lookup: Callable[[], TransformStamped],
-    ask: Callable[[Callable[[], None]], Any],
-    withdraw: Callable[[Any], None],
-) -> Future:
-    future = Future()
-
-    def possible() -> None:
-        try:
-            future.set_result(lookup())
-        except TransformException as error:
-            future.set_exception(error)
-
-    request = ask(possible)
-    # who cancels the future is not called any more
-    future.add_done_callback(lambda _: withdraw(request))
-    return future

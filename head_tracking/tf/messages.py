@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped
+from geometry_msgs.msg import Transform as TransformMsg
+from geometry_msgs.msg import Vector3 as Vector3Msg
 from std_msgs.msg import Header
 
-from head_tracking import transforms
+from head_tracking.transforms import StampedTransform, Transform, Vector3
 
 _new = object.__new__
 _SECOND = 1_000_000_000
@@ -43,7 +45,7 @@ def header(stamp: int, frame_id: str) -> Header:
     return result
 
 
-def xyz(kind: type[Message], numbers: transforms.Vector3) -> Message:
+def xyz(kind: type[Message], numbers: Vector3) -> Message:
     """A Point or a Vector3."""
     result: Any = _new(kind)
     result._check_fields = False
@@ -60,7 +62,7 @@ def quaternion(numbers: Sequence[float]) -> Quaternion:
     return result
 
 
-def pose(numbers: transforms.Transform) -> Pose:
+def pose(numbers: Transform) -> Pose:
     """A Pose of a transform's numbers."""
     result = _new(Pose)
     result._check_fields = False
@@ -69,16 +71,16 @@ def pose(numbers: transforms.Transform) -> Pose:
     return result
 
 
-def transform_stamped(found: transforms.StampedTransform) -> TransformStamped:
+def transform_stamped(found: StampedTransform) -> TransformStamped:
     """target_frame as header.frame_id, source_frame as child_frame_id."""
     stamp, target_frame, source_frame, (x, y, z, qx, qy, qz, qw) = found
-    translation = _new(Vector3)
+    translation = _new(Vector3Msg)
     translation._check_fields = False
     translation._x, translation._y, translation._z = x, y, z
     rotation = _new(Quaternion)
     rotation._check_fields = False
     rotation._x, rotation._y, rotation._z, rotation._w = qx, qy, qz, qw
-    transform = _new(Transform)
+    transform = _new(TransformMsg)
     transform._check_fields = False
     transform._translation = translation
     transform._rotation = rotation
@@ -90,11 +92,11 @@ def transform_stamped(found: transforms.StampedTransform) -> TransformStamped:
     return result
 
 
-def read(message: TransformStamped) -> tuple[int, str, str, transforms.Transform]:
+def read(message: TransformStamped) -> tuple[int, str, str, Transform]:
     """Stamp [ns], parent, child and transform of a message, taken as they are."""
     at, numbers = message._header, message._transform
     stamp, p, q = at._stamp, numbers._translation, numbers._rotation
-    transform = tuple.__new__(transforms.Transform, (p._x, p._y, p._z, q._x, q._y, q._z, q._w))
+    transform = tuple.__new__(Transform, (p._x, p._y, p._z, q._x, q._y, q._z, q._w))
     return (
         stamp._sec * _SECOND + stamp._nanosec,
         at._frame_id,

@@ -17,7 +17,6 @@ from head_tracking.transforms.exceptions import (
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
-    TimeoutException,
     TransformException,
 )
 from head_tracking.transforms.history import (
@@ -63,8 +62,8 @@ class Request:
     """A wish to be told once.
 
     Attributes:
-        possible: whether the wish can be fulfilled; called with the buffer's lock held.
-        callback: called when it can, without the lock.
+        possible: whether the wish can be fulfilled.
+        callback: called when it can.
     """
 
     possible: Callable[[], bool]
@@ -82,7 +81,7 @@ class Route:
 
     def __init__(self, way: Way) -> None:
         target, source = way.above_target, way.above_source
-        steps = [step for edge in target for step in edge.steps_back()]
+        steps = [step for edge in target for step in edge.steps(back=True)]
         steps += [step for edge in reversed(source) for step in edge.steps()]
         histories = [edge.history for edge in (*source, *reversed(target))]
         self._histories = [history for history in histories if history is not None]
@@ -159,7 +158,7 @@ class TransformBuffer:
             for edge in self._edges.values():
                 self._names.update((edge.child, edge.parent or edge.child))
             self._routes.clear()
-        self._serve_requests()
+        self._serve(*self._requests)
 
     def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
         """Takes measured joint positions [rad or m]; joints not in the model wait for one.
@@ -182,7 +181,7 @@ class TransformBuffer:
                 else:
                     self._joint_history(name).insert(stamp, position)
         if self._requests:
-            self._serve_requests()
+            self._serve(*self._requests)
         if refused is not None:
             raise InvalidArgumentException(
                 f"the position of joint {refused!r} is {positions[refused]}; it must be finite "
@@ -244,7 +243,7 @@ class TransformBuffer:
             if taken:
                 self._authorities[child] = authority
         if self._requests:
-            self._serve_requests()
+            self._serve(*self._requests)
         return taken
 
     def clear(self) -> None:
@@ -292,7 +291,7 @@ class TransformBuffer:
             InvalidArgumentException: an impossible frame name.
         """
         if timeout > 0.0:
-            self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout)
+            self._wait(lambda: self.can_transform(target_frame, source_frame, stamp), timeout)
         with self._lock:
             if joint_positions:
                 stamp, transform = self._given(target_frame, source_frame, stamp, joint_positions)
@@ -323,8 +322,13 @@ class TransformBuffer:
             TransformException: as for `lookup_transform`.
         """
         if timeout > 0.0:
-            full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
-            self._wait(lambda: self._possible_full(*full), timeout)
+            self._wait(
+                lambda: (
+                    self.can_transform(fixed_frame, source_frame, source_stamp)
+                    and self.can_transform(target_frame, fixed_frame, target_stamp)
+                ),
+                timeout,
+            )
         with self._lock:
             for frame in (target_frame, source_frame, fixed_frame):
                 self._check(frame)
@@ -437,9 +441,14 @@ class TransformBuffer:
     ) -> bool:
         """Whether `lookup_transform` would answer, at the latest after `timeout` [s]."""
         if timeout > 0.0:
-            return self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout)
-        with self._lock:
-            return self._possible(target_frame, source_frame, stamp)
+            return self._wait(
+                lambda: self.can_transform(target_frame, source_frame, stamp), timeout
+            )
+        try:
+            with self._lock:
+                return self._ask(target_frame, source_frame, stamp, Route.covers)[1]
+        except TransformException:
+            return False
 
     def why_not(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
@@ -466,59 +475,30 @@ class TransformBuffer:
 
     # Waiting
 
-    def when_transformable(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp: int,
-        callback: Callable[[], object],
-    ) -> Request:
-        """Calls back once, as soon as `lookup_transform` would answer; maybe at once.
+    def when(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Request:
+        """Calls back once, as soon as something is possible; maybe at once.
 
         Args:
-            target_frame: as for `lookup_transform`.
-            source_frame: as for `lookup_transform`.
-            stamp: as for `lookup_transform`.
+            possible: asked now, and again whenever something came in; for example whether
+                `can_transform`.
             callback: called in the thread that brings what was missing; it may use the buffer.
 
         Returns:
             What `withdraw` takes.
         """
-        return self._request(lambda: self._possible(target_frame, source_frame, stamp), callback)
-
-    def when_transformable_full(
-        self,
-        target_frame: str,
-        target_stamp: int,
-        source_frame: str,
-        source_stamp: int,
-        fixed_frame: str,
-        callback: Callable[[], object],
-    ) -> Request:
-        """As `when_transformable`, for `lookup_transform_full`."""
-        full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
-        return self._request(lambda: self._possible_full(*full), callback)
-
-    def wait_for_transform(
-        self, target_frame: str, source_frame: str, stamp: int, timeout: float
-    ) -> None:
-        """Waits until `lookup_transform` would answer.
-
-        Raises:
-            TimeoutException: it would not within `timeout` [s]; says why.
-        """
-        if not self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout):
-            raise TimeoutException(
-                f"waited {timeout:.3f} s for the transform from {source_frame!r} to "
-                f"{target_frame!r} at {'the latest time' if not stamp else seconds(stamp)}: "
-                + self.why_not(target_frame, source_frame, stamp)
-            )
-
-    def withdraw(self, request: Request) -> None:
-        """Forgets a request; its callback will not be called any more."""
+        request = Request(possible, callback)
         with self._lock:
-            if request in self._requests:
-                self._requests.remove(request)
+            self._requests.append(request)
+        self._serve(request)
+        return request
+
+    def withdraw(self, request: Request) -> bool:
+        """Forgets a request; False if it was fulfilled or forgotten before."""
+        with self._lock:
+            if request not in self._requests:
+                return False
+            self._requests.remove(request)
+            return True
 
     # Looking at it
 
@@ -608,24 +588,6 @@ class TransformBuffer:
         edge = self._edges.get(frame)
         return edge.history.stamps[-1] if edge is not None and edge.history else LATEST
 
-    def _possible(self, target_frame: str, source_frame: str, stamp: int) -> bool:
-        try:
-            return self._ask(target_frame, source_frame, stamp, Route.covers)[1]
-        except TransformException:
-            return False
-
-    def _possible_full(
-        self,
-        target_frame: str,
-        target_stamp: int,
-        source_frame: str,
-        source_stamp: int,
-        fixed_frame: str,
-    ) -> bool:
-        return self._possible(fixed_frame, source_frame, source_stamp) and self._possible(
-            target_frame, fixed_frame, target_stamp
-        )
-
     def _put(self, edge: StaticEdge | SampledEdge) -> None:
         self._edges[edge.child] = edge
         self._names.update((edge.child, edge.parent or edge.child))
@@ -648,31 +610,17 @@ class TransformBuffer:
 
     # Without the lock
 
-    def _request(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Request:
-        request = Request(possible, callback)
-        with self._lock:
-            at_once = possible()
-            if not at_once:
-                self._requests.append(request)
-        if at_once:
-            callback()
-        return request
-
     def _wait(self, possible: Callable[[], bool], timeout: float) -> bool:
         came = threading.Event()
-        request = self._request(possible, came.set)
-        if came.wait(timeout):
-            return True
-        self.withdraw(request)
-        return came.is_set()
+        request = self.when(possible, came.set)
+        came.wait(timeout)
+        return not self.withdraw(request)
 
-    def _serve_requests(self) -> None:
-        with self._lock:
-            fulfilled = [request for request in self._requests if request.possible()]
-            for request in fulfilled:
-                self._requests.remove(request)
-        for request in fulfilled:
-            request.callback()
+    def _serve(self, *requests: Request) -> None:
+        """Fulfils the wishes that can be fulfilled now."""
+        for request in requests:
+            if request.possible() and self.withdraw(request):
+                request.callback()
 
 
 def _checked(parent: str, child: str, transform: Transform) -> Transform:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from operator import itemgetter
 
-from head_tracking.transforms.chain import Chain, MovingStep, Step, sliding, turning
+from head_tracking.transforms.chain import Chain, Step, sliding, turning
 from head_tracking.transforms.exceptions import LookupException, RobotModelError
 from head_tracking.transforms.transform import Rotation, Transform, Vector3
 
@@ -109,17 +109,20 @@ class Joint:
             return Transform.identity()
         return Transform((0.0, 0.0, 0.0), Rotation.from_axis_angle(self.axis, position))
 
-    def step(self, leader: Mimic, *, inverse: bool = False) -> MovingStep:
-        """The motion as a step of a chain.
+    def steps(self, leader: Mimic, *, back: bool = False) -> tuple[Step, ...]:
+        """From the parent to the child as steps of a chain: `T_parent_child`.
 
         Args:
-            leader: the joint whose position the step takes, and what becomes of it here.
-            inverse: from the joint's frame to the child.
+            leader: the joint whose position the moving step takes, and what becomes of it here.
+            back: the other way, `T_child_parent`.
         """
+        if not self.moves:
+            return (self.origin.inverse() if back else self.origin,)
         x, y, z = self.axis
-        axis = (-x, -y, -z) if inverse else self.axis
+        axis = (-x, -y, -z) if back else self.axis
         kind = sliding if self.type is JointType.PRISMATIC else turning
-        return kind(axis, leader.multiplier, leader.offset)
+        motion = kind(axis, leader.multiplier, leader.offset)
+        return (motion, self.origin.inverse()) if back else (self.origin, motion)
 
     def transform(self, position: float) -> Transform:
         """Takes points from the child into the parent, at `position` [rad or m]."""
@@ -281,16 +284,11 @@ class RobotModel:
         joints = tuple(name for name in self.joints if name in leaders)
         steps: list[Step] = []
         for joint in target:
-            if joint.moves:
-                steps.append(joint.step(self.leader(joint.name), inverse=True))
-            steps.append(joint.origin.inverse())
+            steps += joint.steps(self.leader(joint.name), back=True)
         for joint in reversed(source):
-            steps.append(joint.origin)
-            if joint.moves:
-                steps.append(joint.step(self.leader(joint.name)))
-        return JointChain(
-            joints, Chain(steps, [itemgetter(joints.index(name)) for name in leaders])
-        )
+            steps += joint.steps(self.leader(joint.name))
+        readers = [itemgetter(joints.index(leader)) for leader in leaders]
+        return JointChain(joints, Chain(steps, readers))
 
 
 def resolved_leaders(model: RobotModel, mimics: Mapping[str, Mimic]) -> dict[str, Mimic]:

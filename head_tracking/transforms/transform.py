@@ -163,11 +163,6 @@ class Rotation(NamedTuple):
             vz + w * tz + x * ty - y * tx,
         )
 
-    def slerp(self, other: Rotation, ratio: float) -> Rotation:
-        """The rotation `ratio` (0 to 1) of the way to `other`, at constant speed, the short way."""
-        nowhere = (0.0, 0.0, 0.0)
-        return Transform(nowhere, self).interpolate(Transform(nowhere, other), ratio).rotation
-
 
 class Pose(NamedTuple):
     """The seven numbers of a rigid transform: a translation [m] and a unit quaternion."""

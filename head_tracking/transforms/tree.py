@@ -30,13 +30,9 @@ class StaticEdge:
     transform: Transform
     history: None = None
 
-    def steps(self) -> tuple[Step, ...]:
-        """`T_parent_child`, as steps of a chain."""
-        return (self.transform,)
-
-    def steps_back(self) -> tuple[Step, ...]:
-        """`T_child_parent`."""
-        return (self.transform.inverse(),)
+    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
+        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
+        return (self.transform.inverse() if back else self.transform,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +47,9 @@ class SampledEdge:
         """The parent in all samples; None if there are several, or no samples."""
         return self.history.parent
 
-    def steps(self) -> tuple[Step, ...]:
-        """`T_parent_child`, as steps of a chain."""
-        return (sampled,)
-
-    def steps_back(self) -> tuple[Step, ...]:
-        """`T_child_parent`."""
-        return (sampled_inverse,)
+    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
+        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
+        return (sampled_inverse if back else sampled,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +79,9 @@ class JointEdge:
         """The link that the joint moves."""
         return self.joint.child
 
-    def steps(self) -> tuple[Step, ...]:
-        """`T_parent_child`, as steps of a chain."""
-        return self.joint.origin, self.joint.step(self.leader)
-
-    def steps_back(self) -> tuple[Step, ...]:
-        """`T_child_parent`."""
-        return self.joint.step(self.leader, inverse=True), self.joint.origin.inverse()
+    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
+        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
+        return self.joint.steps(self.leader, back=back)
 
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge

@@ -30,8 +30,8 @@ def itself(value):
 @pytest.mark.parametrize("inverse", [False, True])
 def test_a_joint_with_its_constants_is_what_it_does(axis, kind, inverse, before, after):
     joint = Joint("j", JointType(kind), "a", "b", STILL, axis)
-    step = joint.step(Mimic("j", -2.0, 0.3), inverse=inverse)
-    chain = Chain([before, step, after], [itself])
+    steps = joint.steps(Mimic("j", -2.0, 0.3), back=inverse)
+    chain = Chain([before, *steps, after], [itself])
     for position in (0.0, 0.7, -3.0):
         motion = joint.motion(-2.0 * position + 0.3)
         expected = before @ (motion.inverse() if inverse else motion) @ after
