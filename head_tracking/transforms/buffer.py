@@ -44,8 +44,8 @@ from head_tracking.transforms.tree import (
     StaticEdge,
     Way,
     find_way,
+    lasting_way,
     latest_common_time,
-    stays,
 )
 
 LARGEST_COORDINATE = 1e300
@@ -88,9 +88,15 @@ class Route:
         self._chain = Chain(steps, [history.at for history in self._histories])
 
     def latest(self) -> int:
-        """The latest common time [ns]; as in tf2 a stamp of 0 does not count."""
+        """The latest common time [ns]; as in tf2 a stamp of 0 does not count.
+
+        Raises:
+            ExtrapolationException: there is none.
+        """
         latest = LATEST
         for history in self._histories:
+            if not history.stamps:
+                raise ExtrapolationException("nothing is known")
             stamp = history.stamps[-1]
             if stamp and (stamp < latest or not latest):
                 latest = stamp
@@ -131,6 +137,8 @@ class TransformBuffer:
         self._authorities: dict[str, str] = {}
         # by target and source; only those that stay while samples come
         self._routes: dict[tuple[str, str], Route] = {}
+        # which of them go up through a frame
+        self._routes_through: dict[str, set[tuple[str, str]]] = {}
         self._requests: list[Request] = []
 
     # What is known
@@ -158,6 +166,7 @@ class TransformBuffer:
             for edge in self._edges.values():
                 self._names.update((edge.child, edge.parent or edge.child))
             self._routes.clear()
+            self._routes_through.clear()
         self._serve(*self._requests)
 
     def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
@@ -237,7 +246,7 @@ class TransformBuffer:
                 before = history.parent
                 taken = history.insert(stamp, (parent, transform))
                 if history.parent != before:
-                    self._routes.clear()
+                    self._forget_routes(child)
             if parent not in self._names:
                 self._names.add(parent)
             if taken:
@@ -255,6 +264,7 @@ class TransformBuffer:
                 if isinstance(edge, SampledEdge):
                     edge.history.clear()
             self._routes.clear()
+            self._routes_through.clear()
 
     def latest_joint_position(self, name: str) -> tuple[int, float] | None:
         """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
@@ -533,7 +543,7 @@ class TransformBuffer:
         self, target: str, source: str, stamp: int, question: Callable[[Route, int], Answer]
     ) -> tuple[int, Answer]:
         """The time of the answer [ns], and what the route from source to target answers."""
-        route = self._routes.get((target, source))
+        route = self._routes.get((target, source)) or self._lasting(target, source)
         if route is not None:
             try:
                 at = stamp or route.latest()
@@ -545,10 +555,28 @@ class TransformBuffer:
         self._check(target)
         self._check(source)
         way = find_way(self._edges, target, source, stamp)
-        route = Route(way)
-        if stays(self._edges, target, source):
-            self._routes[target, source] = route
-        return way.stamp, question(route, way.stamp)
+        return way.stamp, question(Route(way), way.stamp)
+
+    def _lasting(self, target: str, source: str) -> Route | None:
+        """The route between two frames, if samples do not change it; it is kept."""
+        if target == source or not self._names.issuperset((target, source)):
+            return None
+        way = lasting_way(self._edges, target, source)
+        if way is None:
+            return None
+        route = self._routes[target, source] = Route(way)
+        for end in (target, source):
+            frame: str | None = end
+            while frame is not None:
+                self._routes_through.setdefault(frame, set()).add((target, source))
+                edge = self._edges.get(frame)
+                frame = None if edge is None else edge.parent
+        return route
+
+    def _forget_routes(self, through: str) -> None:
+        """After what carries a frame has changed."""
+        for ends in self._routes_through.pop(through, ()):
+            self._routes.pop(ends, None)
 
     def _given(
         self, target: str, source: str, stamp: int, positions: Mapping[str, float]
@@ -591,7 +619,7 @@ class TransformBuffer:
     def _put(self, edge: StaticEdge | SampledEdge) -> None:
         self._edges[edge.child] = edge
         self._names.update((edge.child, edge.parent or edge.child))
-        self._routes.clear()
+        self._forget_routes(edge.child)
 
     def _joint_history(self, name: str) -> JointHistory:
         history = self._joints.get(name)

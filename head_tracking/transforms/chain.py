@@ -7,13 +7,13 @@ one into the link before it, so that nothing is left but one product between two
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from math import cos, sin
 from operator import itemgetter
 from typing import Any, TypeAlias
 
 from head_tracking.transforms.history import Sample
-from head_tracking.transforms.transform import Rotation, Transform, Vector3, product
+from head_tracking.transforms.transform import Transform, Vector3, product
 
 Link: TypeAlias = Callable[[Any], tuple[float, ...]]
 """From what is recorded, a joint's position [rad or m] or a `Sample`, to a transform's numbers."""
@@ -42,7 +42,7 @@ class Chain:
         moving: list[tuple[MovingStep, Transform]] = []
         for step in steps:
             if isinstance(step, Transform):
-                before = before @ step
+                before = step if before is _IDENTITY else before @ step
             else:
                 moving.append((step, before))
                 before = _IDENTITY
@@ -69,14 +69,22 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
     """
 
     def step(before: Transform, after: Transform) -> Link:
-        turn, arm = before.rotation, after.translation
-        ci, cj, ck, cw = turn @ after.rotation
-        si, sj, sk, sw = turn @ Rotation(*axis, 0.0) @ after.rotation
-        along = sum(a * p for a, p in zip(axis, arm, strict=True))
-        middle = (along * axis[0], along * axis[1], along * axis[2])
-        x, y, z = before.apply(middle)
-        cx, cy, cz = turn.apply([p - m for p, m in zip(arm, middle, strict=True)])
-        sx, sy, sz = turn.apply(_cross(axis, arm))
+        spin: Sequence[float] = (0.0, 0.0, 0.0, *axis, 0.0)
+        still: Sequence[float] = before
+        if after is not _IDENTITY:
+            still, spin = product(before, after), product(spin, after)
+        x, y, z, ci, cj, ck, cw = still
+        *_, si, sj, sk, sw = product(before, spin)
+        cx = cy = cz = sx = sy = sz = 0.0
+        arm = after.translation
+        if any(arm):
+            # the arm turns about the point of the axis that is nearest to its end
+            along = sum(a * p for a, p in zip(axis, arm, strict=True))
+            foot = (along * axis[0], along * axis[1], along * axis[2])
+            x, y, z = before.apply(foot)
+            turn = before.rotation
+            cx, cy, cz = turn.apply([p - f for p, f in zip(arm, foot, strict=True)])
+            sx, sy, sz = turn.apply(_cross(axis, arm))
         half, start = 0.5 * multiplier, 0.5 * offset
 
         def on_axis(position: float) -> tuple[float, ...]:
@@ -98,7 +106,7 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
                 c * cw + s * sw,
             )
 
-        return beside if any((cx, cy, cz)) else on_axis
+        return beside if any(arm) else on_axis
 
     return step
 

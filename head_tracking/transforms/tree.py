@@ -129,9 +129,7 @@ def find_way(edges: Edges, target: str, source: str, stamp: int) -> Way:
         if edge is None:
             raise _unconnected(target, source, end, top)
         raise _unknown(edge, target, source, stamp)
-    while above_target and above_source and above_target[-1] is above_source[-1]:
-        above_target.pop()
-        above_source.pop()
+    _cut(above_target, above_source)
     return Way(stamp, above_target, above_source)
 
 
@@ -155,15 +153,30 @@ def latest_common_time(edges: Edges, target: str, source: str) -> int:
     return _common(above_source[: tops[end]] + above_target)
 
 
-def stays(edges: Edges, *frames: str) -> bool:
-    """Whether the same edges are above these frames at all times, and no loop."""
-    for start in frames:
-        frame, depth = start, 0
-        while (edge := edges.get(frame)) is not None:
-            if edge.parent is None or depth > len(edges):
-                return False
-            frame, depth = edge.parent, depth + 1
-    return True
+def lasting_way(edges: Edges, target: str, source: str) -> Way | None:
+    """The way that holds at all times, if there is one: no frame above changes its parent."""
+    sides = []
+    for start in (target, source):
+        above: list[Edge] = []
+        end = start
+        while (edge := edges.get(end)) is not None:
+            if edge.parent is None or len(above) > len(edges):
+                return None
+            above.append(edge)
+            end = edge.parent
+        sides.append((above, end))
+    (above_target, root), (above_source, other) = sides
+    if root != other:
+        return None
+    _cut(above_target, above_source)
+    return Way(LATEST, above_target, above_source)
+
+
+def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
+    """Leaves out what is above both."""
+    while above_target and above_source and above_target[-1] is above_source[-1]:
+        above_target.pop()
+        above_source.pop()
 
 
 def _climb(

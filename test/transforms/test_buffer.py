@@ -230,3 +230,19 @@ def test_readers_see_one_moment_while_a_writer_writes(kinectbot):
     for reader in readers:
         reader.join()
     assert not mixed
+
+
+def test_a_change_elsewhere_does_not_disturb_a_lookup(buffer):
+    buffer.lookup_transform("base_link", "camera_link")
+    kept = dict(buffer._routes)
+    buffer.set_transform(0, "base_link", "shelf", moved(1), static=True)
+    buffer.set_transform(SECOND, "shelf", "cup", moved(1))
+    buffer.set_transform(2 * SECOND, "base_link", "cup", moved(1))
+    assert buffer._routes == kept
+    buffer.set_transform(0, "world", "base_link", moved(1), static=True)
+    assert not buffer._routes
+    assert buffer.lookup_transform("world", "camera_link").transform.translation[0] > 1
+    buffer.lookup_transform("base_link", "shelf")
+    kept = dict(buffer._routes)
+    buffer.set_transform(0, "world", "base_link", moved(1), static=True)  # nothing new
+    assert buffer._routes == kept
