@@ -6,6 +6,7 @@ from head_tracking.tf.broadcaster import (
     broadcasting_possible,
 )
 from head_tracking.tf.buffer import Buffer, BufferCore
+from head_tracking.tf.buffer_action import BufferClient, BufferServer
 from head_tracking.tf.buffer_interface import (
     BufferInterface,
     ConvertRegistration,
@@ -27,9 +28,14 @@ from head_tracking.tf.do_transform import (
     to_msg_msg,
     transform_covariance,
     transform_points,
-    transform_to_kdl,
 )
-from head_tracking.tf.listener import TransformListener, listening_buffer
+from head_tracking.tf.listener import (
+    DEFAULT_STATIC_TF_TOPIC,
+    DEFAULT_TF_TOPIC,
+    StaticTransformListener,
+    TransformListener,
+    listening_buffer,
+)
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -40,9 +46,13 @@ from head_tracking.transforms.exceptions import (
 )
 
 __all__ = [
+    "DEFAULT_STATIC_TF_TOPIC",
+    "DEFAULT_TF_TOPIC",
     "Buffer",
+    "BufferClient",
     "BufferCore",
     "BufferInterface",
+    "BufferServer",
     "ConnectivityException",
     "ConvertRegistration",
     "ExtrapolationException",
@@ -51,6 +61,7 @@ __all__ = [
     "NotImplementedException",
     "Stamped",
     "StaticTransformBroadcaster",
+    "StaticTransformListener",
     "TimeoutException",
     "TransformBroadcaster",
     "TransformException",
@@ -71,5 +82,4 @@ __all__ = [
     "to_msg_msg",
     "transform_covariance",
     "transform_points",
-    "transform_to_kdl",
 ]

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from head_tracking.tf.qos import LATCHED, TF
-from head_tracking.tf.tf2_messages import TFMessage
+from head_tracking.tf.tf2_messages import TFMessage, require_tf2_msgs
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]
 
@@ -32,7 +32,7 @@ class TransformBroadcaster:
     """
 
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
-        _require_tf2_msgs()
+        require_tf2_msgs()
         self.pub_tf = node.create_publisher(TFMessage, "/tf", TF if qos is None else qos)
 
     def sendTransform(self, transform: Transforms) -> None:
@@ -52,7 +52,7 @@ class StaticTransformBroadcaster:
     """
 
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
-        _require_tf2_msgs()
+        require_tf2_msgs()
         self.pub_tf = node.create_publisher(
             TFMessage, "/tf_static", LATCHED if qos is None else qos
         )
@@ -70,11 +70,3 @@ class StaticTransformBroadcaster:
 
 def _listed(transforms: Transforms) -> list[TransformStamped]:
     return [transforms] if isinstance(transforms, TransformStamped) else list(transforms)
-
-
-def _require_tf2_msgs() -> None:
-    if not broadcasting_possible():
-        raise ImportError(
-            "tf2_msgs is not installed, so nothing can be sent on /tf; it comes with a ROS 2 "
-            "installation (ros-jazzy-tf2-msgs)"
-        )

@@ -211,10 +211,9 @@ class Buffer(BufferCore, BufferInterface):
         Raises:
             TransformException: see `TransformBuffer.lookup_transform`.
         """
+        patience = 0.0 if timeout is None else seconds(timeout)
         return transform_stamped(
-            self.core.lookup_transform(
-                target_frame, source_frame, stamp_to_ns(time), seconds(timeout)
-            )
+            self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time), patience)
         )
 
     def lookup_transform_full(

@@ -44,11 +44,6 @@ MAKERS: dict[DoTransform, Maker] = {}
 """For lookups in this process: the same without a message in between."""
 
 
-def transform_to_kdl(t: TransformStamped) -> Transform:
-    """The transform as a value; tf2_geometry_msgs gives PyKDL's, which is not needed here."""
-    return transform(t)
-
-
 def to_msg_msg(msg: Any) -> Any:
     """A message is a message."""
     return msg

@@ -29,6 +29,9 @@ from head_tracking.transforms import (
     parse_robot_model,
 )
 
+DEFAULT_TF_TOPIC = "/tf"
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
+
 CLOCK_JUMP = 1_000_000_000
 """Joint states farther back than this [ns] are late, or their clock jumped."""
 PATIENCE = 2.0
@@ -66,8 +69,8 @@ class TransformListener:
         spin_thread: bool = False,
         qos: QoSProfile | int | None = None,
         static_qos: QoSProfile | int | None = None,
-        tf_topic: str = "/tf",
-        tf_static_topic: str = "/tf_static",
+        tf_topic: str = DEFAULT_TF_TOPIC,
+        tf_static_topic: str = DEFAULT_STATIC_TF_TOPIC,
         static_only: bool = False,
         frame_prefix: str = "",
         on_joints: Callable[[JointState], object] = lambda _: None,
@@ -205,6 +208,13 @@ class TransformListener:
         if not thread.is_alive():
             self.executor.remove_node(self.node)
             self.executor.shutdown()
+
+
+class StaticTransformListener(TransformListener):
+    """Listens on `/tf_static` only; else as `TransformListener`."""
+
+    def __init__(self, buffer: Buffer, node: Node | None = None, **options: Any) -> None:
+        super().__init__(buffer, node, static_only=True, **options)
 
 
 def listening_buffer(node: Node) -> Buffer:
