@@ -81,8 +81,8 @@ class Route:
 
     def __init__(self, way: Way) -> None:
         target, source = way.above_target, way.above_source
-        steps = [step for edge in target for step in edge.steps(back=True)]
-        steps += [step for edge in reversed(source) for step in edge.steps()]
+        steps = [step for edge in target for step in edge.steps_back]
+        steps += [step for edge in reversed(source) for step in edge.steps]
         histories = [edge.history for edge in (*source, *reversed(target))]
         self._histories = [history for history in histories if history is not None]
         self._chain = Chain(steps, [history.at for history in self._histories])

@@ -7,8 +7,8 @@ one into the link before it, so that nothing is left but one product between two
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from math import cos, sin
+from collections.abc import Callable, Iterable
+from math import cos, sin, sqrt
 from operator import itemgetter
 from typing import Any, TypeAlias
 
@@ -25,6 +25,7 @@ Step: TypeAlias = Transform | MovingStep
 Reader: TypeAlias = Callable[[Any], Any]
 
 _IDENTITY = Transform.identity()
+_DIAGONAL = sqrt(0.5)
 
 
 class Chain:
@@ -64,27 +65,24 @@ class Chain:
 def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
     """A joint that turns about a unit vector, by ``multiplier * position + offset`` [rad].
 
-    Everything is linear in sine and cosine: the quaternion in those of half the angle; where it
-    takes a point in those of the angle (Rodrigues' formula).
+    Everything is linear in sine and cosine: the quaternion in those of half the angle, the
+    translation in those of the angle.
     """
 
     def step(before: Transform, after: Transform) -> Link:
-        spin: Sequence[float] = (0.0, 0.0, 0.0, *axis, 0.0)
-        still: Sequence[float] = before
-        if after is not _IDENTITY:
-            still, spin = product(before, after), product(spin, after)
-        x, y, z, ci, cj, ck, cw = still
-        *_, si, sj, sk, sw = product(before, spin)
-        cx = cy = cz = sx = sy = sz = 0.0
-        arm = after.translation
-        if any(arm):
-            # the arm turns about the point of the axis that is nearest to its end
-            along = sum(a * p for a, p in zip(axis, arm, strict=True))
-            foot = (along * axis[0], along * axis[1], along * axis[2])
-            x, y, z = before.apply(foot)
-            turn = before.rotation
-            cx, cy, cz = turn.apply([p - f for p, f in zip(arm, foot, strict=True)])
-            sx, sy, sz = turn.apply(_cross(axis, arm))
+        def at(sine: float, cosine: float) -> tuple[float, ...]:
+            i, j, k = axis
+            turn = (0.0, 0.0, 0.0, sine * i, sine * j, sine * k, cosine)
+            return product(before, turn if after is _IDENTITY else product(turn, after))
+
+        # at 0, at half a turn, and, if something stands off the axis, at a quarter
+        x0, y0, z0, ci, cj, ck, cw = at(0.0, 1.0)
+        x2, y2, z2, si, sj, sk, sw = at(1.0, 0.0)
+        x, y, z = 0.5 * (x0 + x2), 0.5 * (y0 + y2), 0.5 * (z0 + z2)
+        cx, cy, cz = x0 - x, y0 - y, z0 - z
+        arm = any(after[:3])
+        x1, y1, z1 = at(_DIAGONAL, _DIAGONAL)[:3] if arm else (x, y, z)
+        sx, sy, sz = x1 - x, y1 - y, z1 - z
         half, start = 0.5 * multiplier, 0.5 * offset
 
         def on_axis(position: float) -> tuple[float, ...]:
@@ -106,7 +104,7 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
                 c * cw + s * sw,
             )
 
-        return beside if any(arm) else on_axis
+        return beside if arm else on_axis
 
     return step
 
@@ -152,8 +150,3 @@ def sampled(before: Transform, after: Transform) -> Link:
 def sampled_inverse(before: Transform, after: Transform) -> Link:
     """A transform that was measured, the other way."""
     return lambda sample: product(product(before, sample[1].inverse()), after)
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    (ax, ay, az), (bx, by, bz) = a, b
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

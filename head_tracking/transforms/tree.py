@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from head_tracking.transforms.chain import Step, sampled, sampled_inverse
@@ -21,38 +21,41 @@ MAX_DEPTH = 1000
 """tf2: a way of more frames than this is a loop."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StaticEdge:
-    """A frame that never moves in its parent."""
+    """A frame that never moves in its parent.
+
+    Attributes:
+        steps: `T_parent_child`, as steps of a chain; steps_back: `T_child_parent`.
+    """
 
     parent: str
     child: str
     transform: Transform
+    steps: tuple[Step, ...] = field(init=False)
+    steps_back: tuple[Step, ...] = field(init=False)
     history: None = None
 
-    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
-        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
-        return (self.transform.inverse() if back else self.transform,)
+    def __post_init__(self) -> None:
+        self.steps, self.steps_back = (self.transform,), (self.transform.inverse(),)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SampledEdge:
     """A frame given by stamped transforms that somebody measured."""
 
     child: str
     history: TransformHistory
+    steps: tuple[Step, ...] = (sampled,)
+    steps_back: tuple[Step, ...] = (sampled_inverse,)
 
     @property
     def parent(self) -> str | None:
         """The parent in all samples; None if there are several, or no samples."""
         return self.history.parent
 
-    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
-        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
-        return (sampled_inverse if back else sampled,)
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class JointEdge:
     """A link that a joint moves.
 
@@ -63,25 +66,21 @@ class JointEdge:
         joint: the joint that carries the link.
         leader: the joint that is measured: this one, or the one it mimics.
         history: the measured positions of the leader.
+        parent: the link that carries the joint; child: the link that it moves.
     """
 
     joint: Joint
     leader: Mimic
     history: JointHistory
+    parent: str = field(init=False)
+    child: str = field(init=False)
+    steps: tuple[Step, ...] = field(init=False)
+    steps_back: tuple[Step, ...] = field(init=False)
 
-    @property
-    def parent(self) -> str:
-        """The link that carries the joint."""
-        return self.joint.parent
-
-    @property
-    def child(self) -> str:
-        """The link that the joint moves."""
-        return self.joint.child
-
-    def steps(self, *, back: bool = False) -> tuple[Step, ...]:
-        """`T_parent_child` as steps of a chain; back: `T_child_parent`."""
-        return self.joint.steps(self.leader, back=back)
+    def __post_init__(self) -> None:
+        self.parent, self.child = self.joint.parent, self.joint.child
+        self.steps = self.joint.steps(self.leader)
+        self.steps_back = self.joint.steps(self.leader, back=True)
 
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
