@@ -8,6 +8,7 @@ import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.time import Time
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
@@ -215,6 +216,17 @@ def test_a_system_clock_that_was_set_back_is_followed(make_node, head):
     assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 4), PATIENCE)
     assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 5))
     listener.unregister()
+
+
+def test_simulated_time_that_nobody_sends_is_told(make_node, capfd):
+    simulated = Parameter("use_sim_time", value=True)
+    node = rclpy.create_node("simulated", parameter_overrides=[simulated])
+    listener = TransformListener(Buffer(), node)
+    listener._clock_watch.callback()
+    assert "no time on /clock" in capfd.readouterr().err
+    listener.unregister()
+    node.destroy_node()
+    assert TransformListener(Buffer(), make_node("real"))._clock_watch is None
 
 
 # /tf
