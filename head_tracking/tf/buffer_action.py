@@ -101,34 +101,6 @@ class BufferClient(BufferInterface):
             fixed_frame=fixed_frame,
         )
 
-    def can_transform(
-        self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
-    ) -> bool:
-        """Whether `lookup_transform` would answer."""
-        try:
-            self.lookup_transform(target_frame, source_frame, time, timeout)
-        except TransformException:
-            return False
-        return True
-
-    def can_transform_full(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-    ) -> bool:
-        """Whether `lookup_transform_full` would answer."""
-        try:
-            self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
-            )
-        except TransformException:
-            return False
-        return True
-
     def _ask(self, timeout: Duration | None, **goal: Any) -> TransformStamped:
         if not self.action_client.server_is_ready():
             raise TimeoutException("the BufferServer is not ready; is its node running?")
@@ -185,6 +157,8 @@ class BufferServer:
         if patience > 0.0:
             waiting = wait(*wish)
             timer = self.node.create_timer(patience, waiting.cancel, clock=self._clock)
+            # what comes in another thread does not wake the executor
+            waiting.add_done_callback(lambda _: self.node.executor.wake())
             await waiting
             self.node.destroy_timer(timer)
         try:

@@ -12,6 +12,8 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 from std_msgs.msg import Header
 
+from head_tracking.transforms import TransformException
+
 AnyTime: TypeAlias = Time | TimeMsg
 DoTransform: TypeAlias = Callable[[Any, TransformStamped], Any]
 
@@ -191,7 +193,11 @@ class BufferInterface:
         self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
     ) -> Any:
         """Whether `lookup_transform` would answer."""
-        raise NotImplementedException
+        try:
+            self.lookup_transform(target_frame, source_frame, time, timeout)
+        except TransformException:
+            return False
+        return True
 
     def can_transform_full(
         self,
@@ -203,7 +209,13 @@ class BufferInterface:
         timeout: Duration | None = None,
     ) -> Any:
         """Whether `lookup_transform_full` would answer."""
-        raise NotImplementedException
+        try:
+            self.lookup_transform_full(
+                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
+            )
+        except TransformException:
+            return False
+        return True
 
 
 def _registered(table: dict[Any, Callable[[Any], Any]], key: Any) -> Callable[[Any], Any]:
