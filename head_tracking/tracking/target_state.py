@@ -1,4 +1,4 @@
-"""What the head does about its target, from before the first one to long after the last."""
+"""The target state machine: what the head does, from before the first target to after the last."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from head_tracking.tracking.search import Sweep
 
 _ARRIVED = 0.03  # rad
 _ON_TARGET = 0.035  # rad: 2 degrees
+_OFF_TARGET = 0.1  # rad; hysteresis: so far off, for so long, the head is on the target no more
+_OFF_TIME = 0.3  # s
 _USUAL_INTERVAL = 0.1  # s between points, until they have shown their own
 _MISSED = 3.0  # intervals without a point: it is missed
+_REFUSAL_SHOWN = 2.0  # s
 
 
 class TargetState(StrEnum):
@@ -28,10 +31,11 @@ class TargetState(StrEnum):
     HOLDING = "holding"
     RECENTERING = "recentering"
     SEARCHING = "searching"
+    STALLED = "stalled"
 
 
 @dataclass(frozen=True, slots=True)
-class LifeCycleParameters:
+class TargetStateParameters:
     """What to do when the target stays away; how long it is waited for is the estimator's."""
 
     recenter_timeout: float = parameter(
@@ -54,38 +58,53 @@ class LifeCycleParameters:
     )
 
 
-class LifeCycle:
+class TargetStateMachine:
     """Decides by the time since the last point [s]; before the first one nothing moves.
+
+    That it was switched off, that targets are refused and that the servos do not follow are facts
+    of their own: no transition takes them away.
 
     Attributes:
         parameters: may change at any time.
-        state: what the head does.
-        reason: why.
+        enabled: targets are followed.
+        refusal: why a target has led to nothing lately; empty if none has.
+        stalled: which joints do not do what they are told, and why that may be; empty: they do.
     """
 
-    def __init__(self, head: PanTiltHead, parameters: LifeCycleParameters) -> None:
+    def __init__(self, head: PanTiltHead, parameters: TargetStateParameters) -> None:
         self.parameters = parameters
-        self.state = TargetState.IDLE
-        self.reason = "no target has come yet"
+        self.enabled = True
+        self.stalled = ""
+        self._state = TargetState.IDLE
+        self._reason = "no target has come yet"
+        self.refusal, self._refused = "", 0.0
         self._head = head
         self._sweep = Sweep(head)
         self._seen: float | None = None
+        self._on_target = 0.0
         self._interval = _USUAL_INTERVAL
         self._held: tuple[float, float] | None = None
         self._centring = False
-        self._disabled = False
 
     @property
-    def enabled(self) -> bool:
-        """Whether targets are followed."""
-        return not self._disabled
+    def state(self) -> TargetState:
+        """What the head does, by what its servos do."""
+        if not self.enabled:
+            return TargetState.DISABLED
+        return TargetState.STALLED if self.stalled else self._state
+
+    @property
+    def reason(self) -> str:
+        """Why."""
+        if not self.enabled:
+            return "tracking is switched off"
+        reason = self.stalled or self._reason
+        return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
 
     def enable(self, on: bool) -> None:
         """Targets are followed from now on, or not."""
-        self._disabled = not on
-        self.forget("tracking was switched on; no target has come since" if on else "")
-        if not on:
-            self._become(TargetState.DISABLED, "tracking is switched off")
+        self.enabled = on
+        self.forget("tracking was switched on; no target has come since")
 
     def seen(self, now: float, *, new: bool) -> None:
         """A point was taken at the time `now` [s]; it may be the first one of a new target."""
@@ -94,12 +113,20 @@ class LifeCycle:
             self._interval += 0.1 * (interval - self._interval)
         if new:
             self._become(TargetState.ACQUIRING, "a new target has come")
+        if now - self._refused > _REFUSAL_SHOWN:
+            self.refusal = ""
         self._seen, self._held, self._centring = now, None, False
+
+    def refused(self, reason: str, now: float) -> None:
+        """A target has led to nothing, and why; a new reason has to wait until one was read."""
+        if not self.refusal or now - self._refused > 0.5 * _REFUSAL_SHOWN:
+            self.refusal, self._refused = reason, now
 
     def forget(self, reason: str) -> None:
         """Back to before the first target."""
         self._seen = self._held = None
         self._centring = False
+        self.refusal = self.stalled = ""
         self._become(TargetState.IDLE, reason)
 
     def recenter(self) -> None:
@@ -115,6 +142,8 @@ class LifeCycle:
     def followed(self, gaze: Gaze, error: float, now: float) -> None:
         """The target was followed; `error` [rad] is by how much the head misses it."""
         assert self._seen is not None
+        if error < _OFF_TARGET:
+            self._on_target = now
         away = now - self._seen
         if away > _MISSED * self._interval:
             self._become(TargetState.COASTING, "no point comes; the prediction is followed")
@@ -122,7 +151,7 @@ class LifeCycle:
             self._become(TargetState.AT_LIMIT, gaze.reason)
         elif error < _ON_TARGET:
             self._become(TargetState.TRACKING, "the head is on the target")
-        elif self.state is not TargetState.TRACKING:
+        elif self._state is not TargetState.TRACKING or now - self._on_target > _OFF_TIME:
             self._become(TargetState.ACQUIRING, "the head turns to the target")
 
     def goal(self, positions: tuple[float, float], now: float) -> tuple[float, float] | None:
@@ -142,10 +171,10 @@ class LifeCycle:
         if p.enable_target_search and away >= p.search_target_timeout:
             self._become(TargetState.SEARCHING, lost.format(p.search_target_timeout))
             return self._sweep.goal(positions)
-        if 0.0 < p.recenter_timeout <= away and self.state is not TargetState.IDLE:
+        if 0.0 < p.recenter_timeout <= away and self._state is not TargetState.IDLE:
             self._become(TargetState.RECENTERING, lost.format(p.recenter_timeout))
             return self._recentring(positions)
-        if self.state is TargetState.IDLE:
+        if self._state is TargetState.IDLE:
             return None
         self._become(TargetState.HOLDING, "the target is lost")
         self._held = self._held or inside(self._head, positions)
@@ -160,4 +189,4 @@ class LifeCycle:
         return None
 
     def _become(self, state: TargetState, reason: str) -> None:
-        self.state, self.reason = state, reason
+        self._state, self._reason = state, reason

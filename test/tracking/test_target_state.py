@@ -1,8 +1,15 @@
 import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from head_tracking.gaze import Gaze, GazeStatus
-from head_tracking.tracking import LifeCycle, LifeCycleParameters, TargetState
+from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
+from head_tracking.share import robot_file
+from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
+from head_tracking.transforms import load_robot_model
 
+HEAD = PanTiltHead(
+    load_robot_model(robot_file("kinectbot")), "head_pan_joint", "head_tilt_joint", "camera_link"
+)
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
 BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
 HERE = (0.5, 0.2)
@@ -10,7 +17,7 @@ HERE = (0.5, 0.2)
 
 @pytest.fixture
 def make(head):
-    return lambda **parameters: LifeCycle(head, LifeCycleParameters(**parameters))
+    return lambda **parameters: TargetStateMachine(head, TargetStateParameters(**parameters))
 
 
 def seen(life, until=1.0):
@@ -148,3 +155,95 @@ def test_every_state_has_a_reason(make):
     reasons[life.state] = life.reason
     assert len(reasons) == 5
     assert all(reasons.values())
+
+
+@pytest.mark.parametrize("error", [0.2, 1.5])
+def test_the_head_is_on_the_target_only_while_it_is(make, error):
+    life = make()
+    last = seen(life)
+    assert life.state is TargetState.TRACKING
+    for k in range(30):
+        life.seen(last + k / 30, new=False)
+        life.followed(REACHED, error, last + k / 30)
+    assert life.state is TargetState.ACQUIRING
+
+
+def test_a_moment_off_the_target_is_no_new_acquisition(make):
+    life = make()
+    last = seen(life)
+    life.followed(REACHED, 0.2, last + 0.02)
+    assert life.state is TargetState.TRACKING
+
+
+def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(make):
+    life = make()
+    life.refused("the frame 'nose' does not exist", 0.5)
+    life.refused("something else", 0.6)  # nobody could read the first one so fast
+    assert life.state is TargetState.IDLE
+    assert life.reason == (
+        "no target has come yet; targets are refused: the frame 'nose' does not exist"
+    )
+    life.refused("something else", 2.0)
+    assert "something else" in life.reason
+    life.seen(3.0, new=True)
+    assert "something else" in life.reason
+    life.seen(4.1, new=False)
+    assert life.reason == "a new target has come"
+
+
+class Facts(RuleBasedStateMachine):
+    """Whoever sets one fact does not erase another."""
+
+    @initialize()
+    def begin(self):
+        self.machine = TargetStateMachine(HEAD, TargetStateParameters(enable_target_search=True))
+        self.now, self.enabled, self.stalled, self.seen = 100.0, True, "", False
+
+    @rule(on=st.booleans())
+    def enable(self, on):
+        self.machine.enable(on)
+        self.enabled, self.stalled, self.seen = on, "", False
+
+    @rule(new=st.booleans())
+    def see(self, new):
+        if self.enabled:  # the tracker keeps points from a machine that is switched off
+            self.machine.seen(self.now, new=new)
+            self.seen = True
+
+    @rule(error=st.floats(0.0, 3.0), gaze=st.sampled_from([REACHED, BEYOND]))
+    def follow(self, error, gaze):
+        if self.machine.follows(self.now, 0.5):
+            self.machine.followed(gaze, error, self.now)
+
+    @rule(pan=st.floats(-2.0, 2.0))
+    def wait(self, pan):
+        self.now += 3.0
+        if self.enabled:
+            goal = self.machine.goal((pan, 0.0), self.now)
+            assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
+
+    @rule(joint=st.sampled_from(["", "pan does not move"]))
+    def stall(self, joint):
+        self.machine.stalled = self.stalled = joint
+
+    @rule()
+    def refuse(self):
+        self.machine.refused("the frame does not exist", self.now)
+
+    @rule()
+    def start_anew(self):
+        self.machine.forget("the clock jumped")
+        self.stalled, self.seen = "", False
+
+    @invariant()
+    def facts_are_independent(self):
+        machine = self.machine
+        assert machine.enabled == self.enabled
+        assert (machine.state is TargetState.DISABLED) == (not self.enabled)
+        if self.enabled:
+            assert (machine.state is TargetState.STALLED) == bool(self.stalled)
+        assert machine.reason
+        assert self.seen or not machine.follows(self.now, 0.5)
+
+
+TestFacts = Facts.TestCase
