@@ -561,16 +561,17 @@ class TransformBuffer:
         """The route between two frames, if samples do not change it; it is kept."""
         if target == source or not self._names.issuperset((target, source)):
             return None
-        way = lasting_way(self._edges, target, source)
-        if way is None:
+        found = lasting_way(self._edges, target, source)
+        if found is None:
             return None
+        way, frames = found
         route = self._routes[target, source] = Route(way)
-        for end in (target, source):
-            frame: str | None = end
-            while frame is not None:
-                self._routes_through.setdefault(frame, set()).add((target, source))
-                edge = self._edges.get(frame)
-                frame = None if edge is None else edge.parent
+        through, ends = self._routes_through, (target, source)
+        for frame in frames:
+            if frame in through:
+                through[frame].add(ends)
+            else:
+                through[frame] = {ends}
         return route
 
     def _forget_routes(self, through: str) -> None:

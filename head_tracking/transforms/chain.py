@@ -43,7 +43,7 @@ class Chain:
         moving: list[tuple[MovingStep, Transform]] = []
         for step in steps:
             if isinstance(step, Transform):
-                before = step if before is _IDENTITY else before @ step
+                before = step if before is _IDENTITY else _joined(before, step)
             else:
                 moving.append((step, before))
                 before = _IDENTITY
@@ -60,6 +60,10 @@ class Chain:
             here = link(read(argument))
             numbers = here if numbers is None else product(here, numbers)
         return self._constant if numbers is None else tuple.__new__(Transform, numbers)
+
+
+def _joined(a: Transform, b: Transform) -> Transform:
+    return tuple.__new__(Transform, product(a, b))
 
 
 def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:

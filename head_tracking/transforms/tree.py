@@ -152,8 +152,12 @@ def latest_common_time(edges: Edges, target: str, source: str) -> int:
     return _common(above_source[: tops[end]] + above_target)
 
 
-def lasting_way(edges: Edges, target: str, source: str) -> Way | None:
-    """The way that holds at all times, if there is one: no frame above changes its parent."""
+def lasting_way(edges: Edges, target: str, source: str) -> tuple[Way, set[str]] | None:
+    """The way that holds at all times, if there is one: no frame above changes its parent.
+
+    Returns:
+        The way, and all frames from its ends up to the root: it holds as long as their edges do.
+    """
     sides = []
     for start in (target, source):
         above: list[Edge] = []
@@ -167,8 +171,11 @@ def lasting_way(edges: Edges, target: str, source: str) -> Way | None:
     (above_target, root), (above_source, other) = sides
     if root != other:
         return None
+    frames = {edge.child for edge in above_target}
+    frames.update([edge.child for edge in above_source])
+    frames.add(root)
     _cut(above_target, above_source)
-    return Way(LATEST, above_target, above_source)
+    return Way(LATEST, above_target, above_source), frames
 
 
 def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
