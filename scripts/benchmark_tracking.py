@@ -22,9 +22,9 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     LawParameters,
-    LifeCycleParameters,
     Recording,
     SpeedLimits,
+    TargetStateParameters,
     Tracker,
     picture,
 )
@@ -115,13 +115,13 @@ TUTORIAL = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
 def tutorial() -> Tracker:
     """The tutorials' law, k = 1.5, cap 2.0 rad/s."""
     law = LAWS["speed"](HEAD, 0.1, TUTORIAL)
-    return Tracker(HEAD, law, EstimatorParameters(), LifeCycleParameters())
+    return Tracker(HEAD, law, EstimatorParameters(), TargetStateParameters())
 
 
 def ours() -> Tracker:
     """The predictive law with its default parameters."""
     law = LAWS["predictive"](HEAD, 0.02, LawParameters())
-    return Tracker(HEAD, law, EstimatorParameters(), LifeCycleParameters())
+    return Tracker(HEAD, law, EstimatorParameters(), TargetStateParameters())
 
 
 def slow(servo: SimulatedServo) -> None:

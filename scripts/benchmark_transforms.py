@@ -16,24 +16,33 @@ import subprocess
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yourdfpy
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, TransformStamped
 from rclpy.time import Time
 from sixty_links import sixty_links
 
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer
-from head_tracking.transforms import RobotModel, TransformBuffer, load_robot_model
+from head_tracking.tf.messages import transform_stamped
+from head_tracking.transforms import (
+    RobotModel,
+    Rotation,
+    StampedTransform,
+    Transform,
+    TransformBuffer,
+    load_robot_model,
+)
 
 ROUNDS = 61
 SECOND = 1_000_000_000
 START = 1_000 * SECOND
+MOVED = (0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8)
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 BASE, CAMERA = "base_link", "camera_link"
 
@@ -107,27 +116,8 @@ def transforms() -> str:
 
 def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
     """All comparisons on one robot."""
-    buffer = filled(model)
-    core = buffer.core
-    pasts = past_stamps()
-    point = PointStamped()
-    point.header.frame_id = CAMERA
-    point.point.x = 1.0
     chain = model.chain(BASE, CAMERA)
-    all_joints = dict.fromkeys(model.independent_joints, 0.3)
-    stamps = iter(range(START + 11 * SECOND, 2 * START, SECOND // 100))
-    latest = Time()
-
-    samples = TransformBuffer()
-
-    def sample(count: int) -> float:
-        ahead = [next(stamps) for _ in range(count)]
-        start = time.perf_counter()
-        for stamp in ahead:
-            samples.set_joint_positions(stamp, all_joints)
-        return (time.perf_counter() - start) / len(all_joints)
-
-    return [
+    rows = [
         Row(
             f"chain base to camera after a joint update, one frame ({size})",
             {
@@ -136,60 +126,132 @@ def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
                 "yourdfpy": yourdfpy_chain(model),
             },
             400,
-            "within 1.5x of pinocchio; yourdfpy 80x",
+            "",
+        )
+    ]
+    for feed, buffer, asked in (
+        ("joints", fed_by_joints(model), ASKED_OF_JOINTS),
+        ("/tf", fed_by_tf(model), ASKED_OF_TF),
+    ):
+        rows += [
+            Row(f"{name}, {feed} ({size})", {"ours": work, "tf2": tf2.work(key)}, 400, asked[key])
+            for key, (name, work) in lookups(buffer).items()
+        ]
+    return rows + writing(model, size, tf2)
+
+
+ASKED_OF_JOINTS = {
+    "ros_latest": "3x",
+    "ros_past": "3x",
+    "core_latest": "3x",
+    "core_past": "3x",
+    "can": "2x",
+    "ros_point": "10x",
+    "ros_pose": "4x",
+}
+ASKED_OF_TF = ASKED_OF_JOINTS | {"ros_past": "2x", "core_past": "2x", "ros_point": ""}
+
+
+def lookups(buffer: Buffer) -> dict[str, tuple[str, Repeat]]:
+    """What is asked of a buffer, by the name of the same work of tf2."""
+    core, latest = buffer.core, Time()
+    pasts = past_stamps()
+    times = [Time(nanoseconds=stamp) for stamp in pasts]
+    point, pose = PointStamped(), PoseStamped()
+    point.header.frame_id = pose.header.frame_id = CAMERA
+    point.point.x = pose.pose.orientation.w = 1.0
+    return {
+        "ros_latest": (
+            "lookup latest, message out",
+            timed(lambda: buffer.lookup_transform(BASE, CAMERA, latest)),
+        ),
+        "ros_past": (
+            "lookup in the past, message out",
+            cycling(lambda time: buffer.lookup_transform(BASE, CAMERA, time), times),
+        ),
+        "core_latest": ("latest, value", timed(lambda: core.lookup_transform(BASE, CAMERA))),
+        "core_past": (
+            "past, value",
+            cycling(lambda stamp: core.lookup_transform(BASE, CAMERA, stamp), pasts),
+        ),
+        "can": ("can_transform", timed(lambda: buffer.can_transform(BASE, CAMERA, latest))),
+        "ros_point": ("PointStamped", timed(lambda: buffer.transform(point, BASE))),
+        "ros_pose": ("PoseStamped", timed(lambda: buffer.transform(pose, BASE))),
+    }
+
+
+def writing(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
+    """What it costs to tell a buffer something."""
+    all_joints = dict.fromkeys(model.independent_joints, 0.3)
+    stamps = iter(range(START + 11 * SECOND, 2 * START, SECOND // 100))
+    buffer, samples, changing = Buffer(), TransformBuffer(), fed_by_joints(model).core
+
+    def sample(count: int) -> float:
+        ahead = [next(stamps) for _ in range(count)]
+        start = time.perf_counter()
+        for stamp in ahead:
+            samples.set_joint_positions(stamp, all_joints)
+        return (time.perf_counter() - start) / len(all_joints)
+
+    def put(count: int) -> float:
+        messages = [message(next(stamps), BASE, CAMERA, MOVED) for _ in range(count)]
+        start = time.perf_counter()
+        for one in messages:
+            buffer.set_transform(one, "benchmark")
+        return time.perf_counter() - start
+
+    def first(count: int) -> float:
+        taken = 0.0
+        for index in range(count // 20):
+            place = Transform.from_xyz_rpy((float(next(stamps) + index), 0.0, 0.0))
+            changing.set_transform(0, "world", BASE, place, static=True)
+            start = time.perf_counter()
+            changing.lookup_transform(BASE, CAMERA)
+            taken += time.perf_counter() - start
+        return taken * 20
+
+    usual = timed(lambda: changing.lookup_transform(BASE, CAMERA))
+    return [
+        Row(f"set_transform ({size})", {"ours": put, "tf2": tf2.work("set")}, 400, "1x"),
+        Row(
+            f"a joint sample, {len(all_joints)} in a message ({size})",
+            {"ours": sample, "tf2, one frame": tf2.work("set")},
+            400,
+            "",
         ),
         Row(
-            f"lookup latest, camera to base, message out ({size})",
-            {
-                "ours": timed(lambda: buffer.lookup_transform(BASE, CAMERA, latest)),
-                "tf2_ros": tf2.work("ros_latest"),
-            },
+            f"a usual lookup ({size})",
+            {"ours": usual, "the first one after a change on its way": first},
             400,
-            "2x",
-        ),
-        Row(
-            f"lookup latest, plain value out ({size})",
-            {
-                "ours": timed(lambda: core.lookup_transform(BASE, CAMERA)),
-                "tf2's C++ core": tf2.work("core_latest"),
-            },
-            400,
-            "2.5x",
-        ),
-        Row(
-            f"PointStamped to PointStamped ({size})",
-            {
-                "ours": timed(lambda: buffer.transform(point, BASE)),
-                "tf2_ros": tf2.work("ros_point"),
-            },
-            400,
-            "5x",
-        ),
-        Row(
-            f"lookup at a past time, anywhere in 10 s, plain value out ({size})",
-            {
-                "ours": cycling(lambda stamp: core.lookup_transform(BASE, CAMERA, stamp), pasts),
-                "tf2's C++ core": tf2.work("core_past"),
-            },
-            400,
-            "2.5x",
-        ),
-        Row(
-            f"set a joint sample, {len(all_joints)} in a message ({size})",
-            {"ours": sample, "tf2's C++ core, one frame": tf2.work("set")},
-            400,
-            "5x",
+            "under 10x",
         ),
     ]
 
 
-def filled(model: RobotModel) -> Buffer:
+def fed_by_joints(model: RobotModel) -> Buffer:
     """A buffer with 10 s of a nodding head, 100 samples a second."""
     buffer = Buffer()
     buffer.core.set_model(model)
     for index in range(1001):
         buffer.core.set_joint_positions(*nodding(index))
     return buffer
+
+
+def fed_by_tf(model: RobotModel) -> Buffer:
+    """The same as transforms, as tf2 gets them."""
+    buffer, told = Buffer(), frames(model)
+    for parent, child, numbers in told["static"]:
+        buffer.set_transform_static(message(0, parent, child, numbers))
+    for seconds, parent, child, numbers in told["sampled"]:
+        buffer.set_transform(message(round(seconds * SECOND), parent, child, numbers))
+    return buffer
+
+
+def message(stamp: int, parent: str, child: str, numbers: Sequence[float]) -> TransformStamped:
+    """A transform of seven numbers."""
+    x, y, z, *turn = numbers
+    found = StampedTransform(stamp, parent, child, Transform((x, y, z), Rotation(*turn)))
+    return transform_stamped(found)
 
 
 def nodding(index: int) -> tuple[int, dict[str, float]]:
@@ -215,7 +277,7 @@ def timed(work: Callable[[], object]) -> Repeat:
     return repeat
 
 
-def cycling(work: Callable[[int], object], arguments: list[int]) -> Repeat:
+def cycling(work: Callable[[Any], object], arguments: Sequence[Any]) -> Repeat:
     """Repeats a call with one argument after the other."""
 
     def repeat(count: int) -> float:

@@ -23,7 +23,7 @@ except ImportError:
 
     ROS2 = False
 import tf2_ros
-from geometry_msgs.msg import PointStamped, TransformStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, TransformStamped
 
 
 def stamp(seconds: float) -> Any:
@@ -59,9 +59,9 @@ def works(frames: dict[str, Any]) -> dict[str, Callable[[int], float]]:
         buffer.set_transform(message(parent, child, seconds, numbers), "benchmark")
     target, source = frames["target"], frames["source"]
     latest, pasts = stamp(0.0), [stamp(seconds) for seconds in frames["past"]]
-    point = PointStamped()
-    point.header.frame_id = source
-    point.point.x = 1.0
+    point, pose = PointStamped(), PoseStamped()
+    point.header.frame_id = pose.header.frame_id = source
+    point.point.x = pose.pose.orientation.w = 1.0
 
     def repeated(work: Callable[..., object], *arguments: Any) -> Callable[[int], float]:
         def repeat(count: int) -> float:
@@ -72,12 +72,14 @@ def works(frames: dict[str, Any]) -> dict[str, Callable[[int], float]]:
 
         return repeat
 
-    def core_past(count: int) -> float:
-        lookup = buffer.lookup_transform_core
-        start = time.perf_counter()
-        for index in range(count):
-            lookup(target, source, pasts[index % len(pasts)])
-        return time.perf_counter() - start
+    def past(lookup: Callable[..., object]) -> Callable[[int], float]:
+        def repeat(count: int) -> float:
+            start = time.perf_counter()
+            for index in range(count):
+                lookup(target, source, pasts[index % len(pasts)])
+            return time.perf_counter() - start
+
+        return repeat
 
     other = new_buffer()
     insert = super(tf2_ros.Buffer, other).set_transform
@@ -96,9 +98,12 @@ def works(frames: dict[str, Any]) -> dict[str, Callable[[int], float]]:
 
     return {
         "core_latest": repeated(buffer.lookup_transform_core, target, source, latest),
-        "core_past": core_past,
+        "core_past": past(buffer.lookup_transform_core),
         "ros_latest": repeated(buffer.lookup_transform, target, source, latest),
+        "ros_past": past(buffer.lookup_transform),
+        "can": repeated(buffer.can_transform, target, source, latest),
         "ros_point": repeated(buffer.transform, point, target),
+        "ros_pose": repeated(buffer.transform, pose, target),
         "set": set_transform,
     }
 

@@ -741,7 +741,10 @@ class DynamixelPort:
             found = find_status(protocol, self._buffer)
             if found.status is None:
                 return None, found.damaged
+            before = bytes(self._buffer[: found.end - len(found.packet)])
             del self._buffer[: found.end]
+            if any(sent in before for sent in self._sent):
+                self._mirrored = True  # in protocol 2.0 an echo does not look like a status packet
             if found.packet not in self._sent:
                 return found.status, found.damaged
             self._mirrored = True

@@ -1,8 +1,13 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
-from head_tracking.gaze.command import HeadCommand, together
-from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead
-from head_tracking.gaze.pointing import Pointing, PointingParameters, PointingResult
+from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Sight
+from head_tracking.gaze.pointing import (
+    HeadCommand,
+    Pointing,
+    PointingParameters,
+    PointingResult,
+    together,
+)
 
 __all__ = [
     "ON_LIMIT",
@@ -13,5 +18,6 @@ __all__ = [
     "Pointing",
     "PointingParameters",
     "PointingResult",
+    "Sight",
     "together",
 ]

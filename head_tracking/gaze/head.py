@@ -1,4 +1,9 @@
-"""Which joint positions put a camera's axis through a point."""
+"""Which joint positions put a camera's axis through a point.
+
+Everything is computed in a frame called C: its origin lies on the pan axis, z points along the
+pan axis, and at pan 0 and tilt 0, y points along the tilt axis as far as that is square to z. So
+pan turns about z and tilt about y, whatever axes and signs the model has.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from operator import mul
+from typing import NamedTuple
 
-from head_tracking.gaze.geometry import HeadGeometry, turned
-from head_tracking.gaze.newton import refine
-from head_tracking.transforms import JointLimits, RobotModel, RobotModelError, Vector3
+import numpy as np
+
+from head_tracking.transforms import (
+    Joint,
+    JointLimits,
+    JointType,
+    RobotModel,
+    RobotModelError,
+    Rotation,
+    Transform,
+    Vector3,
+)
 
 ON_LIMIT = 1e-3
 """A gaze that misses by less [rad] because of a joint limit still counts as reached."""
@@ -19,6 +35,12 @@ _CLOSE = 1e-3  # m: nearer than this to the pan axis or the camera, a bearing me
 _FAR = 1e9  # m: beyond this only the direction matters, and squares would overflow
 
 _UNLIMITED = (-math.inf, math.inf)
+
+_NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
+
+_SAME = 1e-15  # rad
+_REACHED = 1e-9  # rad
+_MOST_TURNS = 50  # of a loop that ends after 1 on a square head and after 4 on a nearly square one
 
 
 class GazeStatus(StrEnum):
@@ -53,6 +75,20 @@ class Gaze:
     def reached(self) -> bool:
         """Whether the axis goes through the point."""
         return self.status is GazeStatus.REACHED
+
+
+class Sight(NamedTuple):
+    """A point as the head sees it, limits aside.
+
+    Attributes:
+        pan: position of the pan joint that looks at it [rad]; may count full turns.
+        tilt: position of the tilt joint that looks at it [rad].
+        distance: along the camera's axis, from where it passes the pan axis [m].
+    """
+
+    pan: float
+    tilt: float
+    distance: float
 
 
 class PanTiltHead:
@@ -98,12 +134,6 @@ class PanTiltHead:
         except ValueError as error:
             raise RobotModelError(f"{pan_joint}, {tilt_joint}: {error}") from error
         self._geometry = HeadGeometry.from_model(model, pan, tilt, pointing_frame, pointing_axis)
-        # the camera as it stands when it looks level, seen from the side
-        axis, camera = self._geometry.axis, self._geometry.camera
-        self._level = math.atan2(-axis[2], axis[0])
-        cosine, sine = math.cos(self._level), math.sin(self._level)
-        self._forward = cosine * camera[0] - sine * camera[2]
-        self._above = sine * camera[0] + cosine * camera[2]
 
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
         """The joint positions that look at `target`, or come nearest to it.
@@ -120,29 +150,67 @@ class PanTiltHead:
         if not all(map(math.isfinite, target)):
             reason = f"the target {tuple(target)} is not finite"
             return Gaze(pan, tilt, GazeStatus.NOT_FINITE, math.pi, reason)
-        point = self._point(target)
+        geometry, point = self._geometry, self._point(target)
         on_axis = math.hypot(point[0], point[1]) < _CLOSE
         if on_axis:
-            angle = self._side_view(point, pan, tilt)
+            angle = self._tilt(point, pan, tilt)
             wanted = None if angle is None else (pan, angle)
         else:
             wanted = self._aim(point, pan, tilt)
-        if not self._geometry.square and not on_axis:
-            nearest = self._best_of(point, (wanted, (pan, tilt)))
+        if wanted is not None and self._allowed(wanted):
+            nearest = wanted
+        elif not geometry.nearly_square and not on_axis:
+            nearest = self._search(point, wanted, (pan, tilt))
             wanted = wanted or nearest
-        elif wanted is None:
-            reason = "the target is too close: no turn of the head brings it before the camera"
-            miss = self._geometry.miss(point, pan, tilt)
-            return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, miss, reason)
-        else:
+        elif wanted is not None:
             nearest = self._inside(point, wanted)
-        miss = self._geometry.miss(point, *nearest)
+        else:
+            reason = "the target is too close: no turn of the head brings it before the camera"
+            return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, geometry.miss(point, pan, tilt), reason)
+        miss = geometry.miss(point, *nearest)
         if on_axis:
             reason = "the target is on the pan axis: every pan looks at it alike"
             return Gaze(*nearest, GazeStatus.ON_PAN_AXIS, miss, reason)
         if miss < ON_LIMIT:
             return Gaze(*nearest, GazeStatus.REACHED, miss)
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
+
+    def sight(self, target: Sequence[float], pan: float, tilt: float) -> Sight | None:
+        """The point as the head sees it, limits aside; None if no turn brings it before the camera.
+
+        How far away a point on the camera's axis is makes no difference to pan and tilt.
+
+        Args:
+            target: the point, shape (3,) [m], in `base_frame`, finite.
+            pan: of all turns that look there, the one nearest to this is taken [rad].
+            tilt: the same for tilt [rad].
+        """
+        geometry, point = self._geometry, self._point(target)
+        if math.hypot(point[0], point[1]) < _CLOSE:
+            return None
+        direction = geometry.pan(point, backwards=False)
+        angle = None if direction is None else geometry.tilt(point, direction)
+        if direction is None or angle is None:
+            return None
+        return Sight(
+            pan + math.remainder(direction - pan, math.tau),
+            tilt + math.remainder(angle - tilt, math.tau),
+            geometry.distance(point, direction, angle),
+        )
+
+    def look(self, sight: Sight, pan: float, tilt: float) -> Gaze:
+        """The gaze at a point that is seen like this; see `gaze`."""
+        positions = (
+            turn_near(sight.pan, pan, self.pan_limits),
+            turn_near(sight.tilt, tilt, self.tilt_limits),
+        )
+        if self._allowed(positions):
+            return Gaze(*positions, GazeStatus.REACHED, 0.0)
+        return self.gaze(self.point(sight), pan, tilt)
+
+    def point(self, sight: Sight) -> Vector3:
+        """The point, shape (3,) [m], in `base_frame`, that is seen like this."""
+        return self._geometry.ahead(*sight)
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """The angle [rad], 0 to pi, by which the axis misses a point.
@@ -161,48 +229,94 @@ class PanTiltHead:
         return self._geometry.T_C_base.apply(target)
 
     def _aim(self, point: Vector3, pan: float, tilt: float) -> tuple[float, float] | None:
-        """The closed form, limits aside; of the two ways round the first that is allowed."""
-        x, y, _ = point
-        rho = math.hypot(x, y)
-        side = self._geometry.tilt_origin[1] + self._geometry.camera[1]
-        if rho <= abs(side):
-            return None
-        bearing, offset = math.atan2(y, x), math.asin(side / rho)
+        """Where the axis goes through the point; of the two ways round one that is allowed."""
         first = None
-        for candidate in (bearing - offset, bearing - math.pi + offset):
-            angle = self._side_view(point, candidate, tilt)
-            if angle is None:
+        for backwards in (False, True):
+            direction = self._geometry.pan(point, backwards=backwards)
+            angle = None if direction is None else self._tilt(point, direction, tilt)
+            if direction is None or angle is None:
                 continue
-            solution = turn_near(candidate, pan, self.pan_limits), angle
-            if self.pan_limits.contains(solution[0]) and self.tilt_limits.contains(angle):
+            solution = turn_near(direction, pan, self.pan_limits), angle
+            if self._allowed(solution):
                 return solution
             first = first or solution
         return first
 
-    def _side_view(self, point: Vector3, pan: float, tilt: float) -> float | None:
-        """The tilt that brings the point to the height of the axis, seen from the side."""
-        x, _, z = turned(point, pan)
-        u, w = x - self._geometry.tilt_origin[0], z - self._geometry.tilt_origin[2]
-        r = math.hypot(u, w)
-        if r <= abs(self._above) or math.sqrt(r * r - self._above**2) <= self._forward + _CLOSE:
-            return None
-        angle = math.asin(self._above / r) - math.atan2(w, u) - self._level
-        return turn_near(angle, tilt, self.tilt_limits)
+    def _tilt(self, point: Vector3, pan: float, tilt: float) -> float | None:
+        angle = self._geometry.tilt(point, pan)
+        return None if angle is None else turn_near(angle, tilt, self.tilt_limits)
+
+    def _allowed(self, positions: tuple[float, float]) -> bool:
+        return self.pan_limits.contains(positions[0]) and self.tilt_limits.contains(positions[1])
 
     def _inside(self, point: Vector3, wanted: tuple[float, float]) -> tuple[float, float]:
         """The allowed positions nearest to those wanted: pan first, then the best tilt there."""
         pan, tilt = self.pan_limits.clamp(wanted[0]), wanted[1]
         if pan != wanted[0]:
-            beside = self._side_view(point, pan, tilt)
+            beside = self._tilt(point, pan, tilt)
             tilt = tilt if beside is None else beside
         return pan, self.tilt_limits.clamp(tilt)
 
-    def _best_of(
-        self, point: Vector3, starts: Sequence[tuple[float, float] | None]
+    def _search(
+        self, point: Vector3, wanted: tuple[float, float] | None, present: tuple[float, float]
     ) -> tuple[float, float]:
-        limits = (self.pan_limits, self.tilt_limits)
-        refined = [refine(self._geometry, point, start, limits) for start in starts if start]
-        return min(refined, key=lambda positions: self._geometry.miss(point, *positions))
+        """Pan and tilt [rad] inside the limits that miss `point` least, on a head of any build.
+
+        Newton finds what is near its start: it starts from where the head stands, and from what was
+        computed or, where that came to nothing, from all sides until it gets there.
+        """
+        starts = [wanted or present, present]
+        if wanted is None:
+            bearing = math.atan2(point[1], point[0])
+            sides = (bearing + quarter * 0.5 * math.pi for quarter in range(4))
+            starts[1:] = [(turn_near(side, present[0], self.pan_limits), 0.0) for side in sides]
+        nearest, least = present, math.inf
+        for start in starts:
+            found = self._refined(point, start)
+            miss = self._geometry.miss(point, *found)
+            if miss < least:
+                nearest, least = found, miss
+            if least < _REACHED:
+                break
+        return nearest
+
+    def _refined(self, point: Vector3, start: tuple[float, float]) -> tuple[float, float]:
+        """Pan and tilt [rad] inside the limits that miss `point` least, near `start`.
+
+        Damped Newton on the two components of the direction to the point that are square to the
+        pointing axis; a step that does not come nearer is halved.
+        """
+        geometry, limits = self._geometry, (self.pan_limits, self.tilt_limits)
+        positions = limits[0].clamp(start[0]), limits[1].clamp(start[1])
+        miss = geometry.miss(point, *positions)
+        for _ in range(_MOST_TURNS):
+            if miss < 1e-13:
+                break
+            residual, by_pan, by_tilt = geometry.linearised(point, *positions)
+            step = _least_squares(residual, by_pan, by_tilt)
+            # a joint that stands on its limit and would leave it takes no part
+            free = [
+                limit.contains(position + math.copysign(1e-9, change))
+                for limit, position, change in zip(limits, positions, step, strict=True)
+            ]
+            if not free[0]:
+                step = 0.0, _alone(residual, by_tilt) if free[1] else 0.0
+            elif not free[1]:
+                step = _alone(residual, by_pan), 0.0
+            share = 1.0
+            while share > 1e-4:
+                trial = (
+                    limits[0].clamp(positions[0] + share * min(max(step[0], -1.0), 1.0)),
+                    limits[1].clamp(positions[1] + share * min(max(step[1], -1.0), 1.0)),
+                )
+                nearer = geometry.miss(point, *trial)
+                if nearer < miss:
+                    break
+                share *= 0.5
+            else:
+                break
+            positions, miss = trial, nearer
+        return positions
 
     def _out_of_reach(self, wanted: tuple[float, float], miss: float) -> str:
         needs = [
@@ -220,6 +334,246 @@ class PanTiltHead:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class HeadGeometry:
+    """Where the axes of a head and its camera are.
+
+    What tilt carries is given in the tilt basis: the unit vectors x of C, down, and the tilt axis
+    n, so that tilt turns the first of them towards the second.
+
+    Attributes:
+        T_C_base: takes points from the link that carries the pan joint into C.
+        T_base_C: the other way round.
+        slant: y and z of n in C; (1, 0) on nearly every head. x is 0 by the choice of C.
+        tilt_origin: a point on the tilt axis at pan 0 [m], in C.
+        camera: the pointing frame's origin from `tilt_origin` [m], in the tilt basis.
+        axis: unit vector to point, in the tilt basis.
+    """
+
+    T_C_base: Transform
+    T_base_C: Transform
+    slant: tuple[float, float]
+    tilt_origin: Vector3
+    camera: Vector3
+    axis: Vector3
+
+    @staticmethod
+    def from_model(
+        model: RobotModel,
+        pan: Joint,
+        tilt: Joint,
+        pointing_frame: str,
+        pointing_axis: Sequence[float] | None,
+    ) -> HeadGeometry:
+        """The geometry of the head that these two joints and this frame make.
+
+        Raises:
+            RobotModelError: they do not carry each other, something else moves between them, or
+                no direction can be pointed.
+        """
+        for joint in (pan, tilt):
+            if joint.type not in (JointType.REVOLUTE, JointType.CONTINUOUS) or joint.mimic:
+                raise RobotModelError(
+                    f"{joint.name!r} cannot turn the head: it must be revolute or continuous and "
+                    "mimic no other joint"
+                )
+        below_pan, below_tilt = _fixed_joints(model, pan, tilt, pointing_frame)
+        T_pan_tilt = _product(below_pan) @ tilt.origin
+        T_tilt_camera = _product(below_tilt)
+        tilt_axis = T_pan_tilt.rotation @ tilt.axis
+        R_C_pan = _canonical(pan, tilt, tilt_axis)
+        R_C_tilt = R_C_pan @ T_pan_tilt.rotation
+        _, ny, nz = R_C_pan @ tilt_axis
+        slant = (1.0, 0.0) if abs(nz) < _SAME else (ny, nz)
+        axis = R_C_tilt @ (T_tilt_camera.rotation @ _pointing_axis(pointing_frame, pointing_axis))
+        T_C_base = Transform((0.0, 0.0, 0.0), R_C_pan) @ pan.origin.inverse()
+        return HeadGeometry(
+            T_C_base=T_C_base,
+            T_base_C=T_C_base.inverse(),
+            slant=slant,
+            tilt_origin=R_C_pan @ T_pan_tilt.translation,
+            camera=_in_tilt_basis(R_C_tilt @ T_tilt_camera.translation, slant),
+            axis=_in_tilt_basis(axis, slant),
+        )
+
+    @property
+    def lead(self) -> float:
+        """How far before the pan axis the camera is, along its axis [m]."""
+        return self.tilt_origin[0] + math.fsum(map(mul, self.camera, self.axis))
+
+    @property
+    def nearly_square(self) -> bool:
+        """Whether tilt is all but square to pan and the camera looks all but square to tilt."""
+        return abs(self.slant[1]) < _NEARLY_SQUARE and abs(self.axis[2]) < _NEARLY_SQUARE
+
+    def pan(self, point: Vector3, *, backwards: bool) -> float | None:
+        """The direction [rad] to which pan must turn for the axis to go through a point of C.
+
+        The pointing axis keeps its height w over the plane that is square to the tilt axis, give
+        or take its own slope: that fixes the y which the point must have in C as pan carries it.
+        The slope, 0 on a square head, needs the range of the point, which hardly depends on pan.
+
+        Args:
+            point: shape (3,) [m], not on the pan axis.
+            backwards: the head turns its back on the point and looks over its shoulder.
+
+        Returns:
+            None if no pan will do.
+        """
+        x, y, z = point
+        rho, bearing = math.hypot(x, y), math.atan2(y, x)
+        ny, nz = self.slant
+        slope = self.axis[2] / ny
+        aside = self.tilt_origin[1] + (self.camera[2] - nz * (z - self.tilt_origin[2])) / ny
+        reach = math.hypot(rho, z)
+        for _ in range(_MOST_TURNS):
+            side = aside + slope * reach
+            if rho <= abs(side):
+                return None
+            offset = math.asin(side / rho)
+            pan = bearing - math.pi + offset if backwards else bearing - offset
+            if slope == 0.0:
+                return pan
+            found = self._range(*self._beside(point, pan)[:2])
+            if found is None:
+                return None
+            if abs(slope * (found - reach)) <= _SAME * rho:
+                return pan
+            reach = found
+        return None
+
+    def tilt(self, point: Vector3, pan: float) -> float | None:
+        """The tilt [rad] that brings the axis to a point of C, seen along the tilt axis.
+
+        None if no tilt will do.
+        """
+        u, v, _ = self._beside(point, pan)
+        reach = self._range(u, v)
+        if reach is None or reach <= _CLOSE:
+            return None
+        (cu, cv, _), (au, av, _) = self.camera, self.axis
+        return math.atan2(v, u) - math.atan2(cv + reach * av, cu + reach * au)
+
+    def miss(self, point: Vector3, pan: float, tilt: float) -> float:
+        """The angle between the pointing axis and the direction to a point of C [rad]."""
+        x, y, z = self._seen(point, pan, tilt)
+        ax, ay, az = self.axis
+        across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
+        return math.atan2(across, ax * x + ay * y + az * z)
+
+    def distance(self, point: Vector3, pan: float, tilt: float) -> float:
+        """How far a point of C on the pointing axis is from where that passes the pan axis [m]."""
+        return max(math.hypot(*self._seen(point, pan, tilt)) + self.lead, _CLOSE)
+
+    def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
+        """The point on the pointing axis at a distance from the pan axis, in the base frame [m]."""
+        (cu, cv, cw), (au, av, aw) = self.camera, self.axis
+        distance = max(distance - self.lead, _CLOSE)
+        x, v, w = _turned((cu + distance * au, cv + distance * av, cw + distance * aw), -tilt)
+        ny, nz = self.slant
+        ox, oy, oz = self.tilt_origin
+        point = _turned((x + ox, nz * v + ny * w + oy, nz * w - ny * v + oz), -pan)
+        return self.T_base_C.apply(point)
+
+    def linearised(
+        self, point: Vector3, pan: float, tilt: float
+    ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+        """By how much the direction to a point is off, to two sides [rad], and its changes.
+
+        Returns:
+            The residual, its derivative by pan and that by tilt.
+        """
+        x, y, z = self._seen(point, pan, tilt)
+        distance = math.hypot(x, y, z)
+        dx, dy, dz = x / distance, y / distance, z / distance
+        px, py, _ = _turned(point, pan)
+        ny, nz = self.slant
+        by_pan = (*_turned((py, -nz * px, 0.0), tilt)[:2], -ny * px)
+        by_tilt = (y + self.camera[1], -x - self.camera[0], 0.0)
+        across = _across(self.axis)
+        first, second = (bx * dx + by * dy + bz * dz for bx, by, bz in across)
+        # the sine of the angle is a residual that vanishes behind the head as well: use the angle
+        sine = math.hypot(first, second)
+        ax, ay, az = self.axis
+        scale = math.atan2(sine, ax * dx + ay * dy + az * dz) / sine if sine > 1e-9 else 1.0
+        changes = []
+        for mx, my, mz in (by_pan, by_tilt):
+            along = mx * dx + my * dy + mz * dz
+            one, other = (
+                (bx * (mx - along * dx) + by * (my - along * dy) + bz * (mz - along * dz))
+                / distance
+                for bx, by, bz in across
+            )
+            changes.append((one, other))
+        return (first * scale, second * scale), changes[0], changes[1]
+
+    def _beside(self, point: Vector3, pan: float) -> Vector3:
+        """A point of C from the tilt axis, in the tilt basis at tilt 0 [m]."""
+        x, y, z = _turned(point, pan)
+        ox, oy, oz = self.tilt_origin
+        return _in_tilt_basis((x - ox, y - oy, z - oz), self.slant)
+
+    def _seen(self, point: Vector3, pan: float, tilt: float) -> Vector3:
+        """A point of C from the camera, in the tilt basis as tilt carries it [m]."""
+        u, v, w = _turned(self._beside(point, pan), tilt)
+        cu, cv, cw = self.camera
+        return u - cu, v - cv, w - cw
+
+    def _range(self, u: float, v: float) -> float | None:
+        """How far along the pointing axis [m] it is as far from the tilt axis as (u, v)."""
+        (cu, cv, _), (au, av, _) = self.camera, self.axis
+        square = au * au + av * av
+        if square < 1e-9:
+            return None
+        half = cu * au + cv * av
+        # (across the axis, seen along tilt: better conditioned than the difference of squares)
+        beside = (cu * av - cv * au) ** 2
+        inside = square * (u * u + v * v) - beside
+        return None if inside <= 0.0 else (math.sqrt(inside) - half) / square
+
+
+def _turned(point: Vector3, angle: float) -> Vector3:
+    """A point in a frame that is turned by an angle [rad] about z."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    x, y, z = point
+    return cosine * x + sine * y, cosine * y - sine * x, z
+
+
+def _in_tilt_basis(vector: Vector3, slant: tuple[float, float]) -> Vector3:
+    (x, y, z), (ny, nz) = vector, slant
+    return x, nz * y - ny * z, ny * y + nz * z
+
+
+def _across(axis: Vector3) -> tuple[Vector3, Vector3]:
+    """Two unit vectors square to `axis` and to each other."""
+    x, y, z = axis
+    a, b, c = (0.0, z, -y) if abs(x) < 0.6 else (-z, 0.0, x)
+    norm = math.hypot(a, b, c)
+    a, b, c = a / norm, b / norm, c / norm
+    return (a, b, c), (y * c - z * b, z * a - x * c, x * b - y * a)
+
+
+def _least_squares(
+    residual: tuple[float, float], by_pan: tuple[float, float], by_tilt: tuple[float, float]
+) -> tuple[float, float]:
+    """The changes of pan and tilt that take the residual away as far as possible."""
+    (p, q), (a, c), (b, d) = residual, by_pan, by_tilt
+    determinant = a * d - b * c
+    if abs(determinant) > 1e-9 * (a * a + b * b + c * c + d * d):
+        return (b * q - d * p) / determinant, (c * p - a * q) / determinant
+    # both do the same: the shortest step
+    size = a * a + b * b + c * c + d * d
+    if size == 0.0:
+        return 0.0, 0.0
+    return -(a * p + c * q) / size, -(b * p + d * q) / size
+
+
+def _alone(residual: tuple[float, float], change: tuple[float, float]) -> float:
+    """The change of one joint that takes the residual away as far as possible."""
+    size = change[0] ** 2 + change[1] ** 2
+    return -(residual[0] * change[0] + residual[1] * change[1]) / size if size > 0.0 else 0.0
+
+
 def turn_near(angle: float, present: float, limits: JointLimits) -> float:
     """The same direction, give or take full turns: allowed if possible, then near `present`.
 
@@ -233,3 +587,66 @@ def turn_near(angle: float, present: float, limits: JointLimits) -> float:
         if limits.contains(turn):
             return turn
     return nearest
+
+
+def _fixed_joints(
+    model: RobotModel, pan: Joint, tilt: Joint, pointing_frame: str
+) -> tuple[list[Joint], list[Joint]]:
+    """The joints from pan down to tilt, and from tilt down to the pointing frame."""
+    if pointing_frame not in model.links:
+        raise RobotModelError(
+            f"the model {model.name!r} has no link {pointing_frame!r} to point; "
+            f"its links are: {', '.join(model.links)}"
+        )
+    above = model.joints_above(pointing_frame)
+    if tilt not in above or pan not in above or above.index(tilt) > above.index(pan):
+        carried = [
+            link
+            for link in model.links
+            if tilt in (chain := model.joints_above(link)) and pan in chain
+        ]
+        raise RobotModelError(
+            f"{pointing_frame!r} is not carried by {tilt.name!r} on top of {pan.name!r}; "
+            f"frames that are: {', '.join(carried) or 'none'}"
+        )
+    below_tilt = above[: above.index(tilt)][::-1]
+    below_pan = above[above.index(tilt) + 1 : above.index(pan)][::-1]
+    for joint in (*below_pan, *below_tilt):
+        if joint.moves:
+            raise RobotModelError(
+                f"the joint {joint.name!r} between {pan.name!r} and {pointing_frame!r} moves too; "
+                "choose a pointing frame above it, or make it fixed"
+            )
+    return below_pan, below_tilt
+
+
+def _product(joints: list[Joint]) -> Transform:
+    product = Transform.identity()
+    for joint in joints:
+        product = product @ joint.origin
+    return product
+
+
+def _canonical(pan: Joint, tilt: Joint, tilt_axis: Vector3) -> Rotation:
+    """`R_C_pan`, from the axes of pan and tilt in the pan joint's frame."""
+    z = np.array(pan.axis)
+    y = np.array(tilt_axis)
+    y = y - (y @ z) * z
+    if np.linalg.norm(y) < 1e-6:
+        raise RobotModelError(
+            f"{pan.name!r} and {tilt.name!r} turn about the same direction: "
+            "together they can only point along a circle"
+        )
+    y /= np.linalg.norm(y)
+    return Rotation.from_matrix(np.stack([np.cross(y, z), y, z]))
+
+
+def _pointing_axis(frame: str, axis: Sequence[float] | None) -> Vector3:
+    if axis is None:
+        return (0.0, 0.0, 1.0) if "optical" in frame else (1.0, 0.0, 0.0)
+    norm = math.hypot(*axis)
+    if len(axis) != 3 or not 1e-9 < norm < math.inf:
+        raise RobotModelError(
+            f"the pointing axis {tuple(axis)} is no direction; give three numbers, not all 0"
+        )
+    return axis[0] / norm, axis[1] / norm, axis[2] / norm

@@ -7,10 +7,11 @@ from typing import Any
 
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
+from rclpy.time import Time
 from std_srvs.srv import SetBool
 
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
 
@@ -45,8 +46,9 @@ class FictitiousTargetNode(Node):
             self.create_publisher(Marker, "target_point_marker", 1) if Marker else None
         )
         self._enabled = True
+        self._sent: Time | None = None
         self.create_service(SetBool, "~/enable", self._on_enable)
-        self.create_timer(1.0 / p.rate, self._publish)
+        steady_timer(self, 1.0 / p.rate, self._publish)
 
     def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
         self._target.parameters = parameters
@@ -58,12 +60,14 @@ class FictitiousTargetNode(Node):
         return response
 
     def _publish(self) -> None:
-        if not self._enabled:
-            return
+        now = self.get_clock().now()
+        if not self._enabled or now == self._sent:
+            return  # (simulated time stands still, and so does the target)
+        self._sent = now
         x, y, z = self._target.advance()
         message = PointStamped()
         message.header.frame_id = self._frame_id
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = now.to_msg()
         message.point = Point(x=x, y=y, z=z)
         self._publisher.publish(message)
         if self._marker_publisher is not None:

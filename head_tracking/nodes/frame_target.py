@@ -10,10 +10,11 @@ from rclpy.node import Node
 
 from head_tracking.nodes.conversions import target_message
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import TransformException
 
 
@@ -32,17 +33,24 @@ class FrameTargetNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("frame_target", **options)
         rate = NodeParameters(self, FrameTargetRate).value.rate
+        self._buffer = (buffer or listening_buffer(self)).core
+        self._clock_watch = ClockWatch(lambda: float(self.get_clock().now().nanoseconds) * 1e-9)
         self._target = FrameTarget(
-            (buffer or listening_buffer(self)).core,
+            self._buffer,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
-        self.create_timer(1.0 / rate, self._publish)
+        steady_timer(self, 1.0 / rate, self._publish)
 
     def _on_parameters(self, parameters: FrameTargetParameters) -> None:
         self._target.parameters = parameters
 
     def _publish(self) -> None:
+        happened = self._clock_watch.check(simulated=self.get_clock().ros_time_is_active)
+        if happened:
+            self.get_logger().warning(happened)
+            if not self._clock_watch.standing:
+                self._buffer.clear()
         try:
             target = self._target.newest(self.get_clock().now().nanoseconds)
         except (StaleFrameError, TransformException) as error:

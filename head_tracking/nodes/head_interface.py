@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
@@ -13,10 +16,21 @@ from std_msgs.msg import Float64
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.nodes.conversions import command_message, target_from_message
 from head_tracking.nodes.parameters import NodeParameters
+from head_tracking.nodes.spinning import steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tracking import Target, TargetPlacer
-from head_tracking.transforms import RobotModel, TransformException, Vector3
+from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
+from head_tracking.transforms import (
+    LATEST,
+    RobotModel,
+    RobotModelError,
+    TransformException,
+    Vector3,
+)
+
+_WATCH_PERIOD = 0.25  # s
+_TELL_PERIOD = 1.0  # s
+_MOST_TOLD = 100  # things at a time; anybody may send targets in frames of any name
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +59,12 @@ class HeadParameters:
     )
     max_tilt: float = parameter(
         10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+    )
+    fixed_frame: str = parameter(
+        "",
+        "The frame that stands still: targets are placed and their motion is estimated in it. "
+        "Empty: the link that carries the pan joint; odom or map for a robot that drives.",
+        fixed=True,
     )
     transform_timeout: float = parameter(
         1.0,
@@ -88,6 +108,20 @@ class HeadParameters:
         )
 
 
+class HeadReading(NamedTuple):
+    """The head as it was measured last.
+
+    Attributes:
+        now: the time [s].
+        stamp: when it was measured [s].
+        positions: pan and tilt [rad].
+    """
+
+    now: float
+    stamp: float
+    positions: tuple[float, float]
+
+
 class HeadInterface:
     """Connects a node to the head that it turns.
 
@@ -96,11 +130,17 @@ class HeadInterface:
         pointing_frame: the frame to point.
         error_topic: where the angle by which the head misses its target goes [rad].
         buffer: fed by another node of this process; None: this node listens itself.
-        on_head: called when the robot's model is there, and again when it changes.
+        on_head: called when the robot's model is there, and again when it changes; with where the
+            head's base is, unless that is the frame that stands still.
+        on_reset: called with the reason when the clock has jumped or stopped: whatever was made
+            of times before is worth nothing.
         on_target: called when a target has come.
 
     Raises:
         ValueError: a parameter is not allowed.
+
+    Attributes:
+        trouble: why the head is left alone; empty: nothing keeps it from moving.
     """
 
     def __init__(
@@ -109,91 +149,116 @@ class HeadInterface:
         pointing_frame: str,
         error_topic: str,
         buffer: Buffer | None,
-        on_head: Callable[[PanTiltHead], None],
+        on_head: Callable[[PanTiltHead, HeadBase | None], None],
+        on_reset: Callable[[str], None],
         on_target: Callable[[], None] = lambda: None,
     ) -> None:
+        self.trouble = "waiting for robot_description"
         self._node = node
         self._log = node.get_logger()
         self._parameters = NodeParameters(node, HeadParameters).value
         self._pointing_frame = pointing_frame
         self._buffer = (buffer or listening_buffer(node)).core
         self._on_head = on_head
+        self._on_reset = on_reset
         self._on_target = on_target
+        self._clock = ClockWatch(lambda: float(node.get_clock().now().nanoseconds) * 1e-9)
         self._model: RobotModel | None = None
+        self._refused_model: RobotModel | None = None
+        self._told: dict[str, float] = {}
+        self._carried: dict[str, bool] = {}
+        self._base_frame = ""
+        self._base: HeadBase | None = None
         self._placer: TargetPlacer | None = None
-        self._started = int(node.get_clock().now().nanoseconds)
+        self._listening_since = round(self.now * 1e9)
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._errors = node.create_publisher(Float64, error_topic, 10)
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
+        steady_timer(node, _WATCH_PERIOD, self.reading)
+        if self._buffer.model is not None:
+            self._check_model()
 
     @property
     def now(self) -> float:
         """The time [s] on the node's clock."""
-        return float(self._node.get_clock().now().nanoseconds) * 1e-9
+        return self._clock.now(simulated=self._simulated)
 
-    def positions(self) -> tuple[float, float] | None:
-        """Pan and tilt as measured [rad]; None, and a warning, without a fresh measurement."""
-        reading = self.reading()
-        return None if reading is None else reading[1]
+    def reading(self) -> HeadReading | None:
+        """The head as measured; None without a robot or a fresh measurement.
 
-    def reading(self) -> tuple[float, tuple[float, float]] | None:
-        """Time [s] and positions [rad] as measured; None, and a warning, without a fresh one."""
-        p = self._parameters
+        Before, the clock and the robot's model are looked at. What is missing stands in `trouble`
+        and in the log.
+        """
+        self._check_clock()
+        self._check_model()
+        if self._placer is None:
+            return None
+        p, now = self._parameters, self._clock.checked
         found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
-            stamp, position = self._buffer.latest_joint_position(joint) or (self._started, None)
-            age = self.now - stamp * 1e-9
-            if age > p.joint_state_timeout:
-                self._log.warning(
-                    f"no position of {joint} in joint_states for {age:.1f} s: the head is left "
-                    "alone",
-                    throttle_duration_sec=2.0,
+            stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
+            age = now - (self._listening_since if stamp < 0 else stamp) * 1e-9
+            if abs(age) > p.joint_state_timeout:
+                self.trouble = self._clock.standing or (
+                    f"no position of {joint} in joint_states: the head is left alone"
+                    if age > 0.0
+                    else f"the positions of {joint} in joint_states lie in the future (the clocks "
+                    "of their sender and of this machine differ): the head is left alone"
                 )
+                self._tell(joint, f"{self.trouble} (by {abs(age):.1f} s)")
                 return None
             if position is None:
+                self.trouble = self._clock.standing or f"waiting for {joint} in joint_states"
                 return None
             found.append(position)
             stamps.append(stamp)
-        return min(stamps) * 1e-9, (found[0], found[1])
+        self.trouble = self._clock.standing
+        return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
-    def ready(self) -> bool:
-        """Whether the robot's model is there; makes the head of a new one.
+    def take_targets(
+        self, positions: tuple[float, float], now: float
+    ) -> list[tuple[Target, Vector3]]:
+        """New targets and their places in the fixed frame; see `TargetPlacer.place`.
 
-        Raises:
-            RobotModelError: the model has no such head.
+        Args:
+            positions: pan and tilt [rad] at which a target that is meant for now is placed.
+            now: the time [s].
         """
-        model = self._buffer.model
-        if model is None:
-            self._log.info("waiting for robot_description", throttle_duration_sec=2.0)
-            return False
-        if model is not self._model:
-            head = self._parameters.head(model, self._pointing_frame)
-            self._model = model
-            self._placer = TargetPlacer(
-                self._buffer, head.base_frame, self._parameters.transform_timeout
-            )
-            self._on_head(head)
-        return True
-
-    def take_targets(self, moving_with_head: Mapping[str, float]) -> list[tuple[Target, Vector3]]:
-        """New targets and their places in the head's base frame; see `TargetPlacer.place`."""
         assert self._placer is not None
-        try:
-            return self._placer.place(self.now, moving_with_head)
-        except TransformException as error:
-            self._refuse(error)
-            return []
+        return self._placer.place(now, self._named(positions))
 
     def take_newest_target(
-        self, moving_with_head: Mapping[str, float]
+        self, positions: tuple[float, float], now: float
     ) -> tuple[Target, Vector3] | None:
-        """The newest target only; see `TargetPlacer.place_newest`."""
+        """The newest target only, and its place in the head's base frame as that is now."""
         assert self._placer is not None
-        try:
-            return self._placer.place_newest(self.now, moving_with_head)
-        except TransformException as error:
-            self._refuse(error)
+        placed = self._placer.place_newest(now, self._named(positions))
+        if placed is None or self._base is None:
+            return placed
+        unknown = self._base.update()
+        if unknown:
+            self.refuse(Refusal(placed[0], unknown))
             return None
+        return placed[0], self._base.pose(now).inverse() @ placed[1]
+
+    def take_refusal(self) -> str:
+        """Why a target has led to nothing since this was asked last; empty if none has."""
+        assert self._placer is not None
+        refusal = self._placer.take_refusal()
+        return self.refuse(refusal) if refusal else ""
+
+    def moves_with_head(self, frame_id: str) -> bool:
+        """Whether a frame is carried by the head."""
+        if frame_id not in self._carried:
+            frames = self._base_frame, frame_id
+            here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
+            try:
+                one = self._buffer.lookup_transform(*frames, LATEST, joint_positions=here)
+                other = self._buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
+            except TransformException:
+                return False
+            self._carried[frame_id] = one.transform != other.transform
+        return self._carried[frame_id]
 
     def send(self, command: HeadCommand | None) -> None:
         """Publishes a command for both joints, if there is one."""
@@ -214,19 +279,85 @@ class HeadInterface:
         if self._placer is not None:
             self._placer.forget()
 
-    def _on_message(self, message: PointStamped) -> None:
-        if not self.ready() or self._placer is None:
-            return
-        try:
-            self._placer.offer(self._dated(target_from_message(message)), self.now)
-        except TransformException as error:
-            self._refuse(error)
-            return
-        self._on_target()
+    def refuse(self, refusal: Refusal) -> str:
+        """Logs that a target leads to nothing; why."""
+        target, reason = refusal
+        self._tell(f"target in {target.frame_id}", f"target {target} refused: {reason}")
+        return reason
 
-    def _refuse(self, error: TransformException) -> None:
-        self._log.error(f"target refused: {error}", throttle_duration_sec=1.0)
+    @property
+    def _simulated(self) -> bool:
+        return bool(self._node.get_clock().ros_time_is_active)
+
+    def _check_clock(self) -> None:
+        happened = self._clock.check(simulated=self._simulated)
+        now = round(self._clock.checked * 1e9)
+        self._listening_since = self._listening_since or now
+        if happened:
+            self._log.warning(f"{happened}: everything starts anew, and the head holds")
+            self._listening_since = now
+            if not self._clock.standing:
+                self._buffer.clear()
+            self.forget_targets()
+            self._on_reset(happened)
+
+    def _check_model(self) -> None:
+        model = self._buffer.model
+        if model is not None and model is not self._model and model is not self._refused_model:
+            try:
+                self._take_model(model)
+            except RobotModelError as error:
+                self._refused_model = model
+                if self._model is not None:
+                    self._buffer.set_model(self._model)
+                    self._log.error(f"another robot_description is not used: {error}")
+                else:
+                    self.trouble = f"robot_description cannot be used: {error}"
+        if self._placer is None:
+            self._tell("model", self.trouble)
+
+    def _take_model(self, model: RobotModel) -> None:
+        p = self._parameters
+        head = p.head(model, self._pointing_frame)
+        fixed_frame = p.fixed_frame or head.base_frame
+        if fixed_frame in model.links and any(
+            joint.name in (head.pan_joint, head.tilt_joint)
+            for joint in model.joints_above(fixed_frame)
+        ):
+            raise RobotModelError(
+                f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
+                f"stands still, such as {head.base_frame} or odom"
+            )
+        self._model = model
+        self._base_frame = head.base_frame
+        self._carried.clear()
+        self._placer = TargetPlacer(self._buffer, fixed_frame, p.transform_timeout)
+        self._base = (
+            None
+            if fixed_frame == head.base_frame
+            else HeadBase(self._buffer, fixed_frame, head.base_frame)
+        )
+        self._on_head(head, self._base)
+
+    def _on_message(self, message: PointStamped) -> None:
+        self._check_model()
+        if self._placer is not None:
+            self._placer.offer(self._dated(target_from_message(message)), self.now)
+            self._on_target()
+
+    def _named(self, positions: tuple[float, float]) -> dict[str, float]:
+        p = self._parameters
+        return {p.head_pan_joint: positions[0], p.head_tilt_joint: positions[1]}
+
+    def _tell(self, about: str, text: str) -> None:
+        """Logs a warning, but not the same thing again and again."""
+        now = time.monotonic()
+        if now - self._told.get(about, -math.inf) >= _TELL_PERIOD:
+            if len(self._told) >= _MOST_TOLD:
+                self._told.clear()
+            self._told[about] = now
+            self._log.warning(text)
 
     def _dated(self, target: Target) -> Target:
         latency = round(self._parameters.target_latency * 1e9)
-        return replace(target, stamp=target.stamp - latency) if target.stamp else target
+        return replace(target, stamp=max(1, target.stamp - latency)) if target.stamp else target

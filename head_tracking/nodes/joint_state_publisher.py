@@ -16,6 +16,7 @@ from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
+    LARGEST_POSITION,
     JointState,
     JointStates,
     Mimic,
@@ -123,7 +124,14 @@ class JointStatePublisherNode(Node):
                 chain(message.effort, repeat(0.0)),
                 strict=False,
             )
+            if name and abs(position) <= LARGEST_POSITION
         }
+        if len(measured) < max(len(message.name), len(message.position)) and message.position:
+            self.get_logger().error(
+                f"of the joints {list(message.name)} at {list(message.position)} only "
+                f"{list(measured)} are used: each needs a name of its own and a finite position",
+                throttle_duration_sec=1.0,
+            )
         self._publish(self._states.complete(measured), message.header.stamp)
 
     def _publish_defaults(self) -> None:

@@ -159,11 +159,12 @@ class Look:
         return head
 
     def _positions(self, head: PanTiltHead) -> tuple[float, float]:
-        found = [
+        pan, tilt = (
             self._buffer.latest_joint_position(joint) for joint in (head.pan_joint, head.tilt_joint)
-        ]
-        assert found[0] is not None and found[1] is not None
-        return found[0][1], found[1][1]
+        )
+        if pan is None or tilt is None:
+            raise CannotLook("the clock has jumped; where the head is now, nobody has said yet")
+        return pan[1], tilt[1]
 
     def _place(self, head: PanTiltHead, point: Vector3, frame: str) -> Vector3:
         """The point in the head's base frame, if the head can look there."""

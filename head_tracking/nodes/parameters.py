@@ -49,6 +49,7 @@ class NodeParameters(Generic[P]):
         on_change: Callable[[P], None] | None = None,
         check: Callable[[P], object] | None = None,
     ) -> None:
+        self._node = node
         self._prefix = prefix
         self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
         self._on_change = on_change
@@ -94,6 +95,10 @@ class NodeParameters(Generic[P]):
             if changed is not None and self._is_possible is not None:
                 self._is_possible(changed)
         except ValueError as error:
+            for parameter in parameters:
+                # rclpy has described the refused value's type already
+                described = self._node.describe_parameter(parameter.name)
+                described.type = self._node.get_parameter(parameter.name).type_.value
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

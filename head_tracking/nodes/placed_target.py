@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from head_tracking.nodes.conversions import target_from_message
 from head_tracking.tracking import Target, TargetPlacer
-from head_tracking.transforms import TransformBuffer, TransformException, Vector3
+from head_tracking.transforms import TransformBuffer, Vector3
 
 _TIMEOUT = 1.0  # s; a target waits so long for its frame
 
@@ -57,15 +57,10 @@ class NewestTarget:
     def newest(self, keep: float = math.inf) -> PlacedTarget | None:
         """The newest target, unless it is older than `keep` [s]."""
         now = self._now
-        placed = None
-        if self._placer is not None:
-            try:
-                placed = self._placer.place_newest(now * 1e-9, {})
-            except TransformException:
-                placed = None
+        placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
             self._newest = PlacedTarget(now, *placed)
-        if self._newest is None or (now - self._newest.placed) * 1e-9 > keep:
+        if self._newest is None or abs(now - self._newest.placed) * 1e-9 > keep:
             return None
         return self._newest
 
@@ -75,7 +70,4 @@ class NewestTarget:
 
     def _on_target(self, message: PointStamped) -> None:
         if self._placer is not None:
-            try:
-                self._placer.offer(target_from_message(message), self._now * 1e-9)
-            except TransformException:
-                return
+            self._placer.offer(target_from_message(message), self._now * 1e-9)

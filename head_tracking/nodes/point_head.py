@@ -9,11 +9,12 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
-from head_tracking.nodes.head_interface import HeadInterface
+from head_tracking.nodes.head_interface import HeadInterface, HeadReading
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.tf import Buffer
+from head_tracking.tracking import HeadBase, Refusal
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +38,30 @@ class PointHeadNode(Node):
         )
         self._pointing: Pointing | None = None
         self._interface = HeadInterface(
-            self, p.pointing_frame, "~/pointing_error", buffer, self._on_head, self._step
+            self,
+            p.pointing_frame,
+            "~/pointing_error",
+            buffer,
+            self._on_head,
+            self._reset,
+            self._step,
         )
         self._enabled = True
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
-        self.create_timer(1.0 / p.rate, self._step)
+        steady_timer(self, 1.0 / p.rate, self._step)
 
     @property
     def head(self) -> PanTiltHead | None:
         """The head that is turned, once the robot's model is known."""
         return None if self._pointing is None else self._pointing.head
 
-    def _on_head(self, head: PanTiltHead) -> None:
+    def _reset(self, _: str) -> None:
+        """What is known of the turn that is under way holds no more; the head ends it by itself."""
+        if self._pointing is not None:
+            self._pointing = Pointing(self._pointing.head, self._pointing_parameters.value)
+
+    def _on_head(self, head: PanTiltHead, _: HeadBase | None) -> None:
         self._pointing = Pointing(head, self._pointing_parameters.value)
         self.get_logger().info(f"ready to point {head.pointing_frame} at target_point")
 
@@ -58,34 +70,31 @@ class PointHeadNode(Node):
             self._pointing.parameters = parameters
 
     def _step(self) -> None:
-        if not self._interface.ready() or self._pointing is None:
+        reading = self._interface.reading()
+        if reading is None or self._pointing is None:
             return
-        present = self._interface.positions()
-        if present is None:
+        present = reading.positions
+        self._take_target(self._pointing, reading)
+        if not self._enabled:
             return
-        self._take_target(self._pointing, present)
         self._interface.publish_error(self._pointing.miss(present))
-        result = self._pointing.judge(present, self._interface.now)
+        result = self._pointing.judge(present, reading.now)
         if result is not None:
             if result.arrived:
                 self.get_logger().info(str(result))
             else:
                 self.get_logger().warning(str(result))
 
-    def _take_target(self, pointing: Pointing, present: tuple[float, float]) -> None:
-        start = pointing.start_from(present)
-        head = pointing.head
-        placed = self._interface.take_newest_target(
-            {head.pan_joint: start[0], head.tilt_joint: start[1]}
-        )
+    def _take_target(self, pointing: Pointing, reading: HeadReading) -> None:
+        start = pointing.start_from(reading.positions)
+        placed = self._interface.take_newest_target(start, reading.now)
+        self._interface.take_refusal()
         if placed is None or not self._enabled:
             return
         target, point = placed
-        gaze, command = pointing.point_at(point, present, self._interface.now)
+        gaze, command = pointing.point_at(point, reading.positions, reading.now)
         if command is None:
-            self.get_logger().error(
-                f"target {target} refused, nothing moves: {gaze.reason}", throttle_duration_sec=1.0
-            )
+            self._interface.refuse(Refusal(target, f"nothing moves: {gaze.reason}"))
         elif not gaze.reached:
             self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
         self._interface.send(command)
@@ -97,12 +106,12 @@ class PointHeadNode(Node):
         return response
 
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        present = self._interface.positions() if self._interface.ready() else None
-        if present is None or self._pointing is None:
+        reading = self._interface.reading()
+        if reading is None or self._pointing is None:
             response.message = "the head cannot be recentred: there is no model or no joint state"
             return response
         self._interface.forget_targets()
-        self._interface.send(self._pointing.recenter(present, self._interface.now))
+        self._interface.send(self._pointing.recenter(reading.positions, reading.now))
         response.success, response.message = True, "recentring"
         return response
 

@@ -133,6 +133,7 @@ class RobotStatePublisherNode(Node):
         self._buffer.core.set_model(self._model)
         self._description.publish(String(data=model.urdf))
         if broadcasting_possible():
+            self._static_sender.forget()
             self._static_sender.sendTransform(self._edges(moving=False))
         self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
 

@@ -15,8 +15,7 @@ from head_tracking.nodes.conversions import target_from_message
 from head_tracking.nodes.diagnostics import BusStatus
 from head_tracking.nodes.status_line import StatusLine
 from head_tracking.tf import Buffer
-from head_tracking.tracking import ErrorStatistics, Target, TargetPlacer
-from head_tracking.transforms import TransformException, Vector3
+from head_tracking.tracking import Target, TargetPlacer, TrackingJudge
 
 SETTLING = 2.0
 """The head may take so long [s] to find its first target before its error counts."""
@@ -41,7 +40,7 @@ class RunSources:
 
 
 class RunMonitorNode(Node):
-    """Judges the head by the newest target and by where its joints really are."""
+    """Judges the head by where its target was, and by where its joints really were then."""
 
     def __init__(
         self, buffer: Buffer, sources: RunSources, line: StatusLine, **options: Any
@@ -52,10 +51,7 @@ class RunMonitorNode(Node):
         self._line = line
         self._placer: TargetPlacer | None = None
         self._target: Target | None = None
-        self._point: Vector3 | None = None
-        self._first_seen = 0.0
-        self._error: float | None = None
-        self.statistics = ErrorStatistics()
+        self._judge: TrackingJudge | None = None
         self.create_subscription(PointStamped, "target_point", self._on_target, 10)
         self.create_timer(_SAMPLE_PERIOD, self._sample)
         self.create_timer(_SHOW_PERIOD, lambda: self._line.show(self.status()))
@@ -70,34 +66,20 @@ class RunMonitorNode(Node):
             return
         if self._placer is None:
             self._placer = TargetPlacer(self._buffer, head.base_frame, SETTLING)
-        try:
-            self._placer.offer(target_from_message(message), self._now)
-        except TransformException:
-            return  # the node that turns the head says what is wrong with it
+            self._judge = TrackingJudge(head, SETTLING)
+        self._placer.offer(target_from_message(message), self._now)
 
     def _sample(self) -> None:
         head = self._sources.head()
-        if head is None:
+        if head is None or self._placer is None or self._judge is None:
             return
-        self._place_target()
-        positions = self._positions(head)
-        if self._point is None or positions is None:
-            return
-        self._error = head.miss(self._point, *positions)
-        if self._now - self._first_seen >= SETTLING:
-            self.statistics.add(self._error)
-
-    def _place_target(self) -> None:
-        if self._placer is None:
-            return
-        try:
-            placed = self._placer.place_newest(self._now, {})
-        except TransformException:
-            return
-        if placed is not None:
-            if self._point is None:
-                self._first_seen = self._now
-            self._target, self._point = placed
+        now, positions = self._now, self._positions(head)
+        if positions is not None:
+            self._judge.joints_stand(now, positions)
+        # (what is refused is left to the node that turns the head)
+        for target, point in self._placer.place(now, {}):
+            self._target = target
+            self._judge.target_seen(target.stamp * 1e-9 if target.stamp else now, point)
 
     def _positions(self, head: PanTiltHead) -> tuple[float, float] | None:
         found = [self._position(joint) for joint in (head.pan_joint, head.tilt_joint)]
@@ -115,6 +97,7 @@ class RunMonitorNode(Node):
         bus = self._sources.bus_status()
         head = self._sources.head()
         positions = None if head is None else self._positions(head)
+        error = None if self._judge is None else self._judge.error
         temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
         return " | ".join(
             (
@@ -122,7 +105,7 @@ class RunMonitorNode(Node):
                 if positions is None
                 else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
                 "no target" if self._target is None else f"target {self._target}",
-                "error    - " if self._error is None else f"error {_degrees(self._error, '')}",
+                "error    - " if error is None else f"error {_degrees(error, '')}",
                 f"bus {bus.in_short}",
                 f"{temperatures or '-'} °C",
             )
@@ -134,13 +117,14 @@ class RunMonitorNode(Node):
         counted = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
         if not bus.statistics.connected:
             counted += ", the adapter has gone"
-        if not self.statistics.count:
+        statistics = None if self._judge is None else self._judge.statistics
+        if statistics is None or not statistics.count:
             return f"no target was followed; {counted}"
         judge = "measured" if self._sources.true_position is None else "true"
         return (
-            f"tracking error {math.degrees(self.statistics.rms):.2f}° rms, "
-            f"{math.degrees(self.statistics.maximum):.2f}° max by the {judge} servo angles over "
-            f"{self.statistics.count * _SAMPLE_PERIOD:.1f} s; {counted}"
+            f"tracking error {math.degrees(statistics.rms):.2f}° rms, "
+            f"{math.degrees(statistics.maximum):.2f}° max by the {judge} servo angles over "
+            f"{statistics.count * _SAMPLE_PERIOD:.1f} s; {counted}"
         )
 
 

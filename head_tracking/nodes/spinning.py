@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -136,6 +137,15 @@ class NodeThreads:
         finally:
             executor.remove_node(node)
             executor.shutdown()
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> None:
+    """Calls back after each period [s] of a clock that runs whatever happens to the node's.
+
+    A timer on the node's own clock waits for hours when that is set back by hours, and for ever
+    while nobody publishes /clock.
+    """
+    node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 
 from head_tracking.nodes.conversions import target_from_message, target_message
 from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
@@ -120,7 +120,7 @@ class TargetMuxNode(Node):
                     "topic of its own"
                 )
             self.create_subscription(_MESSAGES[p.type], p.topic, self._receiver(name), 10)
-        self.create_timer(1.0 / wiring.rate, self._step)
+        steady_timer(self, 1.0 / wiring.rate, self._step)
 
     @property
     def _now(self) -> float:

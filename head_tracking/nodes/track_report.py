@@ -29,7 +29,7 @@ from head_tracking.parameters import parameter
 from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
-from head_tracking.transforms import RobotModelError, TransformException
+from head_tracking.transforms import RobotModelError
 
 _PATIENCE = 10.0  # s for the robot's model to come
 
@@ -64,11 +64,7 @@ class TrackReportNode(Node):
         if self.head is None or self._placer is None:
             return
         target = target_from_message(message)
-        try:
-            self._placer.offer(target, self._now)
-        except TransformException as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=2.0)
-            return
+        self._placer.offer(target, self._now)
         self._came[target.stamp] = self._now
         self.place()
 
@@ -88,11 +84,12 @@ class TrackReportNode(Node):
         """Notes the targets that can be placed by now."""
         if self._placer is None:
             return
-        try:
-            placed = self._placer.place(self._now, {})
-        except TransformException as error:
-            self.get_logger().warning(f"target left out: {error}", throttle_duration_sec=2.0)
-            return
+        placed = self._placer.place(self._now, {})
+        refusal = self._placer.take_refusal()
+        if refusal is not None:
+            self.get_logger().warning(
+                f"target {refusal.target} left out: {refusal.reason}", throttle_duration_sec=2.0
+            )
         for target, point in placed:
             came = self._came.pop(target.stamp, self._now)
             stamp = target.stamp * 1e-9 if target.stamp else came

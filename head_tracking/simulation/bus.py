@@ -14,6 +14,7 @@ from head_tracking.dynamixel.protocol import (
     Packet,
     PacketParser,
     Status,
+    decode_packet,
     encode_packet,
     encode_status,
     joint_status,
@@ -141,9 +142,12 @@ class SimulatedBus:
         if self._faults is not None:
             data, more = self._faults.request(self, data, now)
             answers += more
+        if not data:
+            return answers
         for protocol, parser in self._parsers.items():
             begun = parser.pending > 0
-            found = parser.feed(data, now)
+            whole = None if begun else decode_packet(protocol, data)
+            found = parser.feed(data, now) if whole is None else [whole]
             for packet in _not_swallowed(found, protocol, data) if begun else found:
                 hearers = [
                     servo

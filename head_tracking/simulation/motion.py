@@ -433,7 +433,8 @@ class Drive:
                         else:
                             reference += step
                         lead = ccw_margin + ccw_slope if goal > angle else cw_margin + cw_slope
-                        reference = max(angle - lead, min(angle + lead, reference))
+                        if not -lead <= reference - angle <= lead:
+                            reference = max(angle - lead, min(angle + lead, reference))
                     error = reference - angle
                     if error > 0.0:
                         excess, slope = error - ccw_margin, ccw_slope
@@ -444,10 +445,13 @@ class Drive:
                         output = punch + excess / slope * (1.0 - punch)
                         if error < 0.0:
                             output = -output
-                        output = max(-limit, min(limit, output - damping * (speed - pace)))
+                        output -= damping * (speed - pace)
+                        if not -limit <= output <= limit:
+                            output = max(-limit, min(limit, output))
                     if governed and 0.0 < velocity < abs(speed):
                         output -= math.copysign((abs(speed) - velocity) * _GOVERNOR, speed)
-                        output = max(-limit, min(limit, output))
+                        if not -limit <= output <= limit:
+                            output = max(-limit, min(limit, output))
                 torque += output * voltage * stall
             if speed != 0.0 or abs(torque) > stiction:
                 moved = (speed + torque * rate) / slowing

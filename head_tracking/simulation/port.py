@@ -364,8 +364,8 @@ class SimulatedPort:
 class SimulatedJoints:
     """The servos of a configuration, simulated: a port to open, and the truth about the joints.
 
-    They stand at position 0 at first. A context manager. Two servos on one joint turn each for
-    itself: no shaft joins them.
+    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos
+    on one joint turn each for itself: no shaft joins them.
 
     Attributes:
         port: the port of the bus that they share.
@@ -373,11 +373,12 @@ class SimulatedJoints:
 
     def __init__(self, joints: Iterable[JointConfiguration]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
-        self.port = SimulatedPort(
+        servos = [
             SimulatedServo(mount.id, mount.model, position=mount.init)
             for joint in self._joints.values()
             for mount in joint.calibrations
-        )
+        ]
+        self.port = SimulatedPort(servos, paced=True)
 
     @property
     def port_name(self) -> str:

@@ -7,6 +7,7 @@ gains, indirect addresses, bus watchdog.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from enum import Enum
@@ -87,7 +88,7 @@ def firmware_table(model: ServoModel, firmware: int) -> ControlTable:
     return table if len(registers) == len(table) else ControlTable(table.name, tuple(registers))
 
 
-class Registers:
+class Registers(ABC):
     """The bytes of a control table, with the checks a servo makes before it takes new values.
 
     What the registers mean for the motion is told by the two kinds of them, `JointRegisters` and
@@ -218,41 +219,43 @@ class Registers:
     # What they mean
 
     @property
+    @abstractmethod
     def goal_speed(self) -> int:
         """The speed at which a goal is approached, or at which the servo turns, in its counts."""
-        raise NotImplementedError
 
+    @abstractmethod
     def start(self, ticks: float) -> None:
         """Set what power-on sets, with the shaft at a tick."""
-        raise NotImplementedError
 
+    @abstractmethod
     def settings(self) -> DriveSettings:
         """Return what the control loop must know."""
-        raise NotImplementedError
 
+    @abstractmethod
     def ticks(self, angle: float) -> float:
         """Return the position of the shaft at an angle, rad, as the servo counts it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """Return why another register forbids a value."""
-        raise NotImplementedError
 
+    @abstractmethod
     def stiffens(self, names: Collection[str]) -> bool:
         """Return whether a write of these registers may switch torque on."""
-        raise NotImplementedError
 
+    @abstractmethod
     def written(self, before: Mapping[str, int], drive: Drive) -> None:
         """Do what a write does besides; `before` has the old values of what was written."""
 
+    @abstractmethod
     def measure(self, drive: Drive, noise: float) -> None:
         """Take over what the servo measures; `noise` is the encoder's, ticks."""
-        raise NotImplementedError
 
+    @abstractmethod
     def shut_down(self) -> bool:
         """Switch off because of an error; return whether something was on."""
-        raise NotImplementedError
 
+    @abstractmethod
     def fold(self, drive: Drive) -> None:
         """Count the present position within one turn from now on, where turns are counted."""
 
@@ -333,6 +336,12 @@ class JointRegisters(Registers):
         self["Moving"] = int(drive.moving)
         if "Current" in self:
             self["Current"] = 2048 + round(sign * drive.current * _STALL)
+
+    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+        """See `Registers`: nothing."""
+
+    def fold(self, drive: Drive) -> None:
+        """See `Registers`: nothing."""
 
     def shut_down(self) -> bool:
         """See `Registers`: protocol 1.0 takes the torque limit away, XL-320 switches off."""

@@ -476,9 +476,9 @@ class SimulatedServo:
         if any(registers[name] != value for name, value in before.items()):
             registers.written(before, self._drive)
             self._configure()
-        written = (registers.table[name] for name in changes)
-        slow = sum(register.size for register in written if register.memory is Memory.EEPROM)
-        if slow:
+        if self._eeprom_time:
+            written = (registers.table[name] for name in changes)
+            slow = sum(register.size for register in written if register.memory is Memory.EEPROM)
             self._be_deaf(slow * self._eeprom_time)
         if self.write_log is not None:
             self.write_log.note(self._now, self.id, registers, before)

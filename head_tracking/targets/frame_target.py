@@ -76,6 +76,11 @@ class FrameTarget:
         if stamp == LATEST:
             return Target(now, p.reference_frame, (x, y, z))
         age = (now - stamp) * 1e-9
+        if age < -p.max_age:
+            raise StaleFrameError(
+                f"the newest transform of {frame} lies {-age:.1f} s in the future: the clocks of "
+                "its sender and of this machine differ, or the clock has jumped back"
+            )
         if age > p.max_age:
             raise StaleFrameError(
                 f"the newest transform of {frame} is {age:.1f} s old; up to {p.max_age:g} s is "

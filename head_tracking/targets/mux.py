@@ -104,7 +104,8 @@ class TargetMux:
         return self._selected
 
     def _fresh(self, name: str, now: float) -> bool:
-        return now - self._last[name] <= self.sources[name].timeout
+        # (what lies in the future came before the clock jumped back)
+        return 0.0 <= now - self._last[name] <= self.sources[name].timeout
 
     def _priority(self, name: str) -> int:
         return self.sources[name].priority

@@ -5,9 +5,37 @@ from head_tracking.tf.broadcaster import (
     TransformBroadcaster,
     broadcasting_possible,
 )
-from head_tracking.tf.buffer import Buffer
-from head_tracking.tf.listener import TransformListener, listening_buffer
-from head_tracking.tf.transformable import TypeException
+from head_tracking.tf.buffer import Buffer, BufferCore
+from head_tracking.tf.buffer_action import BufferClient, BufferServer
+from head_tracking.tf.buffer_interface import (
+    BufferInterface,
+    ConvertRegistration,
+    NotImplementedException,
+    Stamped,
+    TransformRegistration,
+    TypeException,
+    convert,
+)
+from head_tracking.tf.do_transform import (
+    do_transform_cloud,
+    do_transform_point,
+    do_transform_polygon_stamped,
+    do_transform_pose,
+    do_transform_pose_stamped,
+    do_transform_pose_with_covariance_stamped,
+    do_transform_vector3,
+    from_msg_msg,
+    to_msg_msg,
+    transform_covariance,
+    transform_points,
+)
+from head_tracking.tf.listener import (
+    DEFAULT_STATIC_TF_TOPIC,
+    DEFAULT_TF_TOPIC,
+    StaticTransformListener,
+    TransformListener,
+    listening_buffer,
+)
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -18,17 +46,40 @@ from head_tracking.transforms.exceptions import (
 )
 
 __all__ = [
+    "DEFAULT_STATIC_TF_TOPIC",
+    "DEFAULT_TF_TOPIC",
     "Buffer",
+    "BufferClient",
+    "BufferCore",
+    "BufferInterface",
+    "BufferServer",
     "ConnectivityException",
+    "ConvertRegistration",
     "ExtrapolationException",
     "InvalidArgumentException",
     "LookupException",
+    "NotImplementedException",
+    "Stamped",
     "StaticTransformBroadcaster",
+    "StaticTransformListener",
     "TimeoutException",
     "TransformBroadcaster",
     "TransformException",
     "TransformListener",
+    "TransformRegistration",
     "TypeException",
     "broadcasting_possible",
+    "convert",
+    "do_transform_cloud",
+    "do_transform_point",
+    "do_transform_polygon_stamped",
+    "do_transform_pose",
+    "do_transform_pose_stamped",
+    "do_transform_pose_with_covariance_stamped",
+    "do_transform_vector3",
+    "from_msg_msg",
     "listening_buffer",
+    "to_msg_msg",
+    "transform_covariance",
+    "transform_points",
 ]

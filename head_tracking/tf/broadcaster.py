@@ -7,9 +7,10 @@ from typing import TypeAlias
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
-from head_tracking.tf.qos import TF, TF_STATIC
-from head_tracking.tf.tf2_messages import TFMessage
+from head_tracking.tf.qos import LATCHED, TF
+from head_tracking.tf.tf2_messages import TFMessage, require_tf2_msgs
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]
 
@@ -22,44 +23,50 @@ def broadcasting_possible() -> bool:
 class TransformBroadcaster:
     """Sends measured transforms.
 
+    Args:
+        node: sends.
+        qos: of `/tf`.
+
     Raises:
         ImportError: tf2_msgs is not installed.
     """
 
-    def __init__(self, node: Node) -> None:
-        _require_tf2_msgs()
-        self._publisher = node.create_publisher(TFMessage, "/tf", TF)
+    def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
+        require_tf2_msgs()
+        self.pub_tf = node.create_publisher(TFMessage, "/tf", TF if qos is None else qos)
 
-    def sendTransform(self, transforms: Transforms) -> None:
+    def sendTransform(self, transform: Transforms) -> None:
         """Sends one transform or several."""
-        self._publisher.publish(TFMessage(transforms=_listed(transforms)))
+        self.pub_tf.publish(TFMessage(transforms=_listed(transform)))
 
 
 class StaticTransformBroadcaster:
     """Sends transforms that never change; who comes later gets all of them.
 
+    Args:
+        node: sends.
+        qos: of `/tf_static`.
+
     Raises:
         ImportError: tf2_msgs is not installed.
     """
 
-    def __init__(self, node: Node) -> None:
-        _require_tf2_msgs()
-        self._publisher = node.create_publisher(TFMessage, "/tf_static", TF_STATIC)
+    def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
+        require_tf2_msgs()
+        self.pub_tf = node.create_publisher(
+            TFMessage, "/tf_static", LATCHED if qos is None else qos
+        )
         self._sent: dict[str, TransformStamped] = {}
 
-    def sendTransform(self, transforms: Transforms) -> None:
+    def sendTransform(self, transform: Transforms) -> None:
         """Sends one transform or several, with all those sent before."""
-        self._sent |= {transform.child_frame_id: transform for transform in _listed(transforms)}
-        self._publisher.publish(TFMessage(transforms=list(self._sent.values())))
+        self._sent |= {sent.child_frame_id: sent for sent in _listed(transform)}
+        self.pub_tf.publish(TFMessage(transforms=list(self._sent.values())))
+
+    def forget(self) -> None:
+        """The transforms sent so far are not sent again, as after another robot model."""
+        self._sent.clear()
 
 
 def _listed(transforms: Transforms) -> list[TransformStamped]:
     return [transforms] if isinstance(transforms, TransformStamped) else list(transforms)
-
-
-def _require_tf2_msgs() -> None:
-    if not broadcasting_possible():
-        raise ImportError(
-            "tf2_msgs is not installed, so nothing can be sent on /tf; it comes with a ROS 2 "
-            "installation (ros-jazzy-tf2-msgs)"
-        )

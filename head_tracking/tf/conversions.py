@@ -17,7 +17,8 @@ def stamp_to_ns(stamp: TimeMsg | Time) -> int:
     """Nanoseconds of a message's stamp or of an rclpy time."""
     if isinstance(stamp, TimeMsg):
         return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-    return int(stamp.nanoseconds)
+    nanoseconds: int = stamp.nanoseconds
+    return nanoseconds
 
 
 def ns_to_stamp(nanoseconds: int) -> TimeMsg:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import threading
+import time
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,8 +25,17 @@ from head_tracking.tf.tf2_messages import TFMessage
 from head_tracking.transforms import (
     InvalidArgumentException,
     RobotModelError,
+    TransformBuffer,
     parse_robot_model,
 )
+
+DEFAULT_TF_TOPIC = "/tf"
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
+
+CLOCK_JUMP = 1_000_000_000
+"""Joint states farther back than this [ns] are late, or their clock jumped."""
+PATIENCE = 2.0
+"""So long is a callback waited for when the program ends [s]."""
 
 
 class TransformListener:
@@ -31,9 +45,9 @@ class TransformListener:
     or stored per frame. A bad message is reported and changes nothing.
 
     Args:
-        buffer: to be fed.
+        buffer: to be fed; one that is not this package's, tf2_ros's for example, gets `/tf` only.
         node: listens; its executor must spin. None: a node of its own in a thread of its own.
-        spin_thread: listen in a thread of its own, however `node` spins.
+        spin_thread: spin the node in a thread of its own, with all of its callbacks.
         qos: of `/tf`.
         static_qos: of `/tf_static`.
         tf_topic: instead of `/tf`.
@@ -41,6 +55,10 @@ class TransformListener:
         static_only: listen on `/tf_static` only.
         frame_prefix: put before the names of the robot's links.
         on_joints: called with every message of `joint_states` that the buffer has taken.
+
+    Attributes:
+        tf_sub: the subscription of `/tf`; tf_static_sub: that of `/tf_static`.
+        executor: what spins the node, and dedicated_listener_thread: where, if this is asked for.
     """
 
     def __init__(
@@ -51,8 +69,8 @@ class TransformListener:
         spin_thread: bool = False,
         qos: QoSProfile | int | None = None,
         static_qos: QoSProfile | int | None = None,
-        tf_topic: str = "/tf",
-        tf_static_topic: str = "/tf_static",
+        tf_topic: str = DEFAULT_TF_TOPIC,
+        tf_static_topic: str = DEFAULT_STATIC_TF_TOPIC,
         static_only: bool = False,
         frame_prefix: str = "",
         on_joints: Callable[[JointState], object] = lambda _: None,
@@ -60,52 +78,66 @@ class TransformListener:
         self.buffer = buffer
         self._prefix = frame_prefix
         self._joints_taken = on_joints
-        self._thread: threading.Thread | None = None
-        self._stopped = threading.Event()
-        self.node = _own_node(self, node) if node is None or spin_thread else node
+        self._newest = 0
+        self._own_node = node is None
+        self.node = node or _own_node(self)
         self._log = self.node.get_logger()
         # waiting for a transform in one callback must not keep the others from bringing it
-        group = ReentrantCallbackGroup()
-        wanted = []
-        if not static_only:
-            wanted += [
-                (String, "robot_description", self._on_description, LATCHED),
-                (JointState, "joint_states", self._on_joints, MEASUREMENT),
-            ]
+        self.group = ReentrantCallbackGroup()
+        self._subscriptions: list[Any] = []
+        core = getattr(buffer, "core", None)
+        if isinstance(core, TransformBuffer) and not static_only:
+            self._core = core
+            self._listen(String, "robot_description", self._on_description, LATCHED)
+            self._listen(JointState, "joint_states", self._on_joints, MEASUREMENT)
         if TFMessage is not None:
-            wanted.append((TFMessage, tf_static_topic, self._on_static, static_qos or TF_STATIC))
             if not static_only:
-                wanted.append((TFMessage, tf_topic, self._on_transforms, qos or TF))
-        self._subscriptions = [
-            self.node.create_subscription(kind, topic, callback, profile, callback_group=group)
-            for kind, topic, callback, profile in wanted
-        ]
-        if self.node is not node:
-            self._thread = threading.Thread(
+                self.tf_sub = self._listen(TFMessage, tf_topic, self.callback, qos or TF)
+            self.tf_static_sub = self._listen(
+                TFMessage, tf_static_topic, self.static_callback, static_qos or TF_STATIC
+            )
+        self._clock_watch = _watch_clock(self.node)
+        self.dedicated_listener_thread: threading.Thread | None = None
+        if spin_thread or self._own_node:
+            self._stopped = threading.Event()
+            self.executor = SingleThreadedExecutor(context=self.node.context)
+            self.executor.add_node(self.node)
+            self.dedicated_listener_thread = threading.Thread(
                 target=self._spin, name="transform listener", daemon=True
             )
-            self._thread.start()
+            self.dedicated_listener_thread.start()
+            # a thread inside rclpy when the interpreter goes would abort the process
+            atexit.register(self._stop)
 
     def unregister(self) -> None:
         """Stops listening."""
-        self._stopped.set()
-        if self._thread is not None:
-            self._thread.join()
+        self._stop()
         for subscription in self._subscriptions:
             self.node.destroy_subscription(subscription)
-        self._subscriptions = []
-        if self._thread is not None:
+        self._subscriptions.clear()
+        if self._clock_watch is not None:
+            self.node.destroy_timer(self._clock_watch)
+            self._clock_watch = None
+        if self._own_node:
             self.node.destroy_node()
 
-    def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self.node.context)
-        executor.add_node(self.node)
-        while not self._stopped.is_set() and self.node.context.ok():
-            executor.spin_once(timeout_sec=0.1)
-        executor.shutdown()
+    def callback(self, data: Any) -> None:
+        """Takes a message of `/tf`."""
+        self._take("/tf", data, self.buffer.set_transform)
+
+    def static_callback(self, data: Any) -> None:
+        """Takes a message of `/tf_static`."""
+        self._take("/tf_static", data, self.buffer.set_transform_static)
+
+    def _take(self, topic: str, data: Any, put: Callable[[Any, str], object]) -> None:
+        for transform in data.transforms:
+            try:
+                put(transform, "default_authority")
+            except InvalidArgumentException as error:
+                self._log.error(f"{topic}: {error}", throttle_duration_sec=1.0)
 
     def _on_description(self, message: String) -> None:
-        model = self.buffer.core.model
+        model = self._core.model
         if model is not None and model.urdf == message.data:
             return
         try:
@@ -113,32 +145,76 @@ class TransformListener:
         except RobotModelError as error:
             self._log.error(f"robot_description is not used: {error}")
             return
-        self.buffer.core.set_model(model.prefixed(self._prefix))
+        self._core.set_model(model.prefixed(self._prefix))
 
     def _on_joints(self, message: JointState) -> None:
+        names, positions = message.name, message.position
+        if len(names) != len(positions):
+            if positions:
+                self._log.error(
+                    f"joint_states: {len(names)} names and {len(positions)} positions; there must "
+                    "be one position for each name",
+                    throttle_duration_sec=1.0,
+                )
+            return
+        stamp = stamp_to_ns(message.header.stamp)
+        if stamp < self._newest - CLOCK_JUMP:
+            self._start_anew(stamp)
+        self._newest = max(stamp, self._newest)
         try:
-            self.buffer.core.set_joint_positions(
-                stamp_to_ns(message.header.stamp),
-                dict(zip(message.name, message.position, strict=False)),
-            )
+            self._core.set_joint_positions(stamp, dict(zip(names, positions, strict=True)))
         except InvalidArgumentException as error:
             self._log.error(f"joint_states: {error}", throttle_duration_sec=1.0)
         else:
             self._joints_taken(message)
 
-    def _on_transforms(self, message: TFMessage) -> None:
-        for transform in message.transforms:
-            try:
-                self.buffer.set_transform(transform)
-            except InvalidArgumentException as error:
-                self._log.error(f"/tf: {error}", throttle_duration_sec=1.0)
+    def _start_anew(self, stamp: int) -> None:
+        """Forgets what a clock stamped that has jumped back since; not for a late message."""
+        if self.node.get_clock().now().nanoseconds < self._newest:
+            self._log.warning("time jumped back: the transform buffer is cleared")
+            self._core.clear()
+            self._newest = stamp
 
-    def _on_static(self, message: TFMessage) -> None:
-        for transform in message.transforms:
+    def _listen(
+        self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile | int
+    ) -> Any:
+        subscription = self.node.create_subscription(
+            kind, topic, callback, qos, callback_group=self.group
+        )
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def _spin(self) -> None:
+        while not self._stopped.is_set() and self.node.context.ok():
             try:
-                self.buffer.set_transform_static(transform)
-            except InvalidArgumentException as error:
-                self._log.error(f"/tf_static: {error}", throttle_duration_sec=1.0)
+                self.executor.spin_once(timeout_sec=0.1)
+            except Exception as error:  # whatever a callback of the node's owner may raise
+                if not self._stopped.is_set() and self.node.context.ok():
+                    self._log.error(f"a callback of {self.node.get_name()} failed: {error!r}")
+                    time.sleep(0.01)
+
+    def _stop(self) -> None:
+        """Ends the thread; at the end of the program however it ends."""
+        thread = self.dedicated_listener_thread
+        if thread is None or thread is threading.current_thread() or self._stopped.is_set():
+            return
+        atexit.unregister(self._stop)
+        self._stopped.set()
+        self.executor.wake()
+        deadline = time.monotonic() + PATIENCE
+        while thread.is_alive() and (left := deadline - time.monotonic()) > 0.0:
+            with contextlib.suppress(KeyboardInterrupt):  # an impatient second Ctrl-C
+                thread.join(left)
+        if not thread.is_alive():
+            self.executor.remove_node(self.node)
+            self.executor.shutdown()
+
+
+class StaticTransformListener(TransformListener):
+    """Listens on `/tf_static` only; else as `TransformListener`."""
+
+    def __init__(self, buffer: Buffer, node: Node | None = None, **options: Any) -> None:
+        super().__init__(buffer, node, static_only=True, **options)
 
 
 def listening_buffer(node: Node) -> Buffer:
@@ -148,13 +224,29 @@ def listening_buffer(node: Node) -> Buffer:
     return buffer
 
 
-def _own_node(listener: TransformListener, node: Node | None) -> Node:
+def _own_node(listener: TransformListener) -> Node:
     return Node(
         f"transform_listener_impl_{id(listener):x}",
-        namespace=None if node is None else node.get_namespace(),
-        context=None if node is None else node.context,
         enable_rosout=False,
         start_parameter_services=False,
-        use_global_arguments=False,
         parameter_overrides=[Parameter("use_sim_time", value=False)],
     )
+
+
+def _watch_clock(node: Node) -> Any:
+    """Says so if a node takes the time from /clock and nobody sends it: nothing would ever move."""
+    clock = node.get_clock()
+    if not clock.ros_time_is_active:
+        return None
+
+    def look() -> None:
+        if clock.now().nanoseconds:
+            watch.cancel()
+        else:
+            node.get_logger().warning(
+                "use_sim_time is set, and there is no time on /clock yet: time stands still and "
+                "nothing moves; start what sends /clock, or set use_sim_time to false"
+            )
+
+    watch = node.create_timer(5.0, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return watch

@@ -1,7 +1,13 @@
 """Following a moving target: estimate it, place it, turn the head to it, and lose it."""
 
-from head_tracking.tracking.error_statistics import ErrorStatistics
-from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
+from head_tracking.tracking.clock_watch import ClockWatch
+from head_tracking.tracking.error_statistics import ErrorStatistics, TrackingJudge
+from head_tracking.tracking.estimator import (
+    EstimatorParameters,
+    TargetEstimate,
+    TargetEstimator,
+    Verdict,
+)
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.law import JointReading, TrackingLaw
 from head_tracking.tracking.law_parameters import (
@@ -11,32 +17,36 @@ from head_tracking.tracking.law_parameters import (
     SpeedLimits,
 )
 from head_tracking.tracking.laws import LAWS
-from head_tracking.tracking.life_cycle import LifeCycle, LifeCycleParameters, TargetState
 from head_tracking.tracking.position_law import PositionLaw
 from head_tracking.tracking.predictive_law import PredictiveLaw
 from head_tracking.tracking.recording import Recording, Sample
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.speed_law import SpeedLaw
-from head_tracking.tracking.target import Target, TargetPlacer
-from head_tracking.tracking.target_estimate import TargetEstimate
+from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
+from head_tracking.tracking.target_state import (
+    TargetState,
+    TargetStateMachine,
+    TargetStateParameters,
+)
 from head_tracking.tracking.track_record import TrackRecord
 from head_tracking.tracking.tracker import Delays, Tracker, TrackingStep
 
 __all__ = [
     "LAWS",
+    "ClockWatch",
     "Delays",
     "ErrorStatistics",
     "EstimatorParameters",
     "FictitiousTarget",
     "FictitiousTargetParameters",
+    "HeadBase",
     "JointReading",
     "LawParameters",
-    "LifeCycle",
-    "LifeCycleParameters",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
     "Recording",
+    "Refusal",
     "Sample",
     "SpeedLaw",
     "SpeedLawParameters",
@@ -46,8 +56,11 @@ __all__ = [
     "TargetEstimator",
     "TargetPlacer",
     "TargetState",
+    "TargetStateMachine",
+    "TargetStateParameters",
     "TrackRecord",
     "Tracker",
+    "TrackingJudge",
     "TrackingLaw",
     "TrackingStep",
     "Verdict",

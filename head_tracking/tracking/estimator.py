@@ -1,4 +1,4 @@
-"""Where the target is and how it moves, from stamped points that come as they please."""
+"""Where the target is and how it moves, from stamped sights that come as they please."""
 
 from __future__ import annotations
 
@@ -9,30 +9,28 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-import numpy as np
-
+from head_tracking.gaze import Sight
 from head_tracking.parameters import parameter
-from head_tracking.tracking.motion_filter import AGILITIES, THE_RESTLESS, Array, Bank
-from head_tracking.tracking.swing_rate import SwingRate
-from head_tracking.tracking.target_estimate import Coordinate, TargetEstimate
-from head_tracking.transforms import Vector3
+from head_tracking.tracking.multiple_model import Bearing, Gains, Motion
 
-# A new target is expected to be calm until it shows that it is not.
-_FIRST_SCORES: Array = np.array((1.0, 3.0, 10.0, 4.0, 10.0))
-
-_SWINGS = THE_RESTLESS + 1  # the first filter that swings
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
-_MEMORY = 0.5  # s; over which the filters are judged
-_SHARPNESS = 2  # how strongly the better filter wins
 _USUAL_NOISE = 0.003  # rad; until the points have shown their own
-_FINEST = 1e-6  # rad; noise below this is rounding
-_ALARM = 0.15  # s; how long a filter stays doubted
-_OUTLIER = 3.0  # standard deviations
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FASTEST = 3.0  # rad/s; a target that has jumped must hold together like this to be believed
 _DEVIATIONS = 3.0
+_OUTLIER = 6.0  # standard deviations; of a point farther off only so much is taken at first
+_KNOWN = 8  # points after which a target is known well enough for that
 _SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
 _TRUST = 1.3  # of the horizon
+
+_FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
+_LEAST_RANGE_NOISE = 1e-3
+_FIRST_RANGE_RATE = 1.0  # 1/s
+_RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
+_RANGE_MEMORY = 1.0  # s; over which the noise is learned
+_RANGE_OUTLIER = 9.0  # variances
+_NEAREST = 0.3  # of the distance; so near a walker is taken to come
+_FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
 
 class Verdict(StrEnum):
@@ -43,6 +41,7 @@ class Verdict(StrEnum):
     JUMP = "the target seems to have jumped; the next points will tell"
     DOUBLED = "the point has come before"
     TOO_OLD = "the point is too old"
+    TOO_CLOSE = "the point is too close: no turn of the head brings it before the camera"
     IGNORED = "tracking is switched off"
     FUTURE = "the point lies in the future; the clocks of its sender and of this machine differ"
 
@@ -80,38 +79,167 @@ class EstimatorParameters:
     )
 
 
-class _Snapshot(NamedTuple):
-    """All filters after a point; c coordinates, f filters.
+class Range(NamedTuple):
+    """The distance of the target: a Kalman filter of its logarithm, which learns its noise.
 
     Attributes:
-        bank: the filters.
-        swing: how fast the coordinates swing.
-        scores: mean squared error of each filter's predictions, shape (c, f) [m^2].
-        variance: of the points, as the restless filter sees them, shape (c,)
-            [m^2].
-        surprise: of each filter at the point, in standard deviations, shape (c, f).
-        alarm: how strongly each filter is to be doubted, shape (c, f).
-        weights: of the filters, the better ones counting more, shape (c, f).
+        log: of the distance in m.
+        rate: its change [1/s].
+        covariance: of both: pp, pv, vv.
+        variance: of the measured logarithms.
     """
 
-    bank: Bank
-    swing: SwingRate
-    scores: Array
-    variance: Array
-    surprise: Array
-    alarm: Array
-    weights: Array
+    log: float
+    rate: float
+    covariance: tuple[float, float, float]
+    variance: float
+
+    @staticmethod
+    def seen_once(distance: float) -> Range:
+        """After one point [m]."""
+        noise = _FIRST_RANGE_NOISE**2
+        return Range(math.log(distance), 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
+
+    def after(self, dt: float, distance: float, turning: float) -> Range:
+        """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
+        pp, pv, vv = self.covariance
+        pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
+        pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
+        vv += _RANGE_ACCELERATION * dt
+        away, aside = max(1.0 + self.rate * dt, _NEAREST), turning * dt
+        square = away * away + aside * aside
+        log = self.log + 0.5 * math.log(square)
+        rate = (self.rate * away + turning * aside) / square
+        off = math.log(distance) - log
+        expected = pp + self.variance
+        unexpected = min(off * off / expected, _RANGE_OUTLIER)
+        share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
+        variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
+        if unexpected == _RANGE_OUTLIER:
+            return Range(log, rate, (pp, pv, vv), variance)
+        k, by_rate = pp / expected, pv / expected
+        left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
+        return Range(log + k * off, rate + by_rate * off, left, variance)
+
+    @property
+    def receding(self) -> float:
+        """The change of the logarithm [1/s] as far as it can be told from noise."""
+        square = self.rate * self.rate
+        return self.rate * max(0.0, 1.0 - self.covariance[2] / square) if square else 0.0
+
+    def distance(self, dt: float) -> float:
+        """The distance [m] a time `dt` [s] later."""
+        change = min(max(self.rate * dt, -_FARTHEST), _FARTHEST)
+        return math.exp(self.log + change)
+
+
+@dataclass(frozen=True, slots=True)
+class TargetEstimate:
+    """A target that moves on for a while as it last moved, and then comes to a stop.
+
+    Attributes:
+        stamp: time of the newest point [s].
+        sight: the newest point as it was measured.
+        motions: of pan and tilt, that look at the target, at `stamp`.
+        range: its distance at `stamp`.
+        noise: standard deviations of the points in pan and tilt [rad].
+        certainty: variances of pan and tilt and of their velocities at `stamp` [rad^2].
+        errors: mean squared errors of predictions over `horizon`, points' noise taken off [rad^2].
+        horizon: the time over which these predictions went [s].
+        trust: the time [s] over which the motion is believed.
+        timeout: the target is taken to have come to a stop so long [s] after `stamp`.
+    """
+
+    stamp: float
+    sight: Sight
+    motions: tuple[Motion, Motion]
+    range: Range
+    noise: tuple[float, float]
+    certainty: tuple[tuple[float, float], tuple[float, float]]
+    errors: tuple[float, float]
+    horizon: float
+    trust: float
+    timeout: float
+
+    def age(self, now: float) -> float:
+        """How long ago the newest point was measured [s]."""
+        return now - self.stamp
+
+    def bearing(self, time: float) -> tuple[float, float]:
+        """Pan and tilt that look at the target [rad] at a time [s], as far as can be told."""
+        (pan, _), (tilt, _) = self._moved(time)
+        return pan, tilt
+
+    def velocity(self, time: float) -> tuple[float, float]:
+        """How pan and tilt that look at the target change [rad/s] at a time [s]."""
+        (_, pan), (_, tilt) = self._moved(time)
+        return pan, tilt
+
+    def sight_at(self, time: float) -> Sight:
+        """Where the target is at a time [s], as far as can be told."""
+        (pan, _), (tilt, _) = self._moved(time)
+        return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.trust)))
+
+    def towards(self, time: float, sight: Sight, share: float) -> Sight:
+        """A share of the way from where the target should be at a time [s] to where it is seen."""
+        pan, tilt, distance = self.sight_at(time)
+        return Sight(
+            pan + share * (sight.pan - pan),
+            tilt + share * (sight.tilt - tilt),
+            distance + share * (sight.distance - distance),
+        )
+
+    def deviation(self, joint: int, time: float) -> float:
+        """Standard deviation of that pan (0) or tilt (1) [rad] at a time [s].
+
+        What the models say at the newest point, and what predictions have missed by, which grows
+        with the time ahead.
+        """
+        here = self.certainty[joint][0]
+        ahead = (time - self.stamp) / self.horizon
+        return math.sqrt(here + max(self.errors[joint] - here, 0.0) * ahead * ahead)
+
+    def speed_deviation(self, joint: int) -> float:
+        """Standard deviation of the velocity of pan (0) or tilt (1) at `stamp` [rad/s]."""
+        return math.sqrt(self.certainty[joint][1])
+
+    def _moved(self, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        ahead = time - self.stamp
+        if ahead <= self.trust:
+            pan, tilt = self.motions
+            return pan.after(ahead), tilt.after(ahead)
+        fading = max(self.timeout - self.trust, 1e-3)
+        beyond = min(ahead - self.trust, fading)
+        way = beyond - 0.5 * beyond * beyond / fading  # the speed falls linearly to 0
+        left = 1.0 - beyond / fading
+        (x, u), (y, v) = (motion.after(self.trust) for motion in self.motions)
+        return (x + way * u, left * u), (y + way * v, left * v)
+
+
+class _Snapshot(NamedTuple):
+    """What is known after a point."""
+
+    gains: Gains
+    bearings: tuple[Bearing, Bearing]
+    range: Range
+
+
+class _Suspect(NamedTuple):
+    """A point far from where the target should be, of which a part was taken for the time being."""
+
+    stamp: float
+    sight: Sight
+    before: TargetEstimate
 
 
 class TargetEstimator:
-    """A bank of Kalman filters, mixed by how well each one predicts.
+    """Estimates pan and tilt that look at the target, and its distance, each by itself.
 
-    Every filter is judged by its predictions over the time by which predictions are needed, so
-    that a calm target gets a calm estimate and a wild one a quick one, whatever the noise. Points
-    that come late are sorted in and what follows them is computed again.
+    A camera measures bearings well and distances badly; so the noise of the one never gets into
+    the others, and the estimate is as good in one direction as in another. Sights that come late
+    are sorted in and what follows them is computed again.
 
-    Times are in seconds on any clock; points are in one frame that stands still, shape (3,) [m],
-    with the head near its origin.
+    Times are in seconds on any clock.
 
     Attributes:
         parameters: may change at any time.
@@ -122,9 +250,13 @@ class TargetEstimator:
         self.parameters = parameters
         self.horizon = 0.1
         self._stamps: list[float] = []
-        self._points: list[Array] = []
+        self._sights: list[Sight] = []
+        self._pans: list[float] = []
+        self._tilts: list[float] = []
         self._snapshots: list[_Snapshot] = []
-        self._jumped: list[tuple[float, Array]] = []
+        self._jumped: list[tuple[float, Sight]] = []
+        self._suspect: _Suspect | None = None
+        self._taken = 0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -137,142 +269,157 @@ class TargetEstimator:
         self._jumped.clear()
         self._restart()
 
-    def add(self, stamp: float, point: Vector3, now: float) -> Verdict:
+    def replay(self, sights: Sequence[tuple[float, Sight]]) -> None:
+        """Forgets the target, and learns it anew from these stamps [s] and sights; in order."""
+        self._restart()
+        for stamp, sight in sights:
+            self._append(stamp, sight)
+        if sights:
+            self._estimate = self._described(-1)
+
+    def add(self, stamp: float, sight: Sight, now: float) -> Verdict:
         """Takes a point.
 
         Args:
             stamp: when the target was there [s].
-            point: shape (3,) [m], finite.
+            sight: pan, tilt and distance; pan may count full turns.
             now: the time [s].
         """
         if stamp > now + _FUTURE:
             return Verdict.FUTURE
         if now - stamp > self.parameters.target_timeout:
             return Verdict.TOO_OLD
-        seen, stamps = np.array(point), self._stamps
+        stamps = self._stamps
         if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
-            return self._start([(stamp, seen)])
+            return self._start([(stamp, sight)])
         index = bisect_right(stamps, stamp)
         if index == 0:
             return Verdict.TOO_OLD
         if stamps[index - 1] == stamp:
             return Verdict.DOUBLED
-        if self._is_jump(index - 1, stamp, seen):
-            return self._consider_jump(stamp, seen)
+        if index < len(stamps):
+            return self._sort_in(index, stamp, sight)
+        self._resolve(stamp, sight)
+        estimate = self._estimate
+        assert estimate is not None
+        away, unlikely = self._off(estimate, stamp, sight)
+        farthest = max(estimate.deviation(joint, stamp) for joint in (0, 1))
+        if away > self.parameters.jump_threshold + _DEVIATIONS * farthest:
+            return self._consider_jump(stamp, sight)
         self._jumped.clear()
-        later = list(zip(stamps[index:], self._points[index:], strict=True))
-        del stamps[index:], self._points[index:], self._snapshots[index:]
-        for each in ((stamp, seen), *later):
+        if unlikely > _OUTLIER and self._taken >= _KNOWN:
+            self._suspect = _Suspect(stamp, sight, estimate)
+            sight = estimate.towards(stamp, sight, _OUTLIER / unlikely)
+        self._append(stamp, sight)
+        self._estimate = self._described(-1)
+        return Verdict.TAKEN
+
+    def _resolve(self, stamp: float, sight: Sight) -> None:
+        """Whether a point far from where the target should be was true: this one tells."""
+        suspect = self._suspect
+        if suspect is None:
+            return
+        self._suspect = None
+        self._cut(len(self._stamps) - 1)
+        if self._off(suspect.before, stamp, sight)[1] > _OUTLIER:
+            self._append(suspect.stamp, suspect.sight)
+        self._estimate = self._described(-1)
+
+    def _sort_in(self, index: int, stamp: float, sight: Sight) -> Verdict:
+        away, _ = self._off(self._described(index - 1), stamp, sight)
+        if away > self.parameters.jump_threshold:
+            return Verdict.JUMP
+        later = list(zip(self._stamps[index:], self._sights[index:], strict=True))
+        self._cut(index)
+        for each in ((stamp, sight), *later):
             self._append(*each)
         self._estimate = self._described(-1)
         return Verdict.TAKEN
 
-    def _restart(self) -> None:
-        self._stamps.clear()
-        self._points.clear()
-        self._snapshots.clear()
-        self._estimate = None
+    def _cut(self, index: int) -> None:
+        """Drops the points from this one on."""
+        del self._stamps[index:], self._sights[index:], self._snapshots[index:]
+        del self._pans[index:], self._tilts[index:]
 
-    def _start(self, points: Sequence[tuple[float, Array]]) -> Verdict:
-        self._restart()
-        for stamp, point in points:
-            self._append(stamp, point)
+    def _restart(self) -> None:
+        self._cut(0)
+        self._suspect = self._estimate = None
+        self._taken = 0
+
+    def _start(self, sights: Sequence[tuple[float, Sight]]) -> Verdict:
+        self.replay(sights)
         self._jumped.clear()
-        self._estimate = self._described(-1)
         return Verdict.NEW_TARGET
 
-    def _append(self, stamp: float, point: Array) -> None:
+    def _append(self, stamp: float, sight: Sight) -> None:
         stamps, snapshots = self._stamps, self._snapshots
-        distance = max(math.hypot(*point), 1e-3)
         stamps.append(stamp)
-        self._points.append(point)
+        self._sights.append(sight)
+        self._pans.append(sight.pan)
+        self._tilts.append(sight.tilt)
+        self._taken += 1
         if not snapshots:
-            variance = np.full(3, (_USUAL_NOISE * distance) ** 2)
-            scores = variance[:, None] * _FIRST_SCORES
-            bank, swing = Bank.seen_once(point), SwingRate.unknown(3)
-            calm = np.zeros_like(scores)
-            weights = _weights(scores, calm)
-            snapshots.append(_Snapshot(bank, swing, scores, variance, calm, calm, weights))
+            gains = Gains.seen_once()
+            pan, tilt = (
+                Bearing.seen_once(angle, _USUAL_NOISE, gains) for angle in (sight.pan, sight.tilt)
+            )
+            snapshots.append(_Snapshot(gains, (pan, tilt), Range.seen_once(sight.distance)))
             return
         before = snapshots[-1]
         dt = stamp - stamps[-2]
-        swing = before.swing.learned(stamps, self._points, before.variance)
-        bank, fits = before.bank.corrected(dt, swing.rate, point)
-        share = 1.0 - math.exp(-dt / _MEMORY)
-        finest = (_FINEST * distance) ** 2
-        errors = self._prediction_errors(stamp, point, swing.rate)
-        scores = before.scores + share * (errors - before.scores) + finest
-        noise = np.minimum(fits[:, THE_RESTLESS] ** 2, _OUTLIER**2 * before.variance)
-        variance = before.variance + share * (noise - before.variance) + finest
-        surprise = fits / np.sqrt(before.variance)[:, None]
-        alarm = _alarmed(before, surprise, dt)
-        weights = _weights(scores, alarm)
-        snapshots.append(_Snapshot(bank, swing, scores, variance, surprise, alarm, weights))
+        index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
+        judged, ahead = snapshots[index].bearings, stamp - stamps[index]
+        gains = before.gains.after(dt)
+        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings))
+        distance = before.range.after(dt, sight.distance, turning)
+        pan, tilt = (
+            bearing.after(stamps, angles, gains, distance.receding, earlier, ahead)
+            for bearing, angles, earlier in zip(
+                before.bearings, (self._pans, self._tilts), judged, strict=True
+            )
+        )
+        snapshots.append(_Snapshot(gains, (pan, tilt), distance))
         if stamps[0] < stamp - _HISTORY:
-            del stamps[0], self._points[0], snapshots[0]
+            del stamps[0], self._sights[0], self._pans[0], self._tilts[0], snapshots[0]
 
-    def _prediction_errors(self, stamp: float, point: Array, swing: Array) -> Array:
-        """By how much each filter missed a point `horizon` before it, squared [m^2]."""
-        index = max(0, bisect_right(self._stamps, stamp - self.horizon) - 1)
-        index = min(index, len(self._snapshots) - 1)
-        expected = self._snapshots[index].bank.positions_after(stamp - self._stamps[index], swing)
-        return np.asarray((expected - point[:, None]) ** 2)
+    @staticmethod
+    def _off(before: TargetEstimate, stamp: float, sight: Sight) -> tuple[float, float]:
+        """How far a point is from where it should be: [rad], and in standard deviations."""
+        pan, tilt = before.bearing(stamp)
+        offs = sight.pan - pan, sight.tilt - tilt
+        likely = [
+            off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
+            for joint, off in enumerate(offs)
+        ]
+        return math.hypot(offs[0] * math.cos(tilt), offs[1]), math.hypot(*likely)
 
-    def _is_jump(self, index: int, stamp: float, point: Array) -> bool:
-        known = self._estimate if index == len(self._stamps) - 1 else None
-        before = known or self._described(index)
-        allowed = self.parameters.jump_threshold * math.hypot(*point)
-        allowed += _DEVIATIONS * before.deviation(stamp)
-        return math.dist(before.position(stamp), point) > allowed
+    def _near(self, stamp: float, sight: Sight, later: float, other: Sight) -> bool:
+        """Whether two points may be the same target."""
+        allowed = self.parameters.jump_threshold + _FASTEST * (later - stamp)
+        pan = (other.pan - sight.pan) * math.cos(sight.tilt)
+        return stamp < later and math.hypot(pan, other.tilt - sight.tilt) <= allowed
 
-    def _consider_jump(self, stamp: float, point: Array) -> Verdict:
-        if self._jumped:
-            last_stamp, last = self._jumped[-1]
-            moved = self.parameters.jump_threshold + _FASTEST * (stamp - last_stamp)
-            allowed = moved * math.hypot(*point)
-            if stamp <= last_stamp or math.dist(last, point) > allowed:
-                self._jumped.clear()
-        self._jumped.append((stamp, point))
+    def _consider_jump(self, stamp: float, sight: Sight) -> Verdict:
+        if self._jumped and not self._near(*self._jumped[-1], stamp, sight):
+            self._jumped.clear()
+        self._jumped.append((stamp, sight))
         if stamp - self._jumped[0][0] >= self.parameters.jump_confirmation:
             return self._start(tuple(self._jumped))
         return Verdict.JUMP
 
     def _described(self, index: int) -> TargetEstimate:
         """The estimate after one of the points."""
-        snapshot, point = self._snapshots[index], self._points[index]
-        weights, states = snapshot.weights[:, None], snapshot.bank.states
-        steady = (weights[:, :, :_SWINGS] @ states[:, :_SWINGS])[:, 0].tolist()
-        swinging = (weights[:, :, _SWINGS:] @ states[:, _SWINGS:])[:, 0].tolist()
-        rates = snapshot.swing.rate.tolist()
-        x, y, z = (
-            Coordinate(p + q, v, a, u, b, w)
-            for (p, v, a), (q, u, b), w in zip(steady, swinging, rates, strict=True)
-        )
-        # along any axis: the mean over the axes, each one with its own noise and its own filters
-        shares = snapshot.weights * snapshot.variance[:, None] / 3.0
-        covariances = snapshot.bank.covariances.reshape(-1, 9)
-        pp, pv, pa, _, vv, va, _, _, aa = (shares.reshape(-1) @ covariances).tolist()
+        snapshot = self._snapshots[index]
+        pan, tilt = snapshot.bearings
         return TargetEstimate(
             self._stamps[index],
-            (float(point[0]), float(point[1]), float(point[2])),
-            (x, y, z),
-            math.sqrt(sum(snapshot.variance.tolist()) / 3.0),
-            (pp, pv, pa, vv, va, aa),
-            sum((shares @ AGILITIES).tolist()),
+            self._sights[index],
+            (pan.motion, tilt.motion),
+            snapshot.range,
+            (math.sqrt(pan.variance), math.sqrt(tilt.variance)),
+            (pan.certainty, tilt.certainty),
+            (pan.error - pan.variance, tilt.error - tilt.variance),
+            self.horizon,
             max(_SHORTEST_TRUST, _TRUST * self.horizon),
             self.parameters.target_timeout,
         )
-
-
-def _alarmed(before: _Snapshot, surprise: Array, dt: float) -> Array:
-    """How strongly each filter is to be doubted now: two surprises in a row to the same side."""
-    both = np.minimum(np.abs(surprise), np.abs(before.surprise))
-    both[surprise * before.surprise < 0.0] = 0.0
-    excess = np.maximum(both - _DEVIATIONS, 0.0) ** 2
-    return np.asarray(np.maximum(excess, before.alarm * math.exp(-dt / _ALARM)))
-
-
-def _weights(scores: Array, alarm: Array) -> Array:
-    raw = (scores.min(axis=1, keepdims=True) / scores) ** _SHARPNESS
-    raw *= np.exp(0.5 * (alarm.min(axis=1, keepdims=True) - alarm))
-    return np.asarray(raw / raw.sum(axis=1, keepdims=True))

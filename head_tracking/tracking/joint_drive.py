@@ -15,6 +15,9 @@ _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
 _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
+_ADRIFT = 0.1  # rad; a shaft so far from its motion is elsewhere: the motion goes on from there
+_SHOWN = 0.6  # of the acceleration that a servo has shown
+_BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
 
 
@@ -65,6 +68,9 @@ class JointDrive:
             lead: the farthest goal ahead [rad].
         """
         motion, servo, rest = self.motion, self.servo, self._rest
+        shown = _SHOWN * servo.acceleration
+        if shown < limits.acceleration:
+            limits = MotionLimits(min(limits.speed, _BRAKED * shown), shown, limits.jerk)
         setpoint = servo.setpoint(now)
         off = wish.position - motion.position
         rest.judge(wish, off, motion.velocity, setpoint, dead_band, now)
@@ -75,6 +81,8 @@ class JointDrive:
             motion.rest_at(wish.position)
             servo.held(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
+        if abs(setpoint - motion.position) > _ADRIFT:
+            motion.position, motion.velocity = setpoint, servo.velocity
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
         arrival = self._arrival(wish, setpoint, now, period, limits, lead) if rest.near else None
         if arrival is not None:
@@ -127,6 +135,8 @@ class JointDrive:
     def _limited(self, speed: float, period: float, limits: MotionLimits) -> float:
         """The nearest speed that the limits allow after the last one."""
         last, change = self.servo.speed, limits.acceleration * period
+        if abs(last) > limits.speed:
+            change = max(change, abs(last) - limits.speed)
         speed = min(max(speed, last - change), last + change)
         fastest = max(limits.speed, abs(last) - change)
         return min(max(speed, -fastest), fastest)

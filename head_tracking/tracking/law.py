@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.target_estimate import TargetEstimate
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, together
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.target_estimate import TargetEstimate
 
 USUAL_SPEED = 5.0  # rad/s
 
@@ -30,7 +30,7 @@ class PositionLaw:
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
-        gaze = self._head.gaze(target.point, *joints.positions)
+        gaze = self._head.look(target.sight, *joints.positions)
         goal = gaze.pan, gaze.tilt
         return together(joints.positions, goal, self.parameters.limits.speed(USUAL_SPEED)), gaze
 

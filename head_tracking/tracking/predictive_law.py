@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_drive import JointDrive
 from head_tracking.tracking.joint_motion import MotionLimits
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
 from head_tracking.tracking.rest import Wish
-from head_tracking.tracking.target_estimate import TargetEstimate
 from head_tracking.transforms import JointLimits
 
 USUAL_SPEED = 5.0  # rad/s
@@ -20,6 +20,7 @@ USUAL_SPEED = 5.0  # rad/s
 _USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
+_MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
 
 
@@ -45,6 +46,7 @@ class PredictiveLaw:
         self._period = period
         self._drives: tuple[JointDrive, JointDrive] | None = None
         self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
+        self._known_accelerations = (math.inf, math.inf)
         self._mean_delay = _USUAL_DELAY
         self._stepped = 0.0
         self._path: _Path | None = None
@@ -78,13 +80,17 @@ class PredictiveLaw:
             before = self._gaze(target, start, near)
             wanted = before.pan, before.tilt
         self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
-        distance = max(math.hypot(*target.point), 1e-3)
-        noise = target.deviation(start) / distance
-        speed_noise = target.speed_deviation / distance
         here, there = self._path.start_positions, self._path.end_positions
+        velocities = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+        moving = max(map(abs, velocities)) > _MOVING  # one joint alone does not come to rest early
         wishes = [
-            Wish(a, (b - a) / self._period, noise, speed_noise)
-            for a, b in zip(here, there, strict=True)
+            Wish(
+                position,
+                velocity,
+                0.0 if moving else target.deviation(joint, start),
+                0.0 if moving else target.speed_deviation(joint),
+            )
+            for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
         ]
         return self._steer(wishes, self.parameters.limits.speed(USUAL_SPEED), now), gaze
 
@@ -113,11 +119,17 @@ class PredictiveLaw:
                 self._drive(joints, 0, delays[0], head.pan_limits),
                 self._drive(joints, 1, delays[1], head.tilt_limits),
             )
+            for drive, known in zip(self._drives, self._known_accelerations, strict=True):
+                drive.servo.acceleration = known
         for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
             drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
             drive.servo.delay = delay
             drive.measured(joints.stamp, position, elapsed)
         self._mean_delay = 0.5 * sum(self.delays)
+        self._known_accelerations = (
+            self._drives[0].servo.acceleration,
+            self._drives[1].servo.acceleration,
+        )
         self._stepped = now
         return self._drives
 
@@ -132,7 +144,7 @@ class PredictiveLaw:
         A target that comes into reach at the far end of the range is not followed there, all the
         way round, before it is well inside: it may be gone again at once.
         """
-        gaze = self._head.gaze(target.position(time), *near)
+        gaze = self._head.look(target.sight_at(time), *near)
         if self._path is None:
             return gaze
         pan, tilt = self._path.end_positions

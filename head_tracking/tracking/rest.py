@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 _CALM = 0.1  # s; for so long a joint must have been where it should be
 _SETTLED = 0.2  # s after which a joint that stopped short is helped
+_AIM = 1.0  # s; over which the place of a joint at rest is averaged, and aimed at again
 _SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
 _FARTHEST_HELP = 3.0  # resolutions of the encoder
 
@@ -41,7 +42,8 @@ class Rest:
         self.near = False
         self._place = 0.0
         self._calm_since: float | None = None
-        self._helped = 0.0
+        self._mean = 0.0
+        self._helped = self._aimed = self._judged = 0.0
 
     def wake(self) -> None:
         """The joint moves."""
@@ -60,12 +62,19 @@ class Rest:
             dead_band: errors below this are left alone [rad].
             now: the time [s].
         """
-        band = max(dead_band, min(2.0 * wish.noise, 2.5 * dead_band))
-        slow = min(max(2.0 * wish.speed_noise, _SLOW), 2.0 * _SLOW)
+        band = max(dead_band, min(3.0 * wish.noise, 4.0 * dead_band))
+        slow = min(max(2.0 * wish.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(wish.velocity) <= slow
         if self.goal is not None:
             if abs(wish.position - self._place) > band or abs(wish.velocity) > 2.5 * slow:
                 self.wake()
+                return
+            self._mean += min((now - self._judged) / _AIM, 1.0) * (wish.position - self._mean)
+            self._judged = now
+            off = self._mean - self._place
+            if abs(off) > 0.5 * dead_band and now - self._aimed >= _AIM:
+                self.goal += off
+                self._place, self._aimed = self._mean, now
             return
         if not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
             self._calm_since = None
@@ -73,7 +82,9 @@ class Rest:
         if self._calm_since is None:
             self._calm_since = now
         if now - self._calm_since >= _CALM:
-            self.goal, self._place, self._helped = setpoint, wish.position, now
+            self.goal, self._place = setpoint, wish.position
+            self._mean = wish.position
+            self._helped = self._aimed = self._judged = now
 
     def help(self, measured: float, stamp: float, resolution: float, dead_band: float) -> None:
         """Moves the goal of a joint that came to rest beside its place.

@@ -11,16 +11,37 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 
 _HISTORY = 1.0  # s of commands
 _FIRST_DELAY = 0.04  # s, until the servo has shown its own
-_LONGEST_DELAY = 0.15  # s
 _UNSURE = 0.02  # s, standard deviation of the first delay
-_DRIFT = 1e-3  # s per square root of a second: what a delay may change
+
+_DELAYS: Array = np.arange(0.0, 0.2501, 0.01)
+"""The delays [s] that are compared."""
+
 _WINDOW = 0.1  # s between the two readings that are compared to learn the delay
-_SLOWEST = 0.1  # rad/s; slower motion tells little of the delay
+_LEARNED_EVERY = 3  # readings
+_MEMORY = 3.0  # s of motion
 _MODEL_ERROR = 0.004  # rad in such a window
-_LAG_ERROR = 0.03  # s: what one window can tell of the delay at best
+_TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
+_FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
+_AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
+
+_SPAN = 0.08  # s; over which speeds are compared to learn the acceleration
+_BEHIND = 0.5  # rad/s; a shaft so much slower than told, twice in a row, gives what it can
+_GAINED = 0.2  # rad/s in a span; less may be noise
+_STEADY = 0.6  # of the gain before; less is a shaft that comes to its top speed
+_SLOWEST_START = 1.0  # rad/s^2
+_RECOVERY = 10.0  # s in which a limit that is not met any more grows to e times itself
+_SHARE = 0.3  # of a new measurement
+_HARDEST = 100.0  # rad/s^2; harder than this is no limit
 
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
@@ -45,6 +66,8 @@ class ServoResponse:
     Attributes:
         delay: from a command to the motion it causes [s].
         resolution: one step of the encoder [rad].
+        acceleration: the hardest that it has shown, where it was told more [rad/s^2].
+        velocity: of the shaft, from its readings [rad/s].
         learning: whether the delay is learned from the motion.
     """
 
@@ -52,10 +75,14 @@ class ServoResponse:
         self, stamp: float, position: float, speed: float = 0.0, delay: float | None = None
     ) -> None:
         self.delay = _FIRST_DELAY if delay is None else delay
+        self.acceleration = math.inf
+        self.velocity = speed
         self.learning = True
         self.resolution = _USUAL_RESOLUTION
         self._finest_step = math.inf
-        self._variance = _UNSURE**2
+        self._first_delay = self.delay
+        self._squares = self._expected_squares()
+        self._unread = 0
         self._times = [stamp]
         self._setpoints = [position]
         self._speeds = [speed]
@@ -111,9 +138,12 @@ class ServoResponse:
         within = max(-0.5 * self.resolution, min(0.5 * self.resolution, surprise))
         self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (surprise - within)
         self._readings.append((stamp, position))
-        while self._readings[1][0] <= stamp - _WINDOW:
+        while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
-        if self.learning:
+        follows = self._learn_acceleration(stamp - last_stamp)
+        self._unread += 1
+        if self.learning and follows and self._unread >= _LEARNED_EVERY:
+            self._unread = 0
             self._learn_delay()
 
     def _follow(self, shaft: float, setpoint: float) -> float:
@@ -146,21 +176,109 @@ class ServoResponse:
             self._finest_step = self.resolution = step
 
     def _learn_delay(self) -> None:
-        """One step of a Kalman filter for the delay, from how far the shaft moved in a window."""
-        (start, first), (end, last) = self._readings[0], self._readings[-1]
-        before, after = self._speed_at(start - self.delay), self._speed_at(end - self.delay)
-        if min(abs(before), abs(after)) < _SLOWEST or before * after < 0.0:
+        """Compares how far the shaft moved in a window with what every delay makes expected."""
+        end, last = self._readings[-1]
+        start, first = self._reading_before(end - _WINDOW)
+        times, setpoints = self._knots()
+        expected = np.interp(end - _DELAYS, times, setpoints)
+        expected -= np.interp(start - _DELAYS, times, setpoints)
+        misses = expected - (last - first)
+        if abs(last - first) < _TELLING or np.ptp(expected) < _TELLING:
             return
-        expected = self._sum(end - self.delay) - self._sum(start - self.delay)
-        moved = last - first
-        if not 0.5 < moved / expected < 2.0 if expected else True:
+        nearest = float(np.abs(misses).min())
+        if nearest > _FOLLOWED * max(abs(last - first), float(np.abs(expected).max())):
             return  # held, pushed, or at its limit
-        slope = before - after  # what the expected way loses per second of delay
-        noise = self.resolution**2 / 6.0 + _MODEL_ERROR**2 + (_LAG_ERROR * slope) ** 2
-        self._variance += _DRIFT**2 * (end - self._readings[-2][0])
-        if (moved - expected) ** 2 > 9.0 * (slope * slope * self._variance + noise):
+        elapsed = _LEARNED_EVERY * (end - self._readings[-2][0])
+        self._squares = math.exp(-elapsed / _MEMORY) * self._squares + misses * misses
+        self.delay = _least(self._squares)
+
+    def _expected_squares(self) -> Array:
+        """What is expected of every delay before the servo has moved."""
+        return np.asarray((_MODEL_ERROR * (_DELAYS - self.delay) / _UNSURE) ** 2)
+
+    def _reading_before(self, time: float) -> tuple[float, float]:
+        """The newest reading that is not after a time [s]; else the oldest."""
+        for reading in reversed(self._readings):
+            if reading[0] <= time:
+                return reading
+        return self._readings[0]
+
+    def _learn_acceleration(self, elapsed: float) -> bool:
+        """How hard the shaft accelerates while it is slower, or faster, than it was told to be.
+
+        Whether it follows what it is told; else its motion tells no delay.
+        """
+        if self.acceleration < math.inf:
+            self.acceleration *= math.exp(elapsed / _RECOVERY)
+            if self.acceleration > _HARDEST:
+                self.acceleration = math.inf
+        end = self._readings[-1][0]
+        stamps, positions = zip(
+            *(self._reading_before(end - spans * _SPAN) for spans in (3, 2, 1, 0)), strict=True
+        )
+        if len(set(stamps)) < 4:
+            return True
+        told = _speeds(stamps, [self._sum(stamp - self.delay) for stamp in stamps])
+        shown = _speeds(stamps, positions)
+        self.velocity = shown[2]
+        behind = [told[span] - shown[span] for span in range(3)]
+        if min(behind) < _BEHIND and max(behind) > -_BEHIND:
+            return True
+        gained, before, asked = shown[2] - shown[1], shown[1] - shown[0], told[2] - told[1]
+        if gained * asked > 0.0 and abs(gained) > _STEADY * abs(asked) > _STEADY * _GAINED:
+            return True  # it comes after
+        if gained * behind[2] > 0.0 and abs(gained) > max(_GAINED, _STEADY * abs(before)):
+            self._limited(max(2.0 * abs(gained) / (end - stamps[1]), _SLOWEST_START))
+        return False
+
+    def _limited(self, acceleration: float) -> None:
+        """The shaft has accelerated no harder although it was told to."""
+        if acceleration >= self.acceleration:
             return
-        gain = self._variance * slope / (slope * slope * self._variance + noise)
-        self._variance *= 1.0 - gain * slope
-        delay = self.delay + gain * (moved - expected)
-        self.delay = min(max(delay, 0.0), _LONGEST_DELAY)
+        if self.acceleration == math.inf:
+            self.acceleration = acceleration
+            # what it could not follow before tells no delay
+            self.delay = min(self.delay, self._first_delay)
+            self._squares = self._expected_squares()
+        self.acceleration += _SHARE * (acceleration - self.acceleration)
+
+    def _knots(self) -> tuple[Array, Array]:
+        """The setpoint as a polyline: times [s] and positions [rad]."""
+        times, setpoints = [], []
+        ends = (*self._times[1:], math.inf)
+        for time, end, setpoint, speed, room in zip(
+            self._times, ends, self._setpoints, self._speeds, self._rooms, strict=True
+        ):
+            times.append(time)
+            setpoints.append(setpoint)
+            if speed and time + room / abs(speed) < end:
+                times.append(time + room / abs(speed))
+                setpoints.append(setpoint + math.copysign(room, speed))
+        return np.array(times), np.array(setpoints)
+
+
+def _least(squares: Array) -> float:
+    """The delay [s] of the least squared error, between the ones that were compared."""
+    least = int(squares.argmin())
+    inner = squares[1:-1]
+    minima = np.flatnonzero((inner <= squares[:-2]) & (inner < squares[2:])) + 1
+    for index in minima[minima < least]:
+        if squares[index] < _AS_GOOD * squares[least]:
+            least = int(index)
+            break
+    if not 0 < least < len(squares) - 1:
+        return float(_DELAYS[least])
+    before, here, after = squares[least - 1 : least + 2]
+    bend = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return float(_DELAYS[least] + shift * (_DELAYS[1] - _DELAYS[0]))
+
+
+def _speeds(stamps: Sequence[float], positions: Sequence[float]) -> list[float]:
+    """Between positions [rad], one after the other [rad/s]."""
+    return [
+        (position - before) / (stamp - earlier)
+        for (earlier, stamp), (before, position) in zip(
+            pairwise(stamps), pairwise(positions), strict=True
+        )
+    ]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead
+from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.law import JointReading, inside
 from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.target_estimate import TargetEstimate
 
 USUAL_SPEED = 0.5  # rad/s, the tutorials'
 
@@ -36,7 +36,7 @@ class SpeedLaw:
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`; it knows no motion of the target and aims at the newest point."""
-        gaze = self._head.gaze(target.point, *joints.positions)
+        gaze = self._head.look(target.sight, *joints.positions)
         if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
             self._held = None
             return self.step((gaze.pan, gaze.tilt), joints.positions), gaze

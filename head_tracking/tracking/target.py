@@ -6,16 +6,22 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from head_tracking.transforms import (
     LATEST,
-    InvalidArgumentException,
+    ExtrapolationException,
+    Rotation,
+    Transform,
     TransformBuffer,
     TransformException,
     Vector3,
 )
 
-_MOST_WAITING = 32
+_MOST_WAITING = 4096
+_TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
+_WINDOW = 100_000_000  # ns; the base's motion is measured over two of these
+_AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +43,41 @@ class Target:
         return f"({x:.3f}, {y:.3f}, {z:.3f}) in {self.frame_id}"
 
 
+class Refusal(NamedTuple):
+    """A target that leads to nothing.
+
+    Attributes:
+        target: as it was sent.
+        reason: why.
+    """
+
+    target: Target
+    reason: str
+
+
 class TargetPlacer:
-    """Places targets in `base_frame`, with the joints as they were at each one's stamp.
+    """Places targets in `fixed_frame`, with all frames as they were at each one's stamp.
 
     A target can come before the joint states of its stamp, or before its frame is known at all:
     it waits up to `timeout` [s].
     """
 
-    def __init__(self, buffer: TransformBuffer, base_frame: str, timeout: float) -> None:
+    def __init__(self, buffer: TransformBuffer, fixed_frame: str, timeout: float) -> None:
         self._buffer = buffer
-        self._base_frame = base_frame
+        self._fixed_frame = fixed_frame
         self._timeout = timeout
-        self._waiting: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
+        self._waiting: deque[tuple[Target, float]] = deque()
+        self._refusals: list[Refusal] = []
 
     def offer(self, target: Target, now: float) -> None:
-        """Takes a target at the time `now` [s].
-
-        Raises:
-            InvalidArgumentException: its numbers are not finite.
-        """
+        """Takes a target at the time `now` [s]; one that is not finite is refused."""
         if not all(map(math.isfinite, target.point)):
-            raise InvalidArgumentException(
-                f"the target {target} is not finite; x, y and z must be numbers in metres"
-            )
+            reason = "it is not finite; x, y and z must be numbers in metres"
+            self._refusals = [Refusal(target, reason)]
+            return
+        if len(self._waiting) == _MOST_WAITING:
+            dropped, _ = self._waiting.popleft()
+            self._refusals = [Refusal(dropped, f"{_MOST_WAITING} targets wait already")]
         self._waiting.append((target, now))
 
     def place(
@@ -73,11 +91,7 @@ class TargetPlacer:
                 seen but is meant for now is placed, if its frame moves with the head.
 
         Returns:
-            Each target and its point in `base_frame` [m].
-
-        Raises:
-            TransformException: no target could be placed, and one of them not in time; it is
-                forgotten.
+            Each target and its point in `fixed_frame` [m].
         """
         return [(target, point) for target, point, _ in self._take(now, moving_with_head)]
 
@@ -89,36 +103,126 @@ class TargetPlacer:
         if not placed:
             return None
         target, point, came = placed[-1]
-        newer = [waiting for waiting in self._waiting if waiting[1] > came]
-        self._waiting.clear()
-        self._waiting.extend(newer)
+        self._waiting = deque(waiting for waiting in self._waiting if waiting[1] > came)
         return target, point
+
+    def take_refusal(self) -> Refusal | None:
+        """The newest target that led to nothing since this was asked last, and why."""
+        return self._refusals.pop() if self._refusals else None
+
+    def forget(self) -> None:
+        """Drops the targets that wait."""
+        self._waiting.clear()
+        self._refusals.clear()
 
     def _take(
         self, now: float, moving_with_head: Mapping[str, float]
     ) -> list[tuple[Target, Vector3, float]]:
         """Each target that can be placed, its point, and when it came."""
-        placed, late = [], None
+        placed: list[tuple[Target, Vector3, float]] = []
+        hopeless: dict[str, tuple[int, str]] = {}
         for _ in range(len(self._waiting)):
-            target, since = self._waiting.popleft()
-            try:
-                placed.append((target, self._place(target, moving_with_head), since))
-            except TransformException as error:
-                if now - since < self._timeout:
-                    self._waiting.append((target, since))
-                else:
-                    late = error
-        if late is not None and not placed:
-            raise late
+            target, came = self._waiting.popleft()
+            since, reason = hopeless.get(target.frame_id, (0, ""))
+            if not reason or target.stamp < since:
+                try:
+                    placed.append((target, self._place(target, moving_with_head), came))
+                    continue
+                except TransformException as error:
+                    reason = str(error)
+                    if target.stamp > self._known_until(target.frame_id):
+                        hopeless[target.frame_id] = target.stamp, reason
+            waited = now - came
+            if 0.0 <= waited < self._timeout:  # (not if it came before the clock jumped back)
+                self._waiting.append((target, came))
+            if not 0.0 <= waited < min(self._timeout, _TOLD_AFTER):
+                self._refusals = [Refusal(target, reason)]
         return placed
 
-    def forget(self) -> None:
-        """Drops the targets that wait."""
-        self._waiting.clear()
+    def _known_until(self, frame_id: str) -> int:
+        """The newest time [ns] for which a target in this frame could be placed."""
+        try:
+            return self._buffer.get_latest_common_time(self._fixed_frame, frame_id)
+        except TransformException:
+            return -1
 
     def _place(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
-        given = moving_with_head if target.stamp == LATEST else {}
+        if target.stamp != LATEST:
+            return self._buffer.transform_point(
+                target.point, self._fixed_frame, target.frame_id, target.stamp
+            )
         placed = self._buffer.lookup_transform(
-            self._base_frame, target.frame_id, target.stamp, joint_positions=given
+            self._fixed_frame, target.frame_id, LATEST, joint_positions=moving_with_head
         )
         return placed.transform @ target.point
+
+
+class HeadBase:
+    """Where the link that carries the head is in the frame where the targets are placed.
+
+    Args:
+        buffer: the robot's frames.
+        fixed_frame: stands still.
+        base_frame: moves with the robot.
+    """
+
+    def __init__(self, buffer: TransformBuffer, fixed_frame: str, base_frame: str) -> None:
+        self._buffer = buffer
+        self._frames = fixed_frame, base_frame
+        self._stamp = 0.0
+        self._newest = Transform.identity()
+        self._motion: tuple[_Way, _Way] | None = None
+
+    def update(self) -> str:
+        """Takes the newest pose and the way to it; why not, or an empty string."""
+        self._motion = None
+        try:
+            newest = self._buffer.lookup_transform(*self._frames)
+            self._stamp, self._newest = newest.stamp * 1e-9, newest.transform
+            if newest.stamp != LATEST:
+                older, oldest = (
+                    self._buffer.lookup_transform(*self._frames, newest.stamp - ago).transform
+                    for ago in (_WINDOW, 2 * _WINDOW)
+                )
+                self._motion = _way(older, self._newest), _way(oldest, older)
+        except ExtrapolationException:
+            return ""  # nothing is known of its motion yet
+        except TransformException as error:
+            return str(error)
+        return ""
+
+    def at(self, time: float) -> Transform:
+        """`T_fixed_base` at a time [s] that has been; as near to it as is known."""
+        try:
+            return self._buffer.lookup_transform(*self._frames, round(time * 1e9)).transform
+        except TransformException:
+            self.update()
+            return self.pose(time)
+
+    def pose(self, time: float) -> Transform:
+        """`T_fixed_base` at a time [s] near now, with the velocity and acceleration it had last."""
+        if self._motion is None:
+            return self._newest
+        last, before = self._motion
+        windows = min(time - self._stamp, _AHEAD) / (_WINDOW * 1e-9)
+        bend = 0.5 * windows * (windows + 1.0)
+        x, y, z, a, b, c = (
+            windows * new + bend * (new - old) for new, old in zip(last, before, strict=True)
+        )
+        angle = math.hypot(a, b, c)
+        turn = (
+            Rotation.from_axis_angle((a / angle, b / angle, c / angle), angle)
+            if angle > 0.0
+            else Rotation(0.0, 0.0, 0.0, 1.0)
+        )
+        return self._newest @ Transform((x, y, z), turn)
+
+
+_Way = tuple[float, float, float, float, float, float]
+
+
+def _way(start: Transform, end: Transform) -> _Way:
+    """The translation and the small rotation vector from one pose to the next, in the first."""
+    x, y, z, a, b, c, w = start.inverse() @ end
+    twice = math.copysign(2.0, w)
+    return x, y, z, twice * a, twice * b, twice * c

@@ -1,18 +1,40 @@
-"""Keeps a head on a moving target: estimate, tracking law and the target's life together."""
+"""Keeps a head on a moving target: estimate, tracking law and target state machine together."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead
-from head_tracking.tracking.estimator import EstimatorParameters, TargetEstimator, Verdict
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
+from head_tracking.tracking.estimator import (
+    EstimatorParameters,
+    TargetEstimate,
+    TargetEstimator,
+    Verdict,
+)
 from head_tracking.tracking.law import JointReading, TrackingLaw
-from head_tracking.tracking.life_cycle import LifeCycle, LifeCycleParameters, TargetState
-from head_tracking.transforms import Vector3
+from head_tracking.tracking.position_law import PositionLaw
+from head_tracking.tracking.predictive_law import PredictiveLaw
+from head_tracking.tracking.stamp_error import StampError
+from head_tracking.tracking.target import HeadBase
+from head_tracking.tracking.target_state import (
+    TargetState,
+    TargetStateMachine,
+    TargetStateParameters,
+)
+from head_tracking.transforms import Rotation, Vector3
 
 _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
+_INSTANT = 1e-3  # s
+_CAUTIOUS_SPEED = 0.3  # rad/s
+_FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
+_AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
+_STALL_TIME = 0.8  # s
+_STALLED = 0.2  # of the way that was commanded
+_SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +71,7 @@ class Delays:
 
 
 class Tracker:
-    """Follows targets given in the head's base frame.
+    """Follows targets given in a frame that stands still.
 
     Times are in seconds, on the clock of the stamps; it may be any clock.
 
@@ -57,11 +79,13 @@ class Tracker:
         head: the head to turn.
         law: steers it.
         estimator: what counts as the same target.
-        life_cycle: what to do without one.
+        state: what to do without one.
+        base: where the head's base frame is; None: it is the frame in which targets are given.
 
     Attributes:
         head: the head that is turned.
         law: may be changed for another one at any time.
+        machine: the target state machine.
     """
 
     def __init__(
@@ -69,13 +93,24 @@ class Tracker:
         head: PanTiltHead,
         law: TrackingLaw,
         estimator: EstimatorParameters,
-        life_cycle: LifeCycleParameters,
+        state: TargetStateParameters,
+        base: HeadBase | None = None,
     ) -> None:
         self.head = head
         self.law = law
         self.estimator = TargetEstimator(estimator)
-        self.life_cycle = LifeCycle(head, life_cycle)
+        self.machine = TargetStateMachine(head, state)
+        self._base = base
+        self._stall_watches = (
+            _StallWatch(head.pan_joint),
+            _StallWatch(head.tilt_joint),
+        )
         self._readings: deque[JointReading] = deque()
+        self.stamp_error = StampError()
+        self._seen: deque[tuple[float, Sight]] = deque()
+        self._upright = Rotation.identity()
+        self._cautious = PositionLaw(head, 0.02, law.parameters)
+        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -83,7 +118,7 @@ class Tracker:
     @property
     def state(self) -> TargetState:
         """What the head is doing about its target."""
-        return self.life_cycle.state
+        return self.machine.state
 
     @property
     def delays(self) -> Delays:
@@ -102,53 +137,271 @@ class Tracker:
             before, dt = readings[0].positions, stamp - readings[0].stamp
             pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
         readings.append(JointReading(stamp, positions, (pan, tilt)))
+        self.stamp_error.joints_read(stamp, positions)
 
-    def target_seen(self, stamp: float, point: Vector3, now: float) -> Verdict:
-        """Takes a point, shape (3,) [m], in the head's base frame, seen at `stamp` [s]."""
-        if not self.life_cycle.enabled:
+    def target_seen(
+        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
+    ) -> Verdict:
+        """Takes a point.
+
+        Args:
+            stamp: when it was seen [s].
+            point: shape (3,) [m], in the frame that stands still.
+            now: the time [s].
+            moving: whether it was seen by something that moves with the head.
+        """
+        if not self.machine.enabled:
             return Verdict.IGNORED
-        verdict = self.estimator.add(stamp, point, now)
+        estimate = self.estimator.estimate
+        if estimate is not None:
+            pan, tilt, _ = estimate.sight
+        else:
+            pan, tilt = self._readings[-1].positions if self._readings else (0.0, 0.0)
+        if self._base is not None:
+            place = self._base.at(stamp)
+            if estimate is None:
+                self._upright = place.rotation
+            x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
+            point = self._upright.inverse() @ (x, y, z)
+        sight = self.head.sight(point, pan, tilt)
+        if sight is None:
+            verdict = Verdict.TOO_CLOSE
+        else:
+            sight = self._unerring(stamp, sight, moving)
+            stamp -= self.stamp_error.value if moving else 0.0
+            verdict = self.estimator.add(stamp, sight, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
-            self.life_cycle.seen(now, new=new)
+            self.machine.seen(now, new=new)
+            if new:
+                self.stamp_error.new_target()
             self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
             self._came = now
+        elif verdict in (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE) or not self._follows(
+            now
+        ):
+            self.machine.refused(verdict, now)
         return verdict
+
+    def _unerring(self, stamp: float, sight: Sight, moving: bool) -> Sight:
+        """The point as it is without its stamp's error, if it is of a camera on the head."""
+        error = self.stamp_error
+        self._seen.append((stamp, sight))
+        while self._seen[0][0] < stamp - 1.0:
+            self._seen.popleft()
+        if error.point_seen(stamp, sight, moving=moving):
+            self.estimator.reset()
+            for then, seen in sorted(self._seen)[:-1]:
+                then_corrected = then - error.value
+                self.estimator.add(then_corrected, error.corrected(then, seen), then_corrected)
+        return error.corrected(stamp, sight) if moving else sight
+
+    def _steering(self, now: float) -> TrackingLaw:
+        """The law that steers: a cautious one for a while if the head has swung by itself."""
+        if self.stamp_error.swings and isinstance(self.law, PredictiveLaw):
+            self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
+            self._cautious_until = now + self._pause
+            self.stamp_error.calm_down()
+        cautious = now < self._cautious_until
+        if cautious:
+            limits = replace(self.law.parameters.limits, max_joint_speed=_CAUTIOUS_SPEED)
+            self._cautious.parameters = replace(self.law.parameters, limits=limits)
+        elif now > self._cautious_until + 2.0 * self._pause:
+            self._pause = _FIRST_PAUSE
+        self.machine.swung = (
+            f"the head swung by itself: law position at {_CAUTIOUS_SPEED:g} rad/s for "
+            f"{self._pause:.0f} s (wrong stamps or servo_delay, or a heavy head?)"
+            if cautious
+            else ""
+        )
+        return self._cautious if cautious else self.law
 
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
-        if not self._readings or not self.life_cycle.enabled:
+        if not self._readings or not self.machine.enabled:
             return TrackingStep()
         joints = self._readings[-1]
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
-        if estimate is not None and self.life_cycle.follows(
-            now, self.estimator.parameters.target_timeout
-        ):
-            command, gaze = self.law.follow(estimate, joints, now)
-            error = self.head.miss(estimate.position(joints.stamp), *joints.positions)
-            self.life_cycle.followed(gaze, error, now)
+        if estimate is not None and self._follows(now):
+            target = self._from_base(estimate, now)
+            if target is None:
+                return TrackingStep()
+            command, gaze = self._steering(now).follow(target, joints, now)
+            there = self.head.point(target.sight_at(joints.stamp))
+            error = self.head.miss(there, *joints.positions)
+            self.machine.followed(gaze, error, now)
             ahead = self._message_age + 0.5 * self._interval + self.law.horizon
             self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
+            self._watch_servos(command, joints, now)
             return TrackingStep(command, gaze, error)
-        goal = self.life_cycle.goal(joints.positions, now)
+        goal = self.machine.goal(joints.positions, now)
         if goal is None:
             return TrackingStep()
-        speed = self.life_cycle.parameters.default_joint_speed
-        return TrackingStep(self.law.go_to(goal, speed, joints, now))
+        command = self.law.go_to(goal, self.machine.parameters.default_joint_speed, joints, now)
+        self._watch_servos(command, joints, now)
+        return TrackingStep(command)
 
     def enable(self, on: bool, now: float) -> HeadCommand | None:
         """Follows targets from now on, or stops the head at once; the command for that."""
+        if on and self.machine.enabled:
+            return None
         self.estimator.reset()
-        self.life_cycle.enable(on)
+        self.machine.enable(on)
         return None if on else self._stop(now)
 
     def recenter(self) -> None:
         """Forgets the target and takes both joints to 0 or the limit next to it."""
         self.estimator.reset()
-        self.life_cycle.recenter()
+        self.machine.recenter()
+
+    def reset(self, reason: str, now: float) -> HeadCommand | None:
+        """Starts anew, as after a jump of the clock; what was switched off stays off.
+
+        Joints, target, delays and what the law was about are forgotten.
+
+        Args:
+            reason: why, for the state.
+            now: the time [s], on the clock as it is from now on.
+
+        Returns:
+            The command that stops the head where it was last measured; None if it is not on its
+            way anywhere.
+        """
+        moving = self.machine.state not in (TargetState.IDLE, TargetState.DISABLED)
+        command = self._stop(now)
+        self._readings.clear()
+        self._message_age = self._reading_age = self._interval = 0.0
+        self._came = None
+        self._seen.clear()
+        self.stamp_error.reset()
+        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
+        self.estimator.reset()
+        self.machine.forget(f"{reason}; no target has come since")
+        return command if moving else None
+
+    def _follows(self, now: float) -> bool:
+        return self.machine.follows(now, self.estimator.parameters.target_timeout)
 
     def _stop(self, now: float) -> HeadCommand | None:
+        for watch in self._stall_watches:
+            watch.restart()
         return self.law.stop(self._readings[-1], now) if self._readings else None
+
+    def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:
+        """The estimate as the head's base sees it; None if nobody knows where the base is."""
+        if self._base is None:
+            return estimate
+        unknown = self._base.update()
+        if unknown:
+            self.machine.refused(f"nobody knows where the head is: {unknown}", now)
+            return None
+        base, upright = self._base, self._upright
+        return TargetFromBase.of(
+            estimate, self.head, lambda time: base.pose(time).rotation.inverse() @ upright, now
+        )
+
+    def _watch_servos(self, command: HeadCommand, joints: JointReading, now: float) -> None:
+        goals, speeds = (command.pan, command.tilt), (command.pan_speed, command.tilt_speed)
+        stalled = [
+            watch.joint
+            for watch, goal, speed, position in zip(
+                self._stall_watches, goals, speeds, joints.positions, strict=True
+            )
+            if watch.stalls(goal, speed, position, now)
+        ]
+        self.machine.stalled = (
+            f"{' and '.join(stalled)} not moving to where told: relaxed, shut down or blocked?"
+            if stalled
+            else ""
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TargetFromBase(TargetEstimate):
+    """A target as seen from the head's base, which turns.
+
+    Attributes:
+        head: the head on it.
+        turn: how far the frame of the estimate is turned in the base frame at a time [s].
+    """
+
+    head: PanTiltHead
+    turn: Callable[[float], Rotation]
+
+    @staticmethod
+    def of(
+        estimate: TargetEstimate, head: PanTiltHead, turn: Callable[[float], Rotation], now: float
+    ) -> TargetFromBase:
+        """The same target, as seen from the base."""
+        values = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
+        target = TargetFromBase(**values, head=head, turn=turn)
+        return replace(target, sight=target.turned(estimate.sight, now))
+
+    def turned(self, sight: Sight, time: float) -> Sight:
+        """A sight in the frame of the estimate, in the base frame as it will be at a time [s]."""
+        point = self.turn(time) @ self.head.point(sight)
+        return self.head.sight(point, sight.pan, sight.tilt) or sight
+
+    def sight_at(self, time: float) -> Sight:
+        """Where the target is at a time [s], in the base frame as it will be then."""
+        return self.turned(TargetEstimate.sight_at(self, time), time)
+
+    def bearing(self, time: float) -> tuple[float, float]:
+        """Pan and tilt that look at the target then [rad]."""
+        pan, tilt, _ = self.sight_at(time)
+        return pan, tilt
+
+    def velocity(self, time: float) -> tuple[float, float]:
+        """How they change [rad/s]."""
+        before, after = self.bearing(time - _INSTANT), self.bearing(time + _INSTANT)
+        pan, tilt = ((b - a) / (2.0 * _INSTANT) for a, b in zip(before, after, strict=True))
+        return pan, tilt
+
+
+class _StallWatch:
+    """Notices a joint that does not do what it is told.
+
+    Args:
+        joint: its name.
+    """
+
+    def __init__(self, joint: str) -> None:
+        self.joint = joint
+        self._stalls = False
+        self._side = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Nothing is known of the joint."""
+        self._stalls, self._since = False, math.nan
+
+    def stalls(self, goal: float, speed: float, position: float, now: float) -> bool:
+        """Whether the joint stands still although its goal is elsewhere.
+
+        Args:
+            goal: of the newest command [rad].
+            speed: of the newest command [rad/s].
+            position: as measured [rad].
+            now: the time [s].
+        """
+        way = goal - position
+        if abs(way) < _AT_GOAL or way * self._side < 0.0:
+            self.restart()
+        self._side = way
+        if math.isnan(self._since):
+            self._since, self._last, self._commanded = now, now, 0.0
+            self._lowest = self._highest = position
+            return self._stalls
+        self._commanded += min(speed * (now - self._last), abs(way))
+        self._last = now
+        self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
+        moved = self._highest - self._lowest
+        if moved > _AT_GOAL:
+            self._stalls = False
+        if now - self._since > _STALL_TIME and self._commanded > _AT_GOAL:
+            self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
+            self._since = math.nan
+        return self._stalls

@@ -1,6 +1,6 @@
 """Transforms between frames: a replacement for tf2 that computes the robot's own at lookup."""
 
-from head_tracking.transforms.buffer import TransformBuffer
+from head_tracking.transforms.buffer import LARGEST_POSITION, TransformBuffer
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -10,24 +10,34 @@ from head_tracking.transforms.exceptions import (
     TimeoutException,
     TransformException,
 )
-from head_tracking.transforms.history import JointHistory, TransformHistory
-from head_tracking.transforms.joint import Joint, JointLimits, JointType, Mimic
+from head_tracking.transforms.history import LATEST, JointHistory, TransformHistory
 from head_tracking.transforms.joint_states import JointState, JointStates
-from head_tracking.transforms.path import LATEST
 from head_tracking.transforms.rate_limiter import RateLimiter
-from head_tracking.transforms.robot_model import Chain, RobotModel
-from head_tracking.transforms.rotation import Rotation, Vector3
-from head_tracking.transforms.transform import StampedTransform, Transform
+from head_tracking.transforms.robot_model import (
+    Joint,
+    JointChain,
+    JointLimits,
+    JointType,
+    Mimic,
+    RobotModel,
+)
+from head_tracking.transforms.transform import (
+    Rotation,
+    StampedTransform,
+    StampedVelocity,
+    Transform,
+    Vector3,
+)
 from head_tracking.transforms.urdf import load_robot_model, parse_robot_model, with_fixed_root
-from head_tracking.transforms.velocity import StampedVelocity
 
 __all__ = [
+    "LARGEST_POSITION",
     "LATEST",
-    "Chain",
     "ConnectivityException",
     "ExtrapolationException",
     "InvalidArgumentException",
     "Joint",
+    "JointChain",
     "JointHistory",
     "JointLimits",
     "JointState",

@@ -2,33 +2,277 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.transforms import report
+from head_tracking.transforms.chain import Chain
 from head_tracking.transforms.exceptions import (
+    ExtrapolationException,
     InvalidArgumentException,
-    TimeoutException,
+    LookupException,
     TransformException,
 )
-from head_tracking.transforms.frame_store import FrameStore
-from head_tracking.transforms.history import NEVER
-from head_tracking.transforms.path import LATEST, seconds
-from head_tracking.transforms.requests import Request
-from head_tracking.transforms.rotation import Vector3
-from head_tracking.transforms.transform import StampedTransform, Transform
-from head_tracking.transforms.velocity import StampedVelocity, moved_to, velocity_between
+from head_tracking.transforms.history import (
+    DEFAULT_CACHE_TIME,
+    LATEST,
+    JointHistory,
+    TransformHistory,
+    seconds,
+)
+from head_tracking.transforms.robot_model import Joint, JointType, RobotModel
+from head_tracking.transforms.transform import (
+    UNIT_TOLERANCE,
+    Rotation,
+    StampedTransform,
+    StampedVelocity,
+    Transform,
+    Vector3,
+    moved_to,
+    velocity_between,
+)
+from head_tracking.transforms.tree import (
+    Edge,
+    JointEdge,
+    SampledEdge,
+    StaticEdge,
+    Way,
+    find_way,
+    lasting_way,
+    latest_common_time,
+)
+
+LARGEST_COORDINATE = 1e300
+"""Larger ones [m] would overflow in sums."""
+LARGEST_POSITION = 1e9
+"""No joint stands farther out [rad or m]; larger numbers would overflow in mimic joints."""
 
 
-class TransformBuffer(FrameStore):
+Answer = TypeVar("Answer")
+
+
+@dataclass(eq=False, slots=True)
+class Request:
+    """A wish to be told once.
+
+    Attributes:
+        possible: whether the wish can be fulfilled.
+        callback: called when it can.
+    """
+
+    possible: Callable[[], bool]
+    callback: Callable[[], object]
+
+
+class Route:
+    """A way between two frames, ready to be used.
+
+    Args:
+        way: between the frames, at some time.
+    """
+
+    __slots__ = ("_chain", "_histories")
+
+    def __init__(self, way: Way) -> None:
+        target, source = way.above_target, way.above_source
+        steps = [step for edge in target for step in edge.steps_back]
+        steps += [step for edge in reversed(source) for step in edge.steps]
+        histories = [edge.history for edge in (*source, *reversed(target))]
+        self._histories = [history for history in histories if history is not None]
+        self._chain = Chain(steps, [history.at for history in self._histories])
+
+    def latest(self) -> int:
+        """The latest common time [ns]; as in tf2 a stamp of 0 does not count.
+
+        Raises:
+            ExtrapolationException: there is none.
+        """
+        latest = LATEST
+        for history in self._histories:
+            if not history.stamps:
+                raise ExtrapolationException("nothing is known")
+            stamp = history.stamps[-1]
+            if stamp and (stamp < latest or not latest):
+                latest = stamp
+        return latest
+
+    def covers(self, stamp: int) -> bool:
+        """Whether everything on the way is known at this time [ns]."""
+        return all(history.covers(stamp) for history in self._histories)
+
+    def transform(self, stamp: int) -> Transform:
+        """`T_target_source` at this time [ns].
+
+        Raises:
+            ExtrapolationException: it is not known.
+        """
+        return self._chain.transform(stamp)
+
+
+class TransformBuffer:
     """A tree of frames over the last `cache_time` [ns]; safe to use from several threads.
 
     Frames come from a robot model and its joint positions, and from transforms set one by one.
     `lookup_transform(target, source)` gives the transform that takes points from source into
     target. Stamps are nanoseconds; the stamp 0 asks for the latest common time. Nothing is ever
     extrapolated.
+
+    Args:
+        cache_time: how much of the past is kept [ns].
     """
+
+    def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
+        self._cache_time = cache_time
+        self._lock = threading.Lock()
+        self._edges: dict[str, Edge] = {}
+        self._names: set[str] = set()
+        self._joints: dict[str, JointHistory] = {}
+        self._model: RobotModel | None = None
+        self._authorities: dict[str, str] = {}
+        # by target and source; only those that stay while samples come
+        self._routes: dict[tuple[str, str], Route] = {}
+        # which of them go up through a frame
+        self._routes_through: dict[str, set[tuple[str, str]]] = {}
+        self._requests: list[Request] = []
+
+    # What is known
+
+    @property
+    def model(self) -> RobotModel | None:
+        """The robot model in use, if one was set."""
+        return self._model
+
+    def set_model(self, model: RobotModel) -> None:
+        """Takes the frames of a robot model; the links of the model before it go.
+
+        Joints that both models have keep their history.
+        """
+        with self._lock:
+            if self._model is not None:
+                for link in self._model.links:
+                    self._edges.pop(link, None)
+                self._names.difference_update(self._model.links)
+            self._model = model
+            self._names.update(model.links)
+            for joint in model.joints.values():
+                self._authorities.pop(joint.child, None)
+                self._edges[joint.child] = self._edge(model, joint)
+            for edge in self._edges.values():
+                self._names.update((edge.child, edge.parent or edge.child))
+            self._routes.clear()
+            self._routes_through.clear()
+        self._serve(*self._requests)
+
+    def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
+        """Takes measured joint positions [rad or m]; joints not in the model wait for one.
+
+        Args:
+            stamp: when they were measured [ns].
+            positions: by joint name.
+
+        Raises:
+            InvalidArgumentException: a position is not finite or absurd; the others are taken.
+        """
+        joints = self._joints
+        refused: str | None = None
+        with self._lock:
+            for name, position in positions.items():
+                if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
+                    refused = name
+                elif name in joints:
+                    joints[name].insert(stamp, position)
+                else:
+                    self._joint_history(name).insert(stamp, position)
+        if self._requests:
+            self._serve(*self._requests)
+        if refused is not None:
+            raise InvalidArgumentException(
+                f"the position of joint {refused!r} is {positions[refused]}; it must be finite "
+                f"and within {LARGEST_POSITION:g}"
+            )
+
+    def set_transform(
+        self,
+        stamp: int,
+        parent: str,
+        child: str,
+        transform: Transform,
+        *,
+        static: bool = False,
+        authority: str = "default_authority",
+    ) -> bool:
+        """Takes one transform, `T_parent_child`, at `stamp` [ns]; static: at any time.
+
+        Frames of the robot model are left to the model: its joints tell more than samples.
+
+        Args:
+            stamp: when it was measured [ns].
+            parent: the frame that carries the other; a leading slash is dropped.
+            child: the frame that is carried; a leading slash is dropped.
+            transform: takes points from child into parent.
+            static: it never changes.
+            authority: who says so, for `all_frames_as_yaml`.
+
+        Returns:
+            False if it was not taken, being older than the cache, or the model's.
+
+        Raises:
+            InvalidArgumentException: a frame without a name, a frame that is its own parent,
+                numbers that are not finite or a quaternion that is not of unit length; nothing is
+                taken.
+        """
+        parent, child = parent.removeprefix("/"), child.removeprefix("/")
+        transform = _checked(parent, child, transform)
+        with self._lock:
+            if self._model is not None and child in self._model.children_of_joints:
+                return False
+            taken = True
+            edge = self._edges.get(child)
+            if static:
+                new = StaticEdge(parent, child, transform)
+                if edge != new:
+                    self._put(new)
+            else:
+                if not isinstance(edge, SampledEdge):
+                    edge = SampledEdge(child, TransformHistory(self._cache_time))
+                    self._put(edge)
+                history = edge.history
+                before = history.parent
+                taken = history.insert(stamp, (parent, transform))
+                if history.parent != before:
+                    self._forget_routes(child)
+            if parent not in self._names:
+                self._names.add(parent)
+            if taken:
+                self._authorities[child] = authority
+        if self._requests:
+            self._serve(*self._requests)
+        return taken
+
+    def clear(self) -> None:
+        """Forgets everything recorded; the model, static transforms and frame names stay."""
+        with self._lock:
+            for joint in self._joints.values():
+                joint.clear()
+            for edge in self._edges.values():
+                if isinstance(edge, SampledEdge):
+                    edge.history.clear()
+            self._routes.clear()
+            self._routes_through.clear()
+
+    def latest_joint_position(self, name: str) -> tuple[int, float] | None:
+        """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
+        with self._lock:
+            history = self._joints.get(name)
+            return (history.stamps[-1], history.values[-1]) if history else None
+
+    # Lookups
 
     def lookup_transform(
         self,
@@ -57,14 +301,13 @@ class TransformBuffer(FrameStore):
             InvalidArgumentException: an impossible frame name.
         """
         if timeout > 0.0:
-            self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout)
+            self._wait(lambda: self.can_transform(target_frame, source_frame, stamp), timeout)
         with self._lock:
-            path = self._tree.paths.get((target_frame, source_frame))
-            if path is not None and joint_positions is None:
-                found = path.at(stamp) if stamp else path.latest()
-                if found is not None:
-                    return found
-            return self._lookup(target_frame, source_frame, stamp, joint_positions)
+            if joint_positions:
+                stamp, transform = self._given(target_frame, source_frame, stamp, joint_positions)
+            else:
+                stamp, transform = self._ask(target_frame, source_frame, stamp, Route.transform)
+        return tuple.__new__(StampedTransform, (stamp, target_frame, source_frame, transform))
 
     def lookup_transform_full(
         self,
@@ -89,11 +332,16 @@ class TransformBuffer(FrameStore):
             TransformException: as for `lookup_transform`.
         """
         if timeout > 0.0:
-            full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
-            self._wait(lambda: self._possible_full(*full), timeout)
+            self._wait(
+                lambda: (
+                    self.can_transform(fixed_frame, source_frame, source_stamp)
+                    and self.can_transform(target_frame, fixed_frame, target_stamp)
+                ),
+                timeout,
+            )
         with self._lock:
             for frame in (target_frame, source_frame, fixed_frame):
-                self._tree.check(frame)
+                self._check(frame)
         T_fixed_source = self.lookup_transform(fixed_frame, source_frame, source_stamp)
         T_target_fixed = self.lookup_transform(target_frame, fixed_frame, target_stamp)
         return StampedTransform(
@@ -121,17 +369,8 @@ class TransformBuffer(FrameStore):
         Raises:
             TransformException: as for `lookup_transform`.
         """
-        x, y, z = point
-        with self._lock:
-            path = self._tree.paths.get((target_frame, source_frame))
-            if path is not None:
-                found = path.point_at(stamp, x, y, z) if stamp else path.point_latest(x, y, z)
-                if found is not None:
-                    return found
-            if target_frame == source_frame:
-                return stamp or self._latest_of(source_frame), x, y, z
-            path, stamp = self._tree.find(target_frame, source_frame, stamp)
-            return path.locate(stamp, (x, y, z))
+        found = self.lookup_transform(target_frame, source_frame, stamp)
+        return found.stamp, *found.transform.apply(point)
 
     def transform_points(
         self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST
@@ -179,17 +418,22 @@ class TransformBuffer(FrameStore):
             )
         reference_frame = reference_frame or observation_frame
         latest = self.get_latest_common_time(observation_frame, tracking_frame)
-        end = min(stamp + averaging_interval // 2, latest) if stamp else latest
-        start = end - averaging_interval
         if latest == LATEST:
             still = (0.0, 0.0, 0.0)
             return StampedVelocity(stamp, reference_frame, tracking_frame, still, still)
+        end = min(stamp + averaging_interval // 2, latest) if stamp else latest
+        # as in tf2 an interval that would begin before time 0 is cut
+        start = max(end - averaging_interval, _EARLIEST)
+        if start >= end:
+            raise ExtrapolationException(
+                f"no velocity is known at {seconds(stamp)}: the interval ends before it begins"
+            )
         linear, angular = velocity_between(
             self.lookup_transform(observation_frame, tracking_frame, start).transform,
             self.lookup_transform(observation_frame, tracking_frame, end).transform,
-            averaging_interval * 1e-9,
+            (end - start) * 1e-9,
         )
-        middle = start + averaging_interval // 2
+        middle = start + (end - start) // 2
         turned = self.lookup_transform(
             reference_frame, observation_frame, middle
         ).transform.rotation
@@ -206,7 +450,15 @@ class TransformBuffer(FrameStore):
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
     ) -> bool:
         """Whether `lookup_transform` would answer, at the latest after `timeout` [s]."""
-        return self.why_not(target_frame, source_frame, stamp, timeout) == ""
+        if timeout > 0.0:
+            return self._wait(
+                lambda: self.can_transform(target_frame, source_frame, stamp), timeout
+            )
+        try:
+            with self._lock:
+                return self._ask(target_frame, source_frame, stamp, Route.covers)[1]
+        except TransformException:
+            return False
 
     def why_not(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
@@ -225,101 +477,209 @@ class TransformBuffer(FrameStore):
             TransformException: there is none.
         """
         with self._lock:
+            self._check(target_frame)
+            self._check(source_frame)
             if target_frame == source_frame:
-                self._tree.check(source_frame)
                 return self._latest_of(source_frame)
-            path, _ = self._tree.find(target_frame, source_frame, LATEST)
-            return path.latest_common_time
+            return latest_common_time(self._edges, target_frame, source_frame)
 
-    def when_transformable(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp: int,
-        callback: Callable[[], object],
-    ) -> Request:
-        """Calls back once, as soon as `lookup_transform` would answer; maybe at once.
+    # Waiting
+
+    def when(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Request:
+        """Calls back once, as soon as something is possible; maybe at once.
 
         Args:
-            target_frame: as for `lookup_transform`.
-            source_frame: as for `lookup_transform`.
-            stamp: as for `lookup_transform`.
+            possible: asked now, and again whenever something came in; for example whether
+                `can_transform`.
             callback: called in the thread that brings what was missing; it may use the buffer.
 
         Returns:
             What `withdraw` takes.
         """
-        return self._ask(lambda: self._possible(target_frame, source_frame, stamp), callback)
+        request = Request(possible, callback)
+        with self._lock:
+            self._requests.append(request)
+        self._serve(request)
+        return request
 
-    def when_transformable_full(
-        self,
-        target_frame: str,
-        target_stamp: int,
-        source_frame: str,
-        source_stamp: int,
-        fixed_frame: str,
-        callback: Callable[[], object],
-    ) -> Request:
-        """As `when_transformable`, for `lookup_transform_full`."""
-        full = target_frame, target_stamp, source_frame, source_stamp, fixed_frame
-        return self._ask(lambda: self._possible_full(*full), callback)
+    def withdraw(self, request: Request) -> bool:
+        """Forgets a request; False if it was fulfilled or forgotten before."""
+        with self._lock:
+            if request not in self._requests:
+                return False
+            self._requests.remove(request)
+            return True
 
-    def wait_for_transform(
-        self, target_frame: str, source_frame: str, stamp: int, timeout: float
-    ) -> None:
-        """Waits until `lookup_transform` would answer.
+    # Looking at it
 
-        Raises:
-            TimeoutException: it would not within `timeout` [s]; says why.
-        """
-        if not self._wait(lambda: self._possible(target_frame, source_frame, stamp), timeout):
-            raise TimeoutException(
-                f"waited {timeout:.3f} s for the transform from {source_frame!r} to "
-                f"{target_frame!r} at {'the latest time' if not stamp else seconds(stamp)}: "
-                + self.why_not(target_frame, source_frame, stamp)
+    def frames(self) -> tuple[str, ...]:
+        """The names of all frames, sorted."""
+        with self._lock:
+            return tuple(sorted(self._names))
+
+    def all_frames_as_string(self) -> str:
+        """A sentence a frame, as tf2 writes it."""
+        with self._lock:
+            return report.frames_as_string(self._edges.values())
+
+    def all_frames_as_yaml(self, now: int = 0) -> str:
+        """What is known of each frame, as tf2 writes it; with delays if `now` [ns] is given."""
+        with self._lock:
+            return report.frames_as_yaml(self._edges.values(), self._authorities, now)
+
+    def tree_as_string(self, now: int = 0) -> str:
+        """The tree drawn, with rates; with ages if `now` [ns] is given."""
+        with self._lock:
+            return report.tree_as_string(self._edges.values(), self._names, now)
+
+    def problems(self, now: int, max_age: int) -> list[str]:
+        """What keeps frames from being looked up at `now` [ns]; see `report.problems`."""
+        with self._lock:
+            return report.problems(self._edges.values(), self._names, now, max_age)
+
+    # With the lock held
+
+    def _ask(
+        self, target: str, source: str, stamp: int, question: Callable[[Route, int], Answer]
+    ) -> tuple[int, Answer]:
+        """The time of the answer [ns], and what the route from source to target answers."""
+        route = self._routes.get((target, source)) or self._lasting(target, source)
+        if route is not None:
+            try:
+                at = stamp or route.latest()
+                return at, question(route, at)
+            except ExtrapolationException:
+                pass  # the walk knows the reason
+        if target == source:
+            return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
+        self._check(target)
+        self._check(source)
+        way = find_way(self._edges, target, source, stamp)
+        return way.stamp, question(Route(way), way.stamp)
+
+    def _lasting(self, target: str, source: str) -> Route | None:
+        """The route between two frames, if samples do not change it; it is kept."""
+        if target == source or not self._names.issuperset((target, source)):
+            return None
+        found = lasting_way(self._edges, target, source)
+        if found is None:
+            return None
+        way, frames = found
+        route = self._routes[target, source] = Route(way)
+        through, ends = self._routes_through, (target, source)
+        for frame in frames:
+            if frame in through:
+                through[frame].add(ends)
+            else:
+                through[frame] = {ends}
+        return route
+
+    def _forget_routes(self, through: str) -> None:
+        """After what carries a frame has changed."""
+        for ends in self._routes_through.pop(through, ()):
+            self._routes.pop(ends, None)
+
+    def _given(
+        self, target: str, source: str, stamp: int, positions: Mapping[str, float]
+    ) -> tuple[int, Transform]:
+        """As `_ask` for the transform, with some joints at these positions."""
+        for name, position in positions.items():
+            if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
+                raise InvalidArgumentException(
+                    f"the position given for joint {name!r} is {position}; it must be finite"
+                )
+        edges = self._edges.copy()
+        for edge in self._edges.values():
+            if isinstance(edge, JointEdge) and edge.leader.joint in positions:
+                leader = edge.leader
+                position = leader.multiplier * positions[leader.joint] + leader.offset
+                edges[edge.child] = StaticEdge(
+                    edge.parent, edge.child, edge.joint.transform(position)
+                )
+        if target == source:
+            return stamp or self._latest_of(source), Transform.identity()
+        self._check(target)
+        self._check(source)
+        way = find_way(edges, target, source, stamp)
+        return way.stamp, Route(way).transform(way.stamp)
+
+    def _check(self, frame: str) -> None:
+        """Refuses a frame that can't be asked for."""
+        if not frame or frame.startswith("/"):
+            raise InvalidArgumentException(
+                f"{frame!r} is no frame name; tf2 names are not empty and start without a slash"
             )
-
-    # with the lock held
-
-    def _lookup(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp: int,
-        joint_positions: Mapping[str, float] | None,
-    ) -> StampedTransform:
-        if target_frame == source_frame:
-            stamp = stamp or self._latest_of(source_frame)
-            return StampedTransform(stamp, target_frame, source_frame, Transform.identity())
-        path, stamp = self._tree.find(target_frame, source_frame, stamp)
-        if joint_positions is None:
-            return path.lookup(stamp)
-        return path.lookup_given(stamp, joint_positions)
+        if frame not in self._names:
+            known = ", ".join(sorted(self._names)) or "none yet"
+            raise LookupException(f"the frame {frame!r} does not exist; known frames: {known}")
 
     def _latest_of(self, frame: str) -> int:
-        edge = self._tree.edges.get(frame)
-        if edge is None or edge.history is None or edge.history.latest == NEVER:
-            return LATEST
-        return edge.history.latest
+        edge = self._edges.get(frame)
+        return edge.history.stamps[-1] if edge is not None and edge.history else LATEST
 
-    def _possible(self, target_frame: str, source_frame: str, stamp: int) -> bool:
-        if target_frame == source_frame:
-            return True
-        try:
-            path, stamp = self._tree.find(target_frame, source_frame, stamp)
-            path.lookup(stamp)
-        except TransformException:
-            return False
-        return True
+    def _put(self, edge: StaticEdge | SampledEdge) -> None:
+        self._edges[edge.child] = edge
+        self._names.update((edge.child, edge.parent or edge.child))
+        self._forget_routes(edge.child)
 
-    def _possible_full(
-        self,
-        target_frame: str,
-        target_stamp: int,
-        source_frame: str,
-        source_stamp: int,
-        fixed_frame: str,
-    ) -> bool:
-        return self._possible(fixed_frame, source_frame, source_stamp) and self._possible(
-            target_frame, fixed_frame, target_stamp
+    def _joint_history(self, name: str) -> JointHistory:
+        history = self._joints.get(name)
+        if history is None:
+            history = self._joints[name] = JointHistory(name, cache_time=self._cache_time)
+        return history
+
+    def _edge(self, model: RobotModel, joint: Joint) -> Edge:
+        self._authorities.pop(joint.child, None)
+        if not joint.moves:
+            return StaticEdge(joint.parent, joint.child, joint.origin)
+        leader = model.leader(joint.name)
+        history = self._joint_history(leader.joint)
+        history.continuous = model.joints[leader.joint].type is JointType.CONTINUOUS
+        return JointEdge(joint, leader, history)
+
+    # Without the lock
+
+    def _wait(self, possible: Callable[[], bool], timeout: float) -> bool:
+        came = threading.Event()
+        request = self.when(possible, came.set)
+        came.wait(timeout)
+        return not self.withdraw(request)
+
+    def _serve(self, *requests: Request) -> None:
+        """Fulfils the wishes that can be fulfilled now."""
+        for request in requests:
+            if request.possible() and self.withdraw(request):
+                request.callback()
+
+
+def _checked(parent: str, child: str, transform: Transform) -> Transform:
+    """The transform with its quaternion normalised."""
+    if not parent or not child:
+        raise InvalidArgumentException(
+            f"a transform needs two frame names; got {parent!r} and {child!r}"
         )
+    if parent == child:
+        raise InvalidArgumentException(f"the frame {child!r} cannot be its own parent")
+    x, y, z, qx, qy, qz, qw = transform
+    if not max(abs(x), abs(y), abs(z)) < LARGEST_COORDINATE or not all(
+        map(math.isfinite, transform)
+    ):
+        raise InvalidArgumentException(
+            f"the transform of {child!r} in {parent!r} holds numbers that are not finite"
+        )
+    square = qx * qx + qy * qy + qz * qz + qw * qw
+    if abs(square - 1.0) < _ROUNDING:
+        return transform
+    norm = math.hypot(qx, qy, qz, qw)
+    if abs(square - 1.0) > UNIT_TOLERANCE:
+        raise InvalidArgumentException(
+            f"the quaternion of {child!r} in {parent!r} has the norm {norm:.6g}; normalise it to 1"
+        )
+    return Transform((x, y, z), Rotation(qx / norm, qy / norm, qz / norm, qw / norm))
+
+
+_ROUNDING = 4e-16
+_EARLIEST = 10_000
+"""tf2 begins to look for velocities here [ns]; the stamp 0 has a meaning of its own."""
+_NO_WAY = Route(Way(LATEST, [], []))
+"""From a frame to itself, known or not."""

@@ -1,221 +1,156 @@
-"""Chains of transforms, compiled to straight-line float arithmetic.
+"""Chains of transforms: what is constant is multiplied out once, the rest in one loop.
 
-A chain is walked thousands of times a second and changes hardly ever, so each one becomes a
-Python function of its own, with its constants multiplied out. For two joints that is some forty
-operations: no loop, no call but sine and cosine, no array.
+A way from one frame to another is a row of constant transforms and of links that move: joints, and
+transforms that somebody measured. Each constant is multiplied into the link after it, and the last
+one into the link before it, so that nothing is left but one product between two links.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from collections.abc import Callable, Iterable
+from math import cos, sin, sqrt
+from operator import itemgetter
+from typing import Any, TypeAlias
 
-from head_tracking.transforms.joint import Joint, JointType, Mimic
-from head_tracking.transforms.rotation import Rotation
-from head_tracking.transforms.straight_line import StraightLine, Term, tuple_of
-from head_tracking.transforms.transform import Transform
+from head_tracking.transforms.history import Sample
+from head_tracking.transforms.transform import Transform, Vector3, product
 
+Link: TypeAlias = Callable[[Any], tuple[float, ...]]
+"""From what is recorded, a joint's position [rad or m] or a `Sample`, to a transform's numbers."""
 
-@dataclass(frozen=True, slots=True)
-class ConstantStep:
-    """A transform that never changes."""
+MovingStep: TypeAlias = Callable[[Transform, Transform], Link]
+"""From the constants before and after a link to all three in one."""
 
-    transform: Transform
+Step: TypeAlias = Transform | MovingStep
+Reader: TypeAlias = Callable[[Any], Any]
 
-
-@dataclass(frozen=True, slots=True)
-class JointStep:
-    """A joint, without its origin, at ``multiplier * argument + offset``.
-
-    Attributes:
-        argument: which argument of the compiled function is its position.
-        joint: type and axis.
-        multiplier: of the argument.
-        offset: added to it [rad or m].
-        inverse: from parent to child instead of from child to parent.
-    """
-
-    argument: int
-    joint: Joint
-    multiplier: float = 1.0
-    offset: float = 0.0
-    inverse: bool = False
+_IDENTITY = Transform.identity()
+_DIAGONAL = sqrt(0.5)
 
 
-@dataclass(frozen=True, slots=True)
-class PoseStep:
-    """A whole transform that comes as an argument, paired with the name of its parent.
-
-    Attributes:
-        argument: which argument of the compiled function is the pair.
-        inverse: the transform the other way.
-    """
-
-    argument: int
-    inverse: bool = False
-
-
-Step: TypeAlias = ConstantStep | JointStep | PoseStep
-
-Terms: TypeAlias = tuple[Term, ...]
-
-
-def joint_steps(joint: Joint, leader: Mimic, argument: int) -> tuple[Step, ...]:
-    """A joint from its parent to its child.
-
-    Args:
-        joint: the joint.
-        leader: the joint whose position is the argument, and what becomes of it here.
-        argument: which argument that position is.
-    """
-    origin = ConstantStep(joint.origin)
-    if not joint.moves:
-        return (origin,)
-    return origin, JointStep(argument, joint, leader.multiplier, leader.offset)
-
-
-def inverted(steps: Iterable[Step]) -> list[Step]:
-    """The same way back."""
-    back: list[Step] = []
-    for step in reversed(tuple(steps)):
-        if isinstance(step, ConstantStep):
-            back.append(ConstantStep(step.transform.inverse()))
-        else:
-            back.append(replace(step, inverse=not step.inverse))
-    return back
-
-
-def compile_chain(steps: Iterable[Step], arguments: int) -> Callable[..., tuple[float, ...]]:
-    """A function of the arguments that gives the seven numbers of `T_target_source`.
+class Chain:
+    """The way from one frame to another, as a function of what decides where its links stand.
 
     Args:
         steps: the transforms to be multiplied, from target (first) to source (last).
-        arguments: how many arguments the steps use.
+        readers: what gives each link its value, from source to target.
     """
-    code = StraightLine()
-    pose = write_pose(code, tuple(steps))
-    return code.function([f"a{index}" for index in range(arguments)], tuple_of(pose), {})
 
+    __slots__ = ("_constant", "_links")
 
-def write_pose(code: StraightLine, steps: Sequence[Step]) -> Terms:
-    """Writes the seven numbers of a chain; the arguments are variables a0, a1, ..."""
-    origin = (Term(), Term(), Term())
-    position, quaternion = _walk(code, steps, origin, (*origin, Term(1.0)))
-    return (*position, *quaternion)
-
-
-def write_point(code: StraightLine, steps: Sequence[Step]) -> Terms:
-    """Writes where a chain takes the point px, py, pz; else as `write_pose`."""
-    point = tuple(map(Term.variable, ("px", "py", "pz")))
-    return _walk(code, steps, point, None)[0]
-
-
-def _merged(steps: Iterable[Step]) -> list[Step]:
-    """The steps with neighbouring constants multiplied out."""
-    merged: list[Step] = []
-    for step in steps:
-        if isinstance(step, ConstantStep) and merged and isinstance(merged[-1], ConstantStep):
-            merged[-1] = ConstantStep(merged[-1].transform @ step.transform)
-        else:
-            merged.append(step)
-    return merged
-
-
-def _walk(
-    code: StraightLine, steps: Sequence[Step], position: Terms, quaternion: Terms | None
-) -> tuple[Terms, Terms]:
-    """Takes a position, and an orientation if wanted, from source to target."""
-    for step in reversed(_merged(steps)):
-        if isinstance(step, ConstantStep):
-            rotation = tuple(map(Term, step.transform.rotation))
-            position = _turned_by_constant(step.transform.rotation, position)
-            position = _sum(position, tuple(map(Term, step.transform.translation)))
-        elif isinstance(step, PoseStep):
-            offset, rotation = _argument(code, step.argument)
-            if step.inverse:
-                rotation = (*(-term for term in rotation[:3]), rotation[3])
-                offset = tuple(-term for term in offset)
-                position = _turned(code, rotation, _sum(position, offset))
+    def __init__(self, steps: Iterable[Step], readers: Iterable[Reader]) -> None:
+        before = _IDENTITY
+        moving: list[tuple[MovingStep, Transform]] = []
+        for step in steps:
+            if isinstance(step, Transform):
+                before = step if before is _IDENTITY else _joined(before, step)
             else:
-                position = _sum(_turned(code, rotation, position), offset)
-        else:
-            axis = tuple(-a for a in step.joint.axis) if step.inverse else step.joint.axis
-            value = Term.variable(f"a{step.argument}") * step.multiplier + Term(step.offset)
-            if step.joint.type is JointType.PRISMATIC:
-                position = _sum(position, tuple(value * component for component in axis))
-                continue
-            rotation, position = _turned_by_joint(code, axis, value, position)
-        if quaternion is not None:
-            quaternion = _quaternion_product(code, rotation, quaternion)
-    return position, quaternion or ()
+                moving.append((step, before))
+                before = _IDENTITY
+        self._constant = before
+        self._links: list[tuple[Link, Reader]] = []
+        for (step, constant), read in zip(reversed(moving), readers, strict=True):
+            self._links.append((step(constant, before), read))
+            before = _IDENTITY
+
+    def transform(self, argument: Any) -> Transform:
+        """`T_target_source`, for what the readers take."""
+        numbers: tuple[float, ...] | None = None
+        for link, read in self._links:
+            here = link(read(argument))
+            numbers = here if numbers is None else product(here, numbers)
+        return self._constant if numbers is None else tuple.__new__(Transform, numbers)
 
 
-def _argument(code: StraightLine, argument: int) -> tuple[Terms, Terms]:
-    """The translation and rotation of a transform that is an argument."""
-    names = [f"{letter}{argument}" for letter in ("x", "y", "z", "i", "j", "k", "w")]
-    x, y, z, i, j, k, w = names
-    code.lines.append(f"_, ({x}, {y}, {z}, {i}, {j}, {k}, {w}) = a{argument}")
-    terms = tuple(map(Term.variable, names))
-    return terms[:3], terms[3:]
+def _joined(a: Transform, b: Transform) -> Transform:
+    return tuple.__new__(Transform, product(a, b))
 
 
-def _sum(a: Terms, b: Terms) -> Terms:
-    return tuple(i + j for i, j in zip(a, b, strict=True))
+def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
+    """A joint that turns about a unit vector, by ``multiplier * position + offset`` [rad].
+
+    Everything is linear in sine and cosine: the quaternion in those of half the angle, the
+    translation in those of the angle.
+    """
+
+    def step(before: Transform, after: Transform) -> Link:
+        def at(sine: float, cosine: float) -> tuple[float, ...]:
+            i, j, k = axis
+            turn = (0.0, 0.0, 0.0, sine * i, sine * j, sine * k, cosine)
+            return product(before, turn if after is _IDENTITY else product(turn, after))
+
+        # at 0, at half a turn, and, if something stands off the axis, at a quarter
+        x0, y0, z0, ci, cj, ck, cw = at(0.0, 1.0)
+        x2, y2, z2, si, sj, sk, sw = at(1.0, 0.0)
+        x, y, z = 0.5 * (x0 + x2), 0.5 * (y0 + y2), 0.5 * (z0 + z2)
+        cx, cy, cz = x0 - x, y0 - y, z0 - z
+        arm = any(after[:3])
+        x1, y1, z1 = at(_DIAGONAL, _DIAGONAL)[:3] if arm else (x, y, z)
+        sx, sy, sz = x1 - x, y1 - y, z1 - z
+        half, start = 0.5 * multiplier, 0.5 * offset
+
+        def on_axis(position: float) -> tuple[float, ...]:
+            angle = half * position + start
+            c, s = cos(angle), sin(angle)
+            return x, y, z, c * ci + s * si, c * cj + s * sj, c * ck + s * sk, c * cw + s * sw
+
+        def beside(position: float) -> tuple[float, ...]:
+            angle = half * position + start
+            c, s = cos(angle), sin(angle)
+            sine, cosine = 2.0 * s * c, 1.0 - 2.0 * s * s
+            return (
+                x + cosine * cx + sine * sx,
+                y + cosine * cy + sine * sy,
+                z + cosine * cz + sine * sz,
+                c * ci + s * si,
+                c * cj + s * sj,
+                c * ck + s * sk,
+                c * cw + s * sw,
+            )
+
+        return beside if arm else on_axis
+
+    return step
 
 
-def _turned_by_constant(rotation: Rotation, v: Terms) -> Terms:
-    return tuple(
-        sum((i * m for m, i in zip(row, v, strict=True)), Term())
-        for row in rotation.as_matrix().tolist()
-    )
+def sliding(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
+    """A joint that slides along a unit vector, by ``multiplier * position + offset`` [m]."""
+
+    def step(before: Transform, after: Transform) -> Link:
+        x, y, z, *rotation = before @ after
+        dx, dy, dz = before.rotation.apply(axis)
+
+        def link(position: float) -> tuple[float, ...]:
+            way = multiplier * position + offset
+            return x + way * dx, y + way * dy, z + way * dz, *rotation
+
+        return link
+
+    return step
 
 
-def _turned_by_joint(
-    code: StraightLine, axis: Sequence[float], angle: Term, v: Terms
-) -> tuple[Terms, Terms]:
-    """The rotation about a unit vector, and a vector turned by it."""
-    half = code.product(angle, Term(0.5))
-    argument = code.value(half)
-    s, c = code.compute(f"sin({argument})"), code.compute(f"cos({argument})")
-    rotation = (*(s * component for component in axis), c)
-    main = max(range(3), key=lambda i: abs(axis[i]))
-    if abs(axis[main]) < 1.0:
-        return rotation, _turned(code, rotation, v)
-    # about x, y or z only the other two coordinates change
-    one, two = v[main - 2], v[main - 1]
-    double = code.product(s, Term(2.0))
-    sine = code.product(double, c) * axis[main]
-    cosine = Term(1.0) - code.product(double, s)
-    result = list(v)
-    result[main - 2] = code.product(cosine, one) - code.product(sine, two)
-    result[main - 1] = code.product(sine, one) + code.product(cosine, two)
-    return rotation, tuple(result)
+def sampled(before: Transform, after: Transform) -> Link:
+    """A transform that was measured."""
+    bx, by, bz = before.translation
+    arm = after.translation
+
+    def moved(sample: Sample) -> tuple[float, ...]:
+        x, y, z, i, j, k, w = sample[1]
+        return bx + x, by + y, bz + z, i, j, k, w
+
+    def with_arm(sample: Sample) -> tuple[float, ...]:
+        x, y, z = sample[1].apply(arm)
+        return bx + x, by + y, bz + z, *sample[1][3:]
+
+    if before.rotation != _IDENTITY.rotation:
+        return lambda sample: product(product(before, sample[1]), after)
+    if after.rotation != _IDENTITY.rotation:
+        return lambda sample: product(moved(sample), after)
+    if any(arm):
+        return with_arm
+    return moved if any(before.translation) else itemgetter(1)
 
 
-def _turned(code: StraightLine, q: Terms, v: Terms) -> Terms:
-    """The vector turned by a unit quaternion: t = 2 q x v; v' = v + w t + q x t."""
-    t = tuple(term * 2.0 for term in _cross(code, q[:3], v))
-    across = _cross(code, q[:3], t)
-    return tuple(
-        own + code.product(q[3], turn) + more for own, turn, more in zip(v, t, across, strict=True)
-    )
-
-
-def _cross(code: StraightLine, a: Terms, b: Terms) -> Terms:
-    (ax, ay, az), (bx, by, bz) = a, b
-    return (
-        code.product(ay, bz) - code.product(az, by),
-        code.product(az, bx) - code.product(ax, bz),
-        code.product(ax, by) - code.product(ay, bx),
-    )
-
-
-def _quaternion_product(code: StraightLine, a: Terms, b: Terms) -> Terms:
-    aw, bw = a[3], b[3]
-    vector = tuple(
-        code.product(aw, i) + code.product(j, bw) + k
-        for i, j, k in zip(b[:3], a[:3], _cross(code, a[:3], b[:3]), strict=True)
-    )
-    dot = sum((code.product(i, j) for i, j in zip(a[:3], b[:3], strict=True)), Term())
-    return (*vector, code.product(aw, bw) - dot)
+def sampled_inverse(before: Transform, after: Transform) -> Link:
+    """A transform that was measured, the other way."""
+    return lambda sample: product(product(before, sample[1].inverse()), after)

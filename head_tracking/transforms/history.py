@@ -1,122 +1,113 @@
-"""Samples over time, with interpolation between them and never beyond."""
+"""Samples over time by the rules of tf2's TimeCache: interpolated between, never extrapolated."""
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from typing import Generic, TypeVar
+from bisect import bisect_left, bisect_right
+from typing import Generic, TypeAlias, TypeVar
 
+from head_tracking.transforms.exceptions import ExtrapolationException
 from head_tracking.transforms.transform import Transform
 
 DEFAULT_CACHE_TIME = 10_000_000_000  # 10 s in ns, tf2's default
 
-NEVER = -1
-"""The stamp of what was not sampled yet."""
+LATEST = 0
+"""tf2: the time zero asks for the latest time."""
 
-DROP_BATCH = 256
-"""So many old samples are dropped at once: one at a time would move the whole list each time."""
+Sample: TypeAlias = tuple[str, Transform]
+"""A parent, and the transform in it: `T_parent_child`."""
 
 Value = TypeVar("Value")
 
 
 class History(Generic[Value]):
-    """Samples of one quantity of the last `cache_time` [ns] before the newest one.
-
-    The lists are kept for good, and compiled lookups hold on to them. They begin with an entry
-    that never was, so that there is always one to look at; then may come samples that are older
-    than the cache, until there are enough to be dropped at once.
+    """Samples of one quantity.
 
     Attributes:
         stamps: when the samples were taken [ns], sorted; the last one is the newest.
         values: the samples.
-        cache_time: how old a sample may be asked for [ns].
-        drop_at: old samples are to be dropped when the lists are longer.
+        cache_time: how much older than the newest a sample may be [ns].
     """
 
-    __slots__ = ("cache_time", "drop_at", "stamps", "values")
+    __slots__ = ("cache_time", "stamps", "values")
 
     def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         self.cache_time = cache_time
         self.stamps: list[int] = []
-        self.values: list[Value | None] = []
-        self.clear()
+        self.values: list[Value] = []
 
     def __len__(self) -> int:
-        return len(self.stamps) - self._first()
+        return len(self.stamps)
 
     def clear(self) -> None:
         """Forgets everything."""
-        self.stamps[:] = [NEVER]
-        self.values[:] = [None]
-        self.drop_at = DROP_BATCH
+        self.stamps.clear()
+        self.values.clear()
 
-    @property
-    def latest(self) -> int:
-        """The stamp of the newest sample [ns]; NEVER without one."""
-        return self.stamps[-1]
-
-    @property
-    def oldest(self) -> int:
-        """The oldest time that can be asked for [ns]; NEVER without a sample."""
-        if len(self.stamps) == 1:
-            return NEVER
-        return max(self.stamps[1], self.stamps[-1] - self.cache_time)
-
-    @property
-    def newest(self) -> Value:
-        """The value of the newest sample, if there is one."""
-        return self.values[-1]  # type: ignore[return-value]
+    def covers(self, stamp: int) -> bool:
+        """Whether `at` has an answer for this time [ns]."""
+        stamps = self.stamps
+        return bool(stamps) and (stamps[0] <= stamp <= stamps[-1] or stamp == LATEST)
 
     def insert(self, stamp: int, value: Value) -> bool:
-        """Takes a sample, also one that comes late; of two with one stamp the later to come.
+        """Takes a sample, also one that comes late; those with one stamp are all kept.
 
         Returns:
             False if the sample is older than the cache and was not taken.
         """
         stamps = self.stamps
-        if stamp <= stamps[-1]:
-            return self._insert_late(stamp, value)
-        stamps.append(stamp)
-        self.values.append(value)
-        if len(stamps) > self.drop_at:
-            self.drop_old()
-        return True
-
-    def at(self, stamp: int) -> Value:
-        """The value at `stamp` [ns], which must lie within oldest and latest."""
-        index = bisect_left(self.stamps, stamp, 1)
-        after = self.stamps[index]
-        if after == stamp:
-            return self.values[index]  # type: ignore[return-value]
-        before = self.stamps[index - 1]
-        return self._between(index, (stamp - before) / (after - before))
-
-    def _between(self, index: int, ratio: float) -> Value:
-        """The value on the way from the sample before `index` to that one."""
-        raise NotImplementedError
-
-    def _insert_late(self, stamp: int, value: Value) -> bool:
-        if stamp < self.latest - self.cache_time:
+        if not stamps:
+            stamps.append(stamp)
+            self.values.append(value)
+            return True
+        oldest_allowed = stamps[-1] - self.cache_time
+        # before the new sample comes: the last one before a pause stays, to interpolate from
+        if stamps[0] < oldest_allowed:
+            self._drop(bisect_left(stamps, oldest_allowed))
+        if stamp > stamps[-1]:
+            stamps.append(stamp)
+            self.values.append(value)
+            return True
+        if stamp < oldest_allowed:
             return False
-        index = bisect_left(self.stamps, stamp, 1)
-        if self.stamps[index] == stamp:
-            self.values[index] = value
-        else:
-            self.stamps.insert(index, stamp)
+        index = bisect_right(stamps, stamp)
+        if value not in self.values[bisect_left(stamps, stamp) : index]:
+            stamps.insert(index, stamp)
             self.values.insert(index, value)
         return True
 
-    def _first(self) -> int:
-        """The index of the first sample that is not older than the cache."""
-        return bisect_left(self.stamps, self.latest - self.cache_time, 1)
+    def at(self, stamp: int) -> Value:
+        """The value at `stamp` [ns], or the newest.
 
-    def drop_old(self) -> None:
-        """Drops what is older than the cache."""
-        # the newest of the old ones stays, for times between it and the next
-        keep = max(1, self._first() - 1)
-        del self.stamps[1:keep]
-        del self.values[1:keep]
-        self.drop_at = len(self.stamps) + DROP_BATCH
+        Raises:
+            ExtrapolationException: nothing is known of that time.
+        """
+        stamps = self.stamps
+        if not stamps:
+            raise ExtrapolationException("nothing is known")
+        if stamp == stamps[-1] or stamp == LATEST:
+            return self.values[-1]
+        if stamp == stamps[0]:
+            return self.values[0]
+        after = bisect_right(stamps, stamp)
+        if not 0 < after < len(stamps):
+            raise ExtrapolationException(
+                f"extrapolation into the {'future' if after else 'past'}: time {seconds(stamp)} "
+                f"was asked for, {seconds(stamps[0])} to {seconds(stamps[-1])} is known"
+            )
+        before = stamps[after - 1]
+        if before == stamp:
+            return self.values[after - 1]
+        ratio = (stamp - before) / (stamps[after] - before)
+        return self._between(self.values[after - 1], self.values[after], ratio)
+
+    def _between(self, older: Value, newer: Value, ratio: float) -> Value:
+        raise NotImplementedError
+
+    def _drop(self, count: int) -> None:
+        """Forgets the oldest samples."""
+        del self.stamps[:count]
+        del self.values[:count]
 
 
 class JointHistory(History[float]):
@@ -140,29 +131,61 @@ class JointHistory(History[float]):
         self.joint = joint
         self.continuous = continuous
 
-    def _between(self, index: int, ratio: float) -> float:
-        before, after = self.values[index - 1], self.values[index]
-        assert before is not None
-        assert after is not None
-        difference = after - before
+    def _between(self, older: float, newer: float, ratio: float) -> float:
+        difference = newer - older
         if self.continuous:
             difference = math.remainder(difference, math.tau)
-        return before + ratio * difference
+        return older + ratio * difference
 
 
-class TransformHistory(History[tuple[str, Transform]]):
-    """Parents of one frame, and the transforms in them; between two parents the older one holds."""
+class TransformHistory(History[Sample]):
+    """Transforms of one frame; between samples in two parents the older one holds.
 
-    __slots__ = ()
+    Attributes:
+        parent: the parent of all samples; None if they have several or there is none.
+    """
 
-    def parents(self) -> set[str]:
-        """All parents within the cache; one only, unless the frame was handed over."""
-        return {pair[0] for pair in self.values[self._first() :] if pair is not None}
+    __slots__ = ("parent",)
 
-    def _between(self, index: int, ratio: float) -> tuple[str, Transform]:
-        older, newer = self.values[index - 1], self.values[index]
-        assert older is not None
-        assert newer is not None
+    def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
+        super().__init__(cache_time)
+        self.parent: str | None = None
+
+    def clear(self) -> None:
+        """Forgets everything."""
+        super().clear()
+        self.parent = None
+
+    def insert(self, stamp: int, value: Sample) -> bool:
+        """As for any history."""
+        if not self.stamps:
+            self.parent = value[0]
+        taken = super().insert(stamp, value)
+        if taken and self.parent != value[0]:
+            self.parent = self._common_parent()
+        return taken
+
+    def parent_at(self, stamp: int) -> str | None:
+        """The parent at this time [ns]; None if it is not known."""
+        if not self.covers(stamp):
+            return None
+        return self.parent or self.at(stamp)[0]
+
+    def _common_parent(self) -> str | None:
+        parent = self.values[-1][0]
+        return parent if all(value[0] == parent for value in self.values) else None
+
+    def _drop(self, count: int) -> None:
+        super()._drop(count)
+        if self.parent is None:
+            self.parent = self._common_parent()
+
+    def _between(self, older: Sample, newer: Sample, ratio: float) -> Sample:
         if older[0] != newer[0]:
             return older
         return older[0], older[1].interpolate(newer[1], ratio)
+
+
+def seconds(stamp: int) -> str:
+    """A stamp [ns] for a person to read."""
+    return f"{stamp * 1e-9:.6f} s"

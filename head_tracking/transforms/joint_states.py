@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from head_tracking.transforms.exceptions import RobotModelError
-from head_tracking.transforms.joint import Joint, Mimic
-from head_tracking.transforms.robot_model import RobotModel, resolved_leaders
+from head_tracking.transforms.robot_model import Joint, Mimic, RobotModel, resolved_leaders
 
 
 @dataclass(frozen=True, slots=True)

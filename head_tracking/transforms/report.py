@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from head_tracking.transforms.edges import Edge, JointEdge, StaticEdge
-from head_tracking.transforms.history import NEVER
+from head_tracking.transforms.tree import Edge, JointEdge, SampledEdge, StaticEdge
 
 _NO_PARENT = "NO_PARENT"  # tf2's word
 _STATIC_RATE = 10_000.0  # what tf2 says of one sample: it is spread over 0.1 ms
@@ -26,9 +25,9 @@ def frames_as_yaml(edges: Iterable[Edge], authorities: Mapping[str, str], now: i
     """
     lines: list[str] = []
     for edge in edges:
-        oldest, latest = _span(edge)
-        if latest == NEVER:
+        if edge.history is not None and not edge.history:
             continue
+        oldest, latest = _span(edge)
         lines += [
             f"{edge.child}: ",
             f"  parent: '{_parent(edge)}'",
@@ -51,10 +50,10 @@ def tree_as_string(edges: Iterable[Edge], names: Iterable[str], now: int) -> str
         names: of all frames.
         now: the time [ns], for the ages; 0 for none.
     """
-    above = {edge.child: edge for edge in edges if edge.parent}
+    above = {edge.child: edge for edge in edges if _parent(edge) != _NO_PARENT}
     children: dict[str, list[str]] = {name: [] for name in sorted(names)}
     for child, edge in above.items():
-        children.setdefault(edge.parent, []).append(child)
+        children.setdefault(_parent(edge), []).append(child)
     lines: list[str] = []
     stack = [(frame, "", "") for frame in reversed(children) if frame not in above]
     while stack:
@@ -91,10 +90,9 @@ def problems(edges: Iterable[Edge], names: Iterable[str], now: int, max_age: int
         if edge.history is None:
             continue
         what = edge.leader.joint if isinstance(edge, JointEdge) else edge.child
-        age = now - edge.history.latest
-        if edge.history.latest == NEVER:
+        if not edge.history:
             silent[what] = "joint" if isinstance(edge, JointEdge) else "frame"
-        elif age > max_age:
+        elif (age := now - edge.history.stamps[-1]) > max_age:
             late[what] = age * 1e-9
     found += [f"the {kind} {name!r} was never heard of" for name, kind in silent.items()]
     found += [f"{name!r} was last heard of {age:.1f} s ago" for name, age in late.items()]
@@ -105,24 +103,27 @@ def rate(edge: Edge) -> float:
     """Samples per second; for a frame that never moves what tf2 says."""
     if edge.history is None:
         return _STATIC_RATE
-    span = max(edge.history.latest - edge.history.oldest, 100_000)
-    return len(edge.history) * 1e9 / span
+    oldest, latest = _span(edge)
+    return len(edge.history) * 1e9 / max(latest - oldest, 100_000)
 
 
 def _note(edge: Edge, now: int) -> str:
     if isinstance(edge, StaticEdge):
         return ""
     what = f"  [{edge.joint.name}]" if isinstance(edge, JointEdge) else "  [transforms]"
-    assert edge.history is not None
-    if edge.history.latest == NEVER:
+    if not edge.history:
         return f"{what} nothing known"
-    age = f", {(now - edge.history.latest) * 1e-9:.3f} s old" if now else ""
+    age = f", {(now - _span(edge)[1]) * 1e-9:.3f} s old" if now else ""
     return f"{what} {rate(edge):.1f} Hz{age}"
 
 
 def _parent(edge: Edge) -> str:
-    return edge.parent or _NO_PARENT
+    """The newest parent."""
+    if isinstance(edge, SampledEdge):
+        return edge.history.values[-1][0] if edge.history else _NO_PARENT
+    return edge.parent
 
 
 def _span(edge: Edge) -> tuple[int, int]:
-    return (0, 0) if edge.history is None else (edge.history.oldest, edge.history.latest)
+    """The oldest and the newest stamp [ns] of an edge of which something is known."""
+    return (0, 0) if edge.history is None else (edge.history.stamps[0], edge.history.stamps[-1])

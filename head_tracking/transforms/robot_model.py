@@ -2,35 +2,148 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from operator import itemgetter
 
-from head_tracking.transforms.chain import (
-    Step,
-    compile_chain,
-    inverted,
-    joint_steps,
-)
+from head_tracking.transforms.chain import Chain, Step, sliding, turning
 from head_tracking.transforms.exceptions import LookupException, RobotModelError
-from head_tracking.transforms.joint import Joint, Mimic
-from head_tracking.transforms.transform import Transform
+from head_tracking.transforms.transform import Rotation, Transform, Vector3
+
+
+class JointType(StrEnum):
+    """The joint types of URDF that one number or none describes."""
+
+    FIXED = "fixed"
+    REVOLUTE = "revolute"
+    CONTINUOUS = "continuous"
+    PRISMATIC = "prismatic"
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
-    """The way from one link to another, compiled for the joints on it.
+class JointLimits:
+    """How far, fast and hard a joint may move.
+
+    Attributes:
+        lower: smallest position [rad or m]; -inf where there is none.
+        upper: largest position [rad or m]; inf where there is none.
+        velocity: largest speed [rad/s or m/s]; inf where none is given.
+        effort: largest effort [N m or N]; inf where none is given.
+    """
+
+    lower: float = float("-inf")
+    upper: float = float("inf")
+    velocity: float = float("inf")
+    effort: float = float("inf")
+
+    def clamp(self, position: float) -> float:
+        """The allowed position nearest to `position`."""
+        return min(max(position, self.lower), self.upper)
+
+    def contains(self, position: float, tolerance: float = 0.0) -> bool:
+        """Whether `position` is allowed, give or take `tolerance`."""
+        return self.lower - tolerance <= position <= self.upper + tolerance
+
+    def narrowed(self, lower: float, upper: float) -> JointLimits:
+        """These limits, and not beyond `lower` and `upper` either.
+
+        Raises:
+            ValueError: nothing would be left.
+        """
+        narrowed = JointLimits(
+            max(self.lower, lower), min(self.upper, upper), self.velocity, self.effort
+        )
+        if not narrowed.lower < narrowed.upper:
+            raise ValueError(
+                f"the limits {self.lower:.3f} to {self.upper:.3f} and {lower:.3f} to {upper:.3f} "
+                "have nothing in common; widen one of them"
+            )
+        return narrowed
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A joint that follows another: position = multiplier * (the other's position) + offset."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint between two links, as in URDF.
+
+    Attributes:
+        name: unique in its model.
+        type: fixed, revolute, continuous or prismatic.
+        parent: the link that carries the joint.
+        child: the link that the joint moves.
+        origin: takes points from the joint's frame (the child at position 0) into the parent.
+        axis: unit vector in the joint's frame, along or about which the child moves.
+        limits: how far, fast and hard.
+        mimic: the joint that this one follows, if any.
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    origin: Transform
+    axis: Vector3 = (1.0, 0.0, 0.0)
+    limits: JointLimits = JointLimits()
+    mimic: Mimic | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint has a position at all."""
+        return self.type is not JointType.FIXED
+
+    def motion(self, position: float) -> Transform:
+        """Takes points from the child into the joint's frame, at `position` [rad or m]."""
+        if self.type is JointType.PRISMATIC:
+            x, y, z = self.axis
+            return Transform((position * x, position * y, position * z), Rotation.identity())
+        if self.type is JointType.FIXED:
+            return Transform.identity()
+        return Transform((0.0, 0.0, 0.0), Rotation.from_axis_angle(self.axis, position))
+
+    def steps(self, leader: Mimic, *, back: bool = False) -> tuple[Step, ...]:
+        """From the parent to the child as steps of a chain: `T_parent_child`.
+
+        Args:
+            leader: the joint whose position the moving step takes, and what becomes of it here.
+            back: the other way, `T_child_parent`.
+        """
+        if not self.moves:
+            return (self.origin.inverse() if back else self.origin,)
+        x, y, z = self.axis
+        axis = (-x, -y, -z) if back else self.axis
+        kind = sliding if self.type is JointType.PRISMATIC else turning
+        motion = kind(axis, leader.multiplier, leader.offset)
+        return (motion, self.origin.inverse()) if back else (self.origin, motion)
+
+    def transform(self, position: float) -> Transform:
+        """Takes points from the child into the parent, at `position` [rad or m]."""
+        return self.origin @ self.motion(position)
+
+
+@dataclass(frozen=True, slots=True)
+class JointChain:
+    """The way from one link to another.
 
     Attributes:
         joints: names of the joints that decide it; their positions are the arguments, in order.
-        numbers: the seven numbers of `T_target_source`.
+        chain: the way itself.
     """
 
     joints: tuple[str, ...]
-    numbers: Callable[..., tuple[float, ...]]
+    chain: Chain
 
     def transform(self, *positions: float) -> Transform:
         """`T_target_source` at these joint positions [rad or m]."""
-        return tuple.__new__(Transform, self.numbers(*positions))
+        return self.chain.transform(positions)
 
 
 class RobotModel:
@@ -62,7 +175,7 @@ class RobotModel:
         self.root = _root(self.links, joints, self._parent_joint)
         mimics = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
         self._leaders = resolved_leaders(self, mimics)
-        self._chains: dict[tuple[str, str], Chain] = {}
+        self._chains: dict[tuple[str, str], JointChain] = {}
         self._children: dict[str, list[str]] = {link: [] for link in self.links}
         for joint in joints:
             self._children[joint.parent].append(joint.child)
@@ -136,8 +249,8 @@ class RobotModel:
             joint.name for joint in self.joints.values() if joint.moves and joint.mimic is None
         )
 
-    def chain(self, target_link: str, source_link: str) -> Chain:
-        """The way from source to target, compiled.
+    def chain(self, target_link: str, source_link: str) -> JointChain:
+        """The way from source to target; made once for each pair of links.
 
         Raises:
             LookupException: an unknown link.
@@ -148,7 +261,7 @@ class RobotModel:
             while target and source and target[-1] is source[-1]:
                 target.pop()
                 source.pop()
-            chain = self._chains[target_link, source_link] = self._compile(target, source)
+            chain = self._chains[target_link, source_link] = self._join(target, source)
         return chain
 
     def transform(
@@ -165,21 +278,17 @@ class RobotModel:
         except KeyError as error:
             raise LookupException(f"no position is given for the joint {error}") from None
 
-    def _compile(self, target: list[Joint], source: list[Joint]) -> Chain:
-        leaders = {self.leader(joint.name).joint for joint in (*target, *source) if joint.moves}
-        joints = tuple(joint for joint in self.joints if joint in leaders)
-
-        def steps(joint: Joint) -> tuple[Step, ...]:
-            leader = self.leader(joint.name)
-            argument = joints.index(leader.joint) if joint.moves else 0
-            return joint_steps(joint, leader, argument)
-
-        way: list[Step] = []
+    def _join(self, target: list[Joint], source: list[Joint]) -> JointChain:
+        moving = [joint for joint in (*source, *reversed(target)) if joint.moves]
+        leaders = [self.leader(joint.name).joint for joint in moving]
+        joints = tuple(name for name in self.joints if name in leaders)
+        steps: list[Step] = []
         for joint in target:
-            way += inverted(steps(joint))
+            steps += joint.steps(self.leader(joint.name), back=True)
         for joint in reversed(source):
-            way += steps(joint)
-        return Chain(joints, compile_chain(way, len(joints)))
+            steps += joint.steps(self.leader(joint.name))
+        readers = [itemgetter(joints.index(leader)) for leader in leaders]
+        return JointChain(joints, Chain(steps, readers))
 
 
 def resolved_leaders(model: RobotModel, mimics: Mapping[str, Mimic]) -> dict[str, Mimic]:

@@ -13,10 +13,8 @@ import xacro
 import yourdfpy
 
 from head_tracking.transforms.exceptions import RobotModelError
-from head_tracking.transforms.joint import Joint, JointLimits, JointType, Mimic
-from head_tracking.transforms.robot_model import RobotModel
-from head_tracking.transforms.rotation import Vector3
-from head_tracking.transforms.transform import Transform
+from head_tracking.transforms.robot_model import Joint, JointLimits, JointType, Mimic, RobotModel
+from head_tracking.transforms.transform import Transform, Vector3
 
 # element, attribute: how many numbers it holds
 _NUMBERS = {

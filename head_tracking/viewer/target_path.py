@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from head_tracking.gaze import Sight
 from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.transforms import Vector3
 
 _JUMP = 0.3  # m: from one sample to the next; farther is another target
 _STEPS = 12
-_MOVING = 0.02  # m/s: slower targets stand still
+_RECEDING = 0.05  # 1/s: a target whose distance changes slower stands still
+_CLOSE = 1e-3  # m
+_MOVING = 0.01  # rad/s: slower targets stand still
 _DEVIATIONS = 3.0  # of a speed; up to there a target may stand still as well
 
 
@@ -64,17 +67,40 @@ class TargetPath:
         estimate, now = self._estimator.estimate, self._now * 1e-9
         if estimate is None or estimate.age(now) > estimate.timeout:
             return []
-        speed = math.hypot(*estimate.velocity(estimate.stamp))
-        if speed < max(_MOVING, _DEVIATIONS * estimate.speed_deviation):
+        moving = any(
+            abs(speed) > max(_MOVING, _DEVIATIONS * estimate.speed_deviation(joint))
+            for joint, speed in enumerate(estimate.velocity(estimate.stamp))
+        )
+        if not moving and abs(estimate.range.rate) < _RECEDING:
             return []
-        x, y, z = self._head
         step = (now + self._ahead - estimate.stamp) / _STEPS
         times = (estimate.stamp + number * step for number in range(_STEPS + 1))
-        return [(x + a, y + b, z + c) for a, b, c in map(estimate.position, times)]
+        return [self._point(estimate.sight_at(time)) for time in times]
 
     def _take(self, stamp: int, point: Vector3) -> None:
         if self._points and math.dist(point, self._points[-1][1]) > _JUMP:
             self._points.clear()
         self._points.append((stamp, point))
+        sight = self._sight(point)
+        if sight is not None:
+            self._estimator.add(stamp * 1e-9, sight, self._now * 1e-9)
+
+    def _sight(self, point: Vector3) -> Sight | None:
+        """Azimuth, angle below the horizon and distance of a point, from the head."""
         x, y, z = (a - b for a, b in zip(point, self._head, strict=True))
-        self._estimator.add(stamp * 1e-9, (x, y, z), self._now * 1e-9)
+        distance = math.hypot(x, y, z)
+        if distance < _CLOSE:
+            return None
+        last = self._estimator.estimate
+        before = 0.0 if last is None else last.sight.pan
+        azimuth = before + math.remainder(math.atan2(y, x) - before, math.tau)
+        return Sight(azimuth, -math.asin(z / distance), distance)
+
+    def _point(self, sight: Sight) -> Vector3:
+        x, y, z = self._head
+        flat = sight.distance * math.cos(sight.tilt)
+        return (
+            x + flat * math.cos(sight.pan),
+            y + flat * math.sin(sight.pan),
+            z - sight.distance * math.sin(sight.tilt),
+        )

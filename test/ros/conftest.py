@@ -15,8 +15,8 @@ MakeRobot = Callable[..., Robot]
 def _robots() -> Iterator[MakeRobot]:
     with ExitStack() as robots:
 
-        def make(*arguments: str, ros_args: list[str] | None = None) -> Robot:
-            robot = Robot(["--sim", *arguments], ros_args or [])
+        def make(*arguments: str, ros_args: list[str] | None = None, wait: bool = True) -> Robot:
+            robot = Robot(["--sim", *arguments], ros_args or [], wait)
             robots.callback(robot.close)
             return robot
 

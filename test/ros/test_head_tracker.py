@@ -162,3 +162,38 @@ def test_the_error_is_published_while_there_is_a_target(robot):
     look(robot, (1, 0.5, 0), in_state(robot, "tracking"))
     assert errors
     assert errors[-1].data < 0.05
+
+
+@pytest.mark.parametrize(
+    ("service", "data"), [("relax", None), ("head_pan_controller/torque_enable", False)]
+)
+def test_servos_that_were_relaxed_are_told_of_in_the_state(robot, service, data):
+    look(robot, (1, 0.7, 0), in_state(robot, "tracking"))
+    assert robot.call(service, data).success
+    robot.states.clear()
+    look(robot, (1, -0.7, 0), in_state(robot, "stalled"))
+    assert "head_pan_joint" in robot.states[-1]
+    robot.states.clear()
+    for _ in range(30):
+        robot.look_at(1, -0.7, 0, "torso_link", robot.node.get_clock().now().to_msg())
+        time.sleep(0.03)
+    assert not any(state.startswith("tracking:") for state in robot.states)
+    assert robot.call("torque_enable", True).success
+    look(robot, (1, -0.7, 0), in_state(robot, "tracking"))
+
+
+@pytest.mark.parametrize("mode", ["track", "point"])
+def test_a_foreign_robot_description_does_not_end_the_run(make_robot, mode):
+    robot = make_robot("--mode", mode, "--target", "none")
+    foreign = '<robot name="arm"><link name="shoulder"/></robot>'
+    publisher = robot.node.create_publisher(String, "robot_description", LATCHED)
+    wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(String(data=foreign))
+    robot.logged("another robot_description is not used")
+    for side in (1, -1):
+        deadline = time.monotonic() + 15
+        while robot.pan * side < 0.4:
+            assert time.monotonic() < deadline
+            robot.look_at(1, side, 0, "base_link")
+            time.sleep(0.05)
+    assert robot.threads.failure is None

@@ -93,6 +93,15 @@ def test_a_bad_value_is_refused_and_the_old_one_stays(make, name, value, words):
     assert not seen
 
 
+@pytest.mark.parametrize(("name", "bad"), [("speed", "fast"), ("speed", 7), ("axis", "up")])
+def test_a_refused_value_does_not_change_the_type_that_is_described(make, name, bad):
+    node = make()
+    NodeParameters(node, Example)
+    before = node.describe_parameter(name).type
+    assert not node.set_parameters([Parameter(name, value=bad)])[0].successful
+    assert node.describe_parameter(name).type == before
+
+
 def test_meaning_unit_and_range_can_be_asked_for(make):
     node = make()
     NodeParameters(node, Example)

@@ -16,7 +16,7 @@ from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus,
 PATIENCE = 30
 MODULES = {
     "head_tracking": "head_tracking",
-    "simulated_bus": "head_tracking.simulated_bus",
+    "simulated_bus": "head_tracking.tools.simulated_bus",
     "servo_bus": "head_tracking.nodes.servo_bus",
     "relax": "head_tracking.nodes.relax",
     "robot_state_publisher": "head_tracking.nodes.robot_state_publisher",

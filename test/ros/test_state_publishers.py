@@ -9,13 +9,12 @@ import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from topics import FakePublisher
 
-from head_tracking.nodes import robot_state_publisher as robot_state_publisher_module
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.tf import Buffer
@@ -86,6 +85,8 @@ def joints(seconds: float, **positions: float) -> JointState:
 
 # robot_state_publisher
 
+KEPT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
 
 def robot_state_publisher(**values) -> RobotStatePublisherNode:
     values = {"robot_description": ARM, "world_frame": ""} | values
@@ -133,42 +134,43 @@ def test_a_prefix_is_put_before_the_links(program):
 
 
 @pytest.fixture
-def tf(monkeypatch):
-    """What is sent on /tf, with a stand-in for tf2_msgs where that is missing."""
-    sent: dict[str, FakePublisher] = {}
-
-    def broadcaster(topic: str):
-        def make(_):
-            return sent.setdefault(topic, type("", (), {"sendTransform": publisher.publish})())
-
-        publisher = FakePublisher()
-        sent[topic + " messages"] = publisher
-        return make
-
-    module = robot_state_publisher_module
-    monkeypatch.setattr(module, "broadcasting_possible", lambda: True)
-    monkeypatch.setattr(module, "TransformBroadcaster", broadcaster("tf"))
-    monkeypatch.setattr(module, "StaticTransformBroadcaster", broadcaster("tf_static"))
-    return {name: sent[f"{name} messages"].sent for name in ("tf", "tf_static")}
+def tf(program):
+    """The transforms heard on /tf and /tf_static, message by message."""
+    kind = pytest.importorskip("tf2_msgs.msg").TFMessage
+    qos = {"tf": 100, "tf_static": KEPT}
+    heard = {topic: program.listen(kind, f"/{topic}", qos[topic]) for topic in qos}
+    return lambda topic: [message.transforms for message in heard[topic]]
 
 
 def test_moving_frames_go_to_tf_and_the_others_to_tf_static(program, tf):
     program.run(robot_state_publisher())
-    assert [t.child_frame_id for t in tf["tf_static"][-1]] == ["tip"]
+    wait_for(lambda: tf("tf_static"))
+    assert [t.child_frame_id for t in tf("tf_static")[-1]] == ["tip"]
     program.talk(JointState, "joint_states").publish(joints(1.5, shoulder=0.5, elbow=1.0))
-    wait_for(lambda: tf["tf"])
-    upper, lower = tf["tf"][0]
+    wait_for(lambda: tf("tf"))
+    upper, lower = tf("tf")[0]
     assert (upper.header.frame_id, upper.child_frame_id) == ("base", "upper")
     assert (upper.header.stamp.sec, upper.header.stamp.nanosec) == (1, 500_000_000)
     assert upper.transform.rotation.z == pytest.approx(math.sin(0.25))
     assert lower.transform.rotation.z == pytest.approx(math.sin(0.5))
 
 
+def test_after_another_model_the_links_of_the_old_one_are_sent_no_more(program, tf):
+    node = program.run(robot_state_publisher())
+    wait_for(lambda: tf("tf_static"))
+    node.set_parameters(parameters(robot_description=ARM.replace("tip", "hand")))
+    wait_for(lambda: tf("tf_static")[-1][0].child_frame_id == "hand")
+    assert [t.child_frame_id for t in tf("tf_static")[-1]] == ["hand"]
+    late = program.listen(node._static_sender.pub_tf.msg_type, "/tf_static", KEPT)
+    wait_for(lambda: late)
+    assert [t.child_frame_id for message in late for t in message.transforms] == ["hand"]
+
+
 def test_a_joint_that_nobody_measured_is_not_sent(program, tf):
     program.run(robot_state_publisher())
     program.talk(JointState, "joint_states").publish(joints(1.0, elbow=1.0))
-    wait_for(lambda: tf["tf"])
-    assert [t.child_frame_id for t in tf["tf"][0]] == ["lower"]
+    wait_for(lambda: tf("tf"))
+    assert [t.child_frame_id for t in tf("tf")[0]] == ["lower"]
 
 
 def test_tf_at_the_rate_of_the_joint_states_misses_none(program, tf):
@@ -176,19 +178,31 @@ def test_tf_at_the_rate_of_the_joint_states_misses_none(program, tf):
     publisher = program.talk(JointState, "joint_states")
     for step in range(5):
         publisher.publish(joints(1.0 + 0.0999 * step, shoulder=0.1 * step, elbow=1.0))
-        wait_for(lambda step=step: len(tf["tf"]) == step + 1)
+        wait_for(lambda step=step: len(tf("tf")) == step + 1)
 
 
-@pytest.mark.parametrize(("ignore_timestamp", "sent"), [(False, [5, 6]), (True, [5, 1, 6])])
+@pytest.mark.parametrize(("ignore_timestamp", "sent"), [(False, [5, 6]), (True, [5, 4.5, 6])])
 def test_stamps_that_go_back(program, tf, ignore_timestamp, sent):
     node = program.run(robot_state_publisher(ignore_timestamp=ignore_timestamp))
     publisher = program.talk(JointState, "joint_states")
-    for second in (5, 1, 6):
+    for second in (5, 4.5, 6):
         publisher.publish(joints(second, shoulder=0.5, elbow=1.0))
     wait_for(lambda: node._buffer.core.latest_joint_position("elbow") == (6 * 10**9, 1.0))
-    wait_for(lambda: len(tf["tf"]) == len(sent))
+    wait_for(lambda: len(tf("tf")) == len(sent))
     # the last of them is the newest that is known, whatever came in between
-    assert tf["tf"][-1][0].header.stamp.sec == 6
+    assert tf("tf")[-1][0].header.stamp.sec == 6
+
+
+def test_after_a_clock_that_jumped_back_tf_goes_on(program, tf):
+    node = program.run(robot_state_publisher())
+    publisher = program.talk(JointState, "joint_states")
+    now = node.get_clock().now().nanoseconds // 10**9
+    publisher.publish(joints(now + 3600, shoulder=0.5, elbow=1.0))
+    wait_for(lambda: len(tf("tf")) == 1)
+    publisher.publish(joints(now, shoulder=0.7, elbow=1.0))
+    wait_for(lambda: len(tf("tf")) == 2)
+    assert tf("tf")[-1][0].header.stamp.sec == now
+    assert tf("tf")[-1][0].transform.rotation.z == pytest.approx(math.sin(0.35))
 
 
 # joint_state_publisher

@@ -48,7 +48,7 @@ def test_a_cancelled_future_is_forgotten(buffer):
     future.cancel()
     buffer.set_transform(shifted(4.0, 4))
     assert future.cancelled()
-    assert not buffer.core._requests.open
+    assert not buffer.core._requests
 
 
 def test_an_executor_awaits_while_it_works(buffer):

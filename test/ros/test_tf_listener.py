@@ -8,11 +8,11 @@ import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.time import Time
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from topics import FakeTFMessage, Topics
 from transform_messages import shifted
 
 from head_tracking.share import robot_file
@@ -24,8 +24,6 @@ from head_tracking.tf import (
     TransformListener,
     broadcasting_possible,
 )
-from head_tracking.tf import broadcaster as broadcaster_module
-from head_tracking.tf import listener as listener_module
 from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import load_robot_model
 
@@ -106,10 +104,33 @@ def test_a_listener_in_a_thread_of_its_own(make_node, head):
     listener.unregister()
 
 
+def test_the_thread_spins_the_node_with_all_of_its_callbacks(make_node, head):
+    """As tf2's: the program's own timer and subscriptions run, and nobody else spins them."""
+    buffer, node, ticks = Buffer(), make_node("mine"), []
+    node.create_timer(0.01, lambda: ticks.append(1))
+    listener = TransformListener(buffer, node, spin_thread=True)
+    assert listener.node is node
+    wait_for(lambda: len(ticks) > 3)
+    listener.unregister()
+
+
+def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
+    buffer, node = Buffer(), make_node("fails")
+
+    def fail() -> None:
+        raise ValueError("of the program's own")
+
+    node.create_timer(0.01, fail)
+    listener = TransformListener(buffer, node, spin_thread=True)
+    head.move(0.5, 2)
+    assert turned(buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE))
+    listener.unregister()
+
+
 def test_a_callback_waits_for_data_while_its_executor_is_busy_with_it(make_node, head):
     """tf2's classic deadlock: the timer's callback holds the only thread of the executor."""
     buffer, node = Buffer(), make_node("waits")
-    listener = TransformListener(buffer, node, spin_thread=True)
+    listener = TransformListener(buffer)
     found = []
 
     def on_timer() -> None:
@@ -180,56 +201,107 @@ def test_the_robot_can_be_exchanged(make_node, head, urdf):
     listener.unregister()
 
 
-# /tf, with a stand-in for tf2_msgs where that is missing
+def test_a_system_clock_that_was_set_back_is_followed(make_node, head):
+    """Its joint states would be too old for an hour; what it stamped before is forgotten."""
+    buffer, node = Buffer(), make_node("set_back", spin=True)
+    listener = TransformListener(buffer, node)
+    now = node.get_clock().now().nanoseconds // 1_000_000_000
+    head.move(0.1, now + 3600)
+    buffer.lookup_transform("base_link", "camera_link", Time(), PATIENCE)
+    head.move(0.5, now - 5)
+    found = buffer.lookup_transform("base_link", "camera_link", Time(seconds=now - 5), PATIENCE)
+    assert turned(found)
+    head.move(0.2, now - 90)  # late, and no jump
+    head.move(0.6, now - 4)
+    assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 4), PATIENCE)
+    assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 5))
+    listener.unregister()
+
+
+def test_simulated_time_that_nobody_sends_is_told(make_node, capfd):
+    simulated = Parameter("use_sim_time", value=True)
+    node = rclpy.create_node("simulated", parameter_overrides=[simulated])
+    listener = TransformListener(Buffer(), node)
+    listener._clock_watch.callback()
+    assert "no time on /clock" in capfd.readouterr().err
+    listener.unregister()
+    node.destroy_node()
+    assert TransformListener(Buffer(), make_node("real"))._clock_watch is None
+
+
+# /tf
 
 
 @pytest.fixture
-def topics(monkeypatch) -> Topics:
-    for module in (listener_module, broadcaster_module):
-        monkeypatch.setattr(module, "TFMessage", FakeTFMessage)
-    return Topics()
+def tf(make_node):
+    """A node that spins, with broadcasters of both kinds."""
+    pytest.importorskip("tf2_msgs.msg")
+    node = make_node("broadcasts", spin=True)
+    return TransformBroadcaster(node), StaticTransformBroadcaster(node)
 
 
-def test_tf_and_tf_static_are_heard(topics):
+def send(broadcaster, transforms) -> None:
+    wait_for(lambda: broadcaster.pub_tf.get_subscription_count() > 0)
+    broadcaster.sendTransform(transforms)
+
+
+def test_tf_and_tf_static_are_heard(tf):
     buffer = Buffer()
-    listener = TransformListener(buffer, topics)
-    topics.callbacks["/tf"](FakeTFMessage(transforms=[shifted(1.0, 1), shifted(3.0, 3)]))
-    topics.callbacks["/tf_static"](FakeTFMessage(transforms=[shifted(5.0, 0, "world", "map")]))
-    found = buffer.lookup_transform("world", "ball", Time(seconds=2))
+    listener = TransformListener(buffer)
+    moving, static = tf
+    send(static, shifted(5.0, 0, "world", "map"))
+    send(moving, [shifted(1.0, 1), shifted(3.0, 3)])
+    found = buffer.lookup_transform("world", "ball", Time(seconds=2), PATIENCE)
     assert found.transform.translation.x == pytest.approx(7.0)
-    topics.callbacks["/tf"](FakeTFMessage(transforms=[shifted(float("nan"), 4), shifted(4.0, 4)]))
-    assert buffer.lookup_transform("map", "ball", Time()).transform.translation.x == 4.0
+    send(moving, [shifted(float("nan"), 4), shifted(4.0, 4)])
+    found = buffer.lookup_transform("map", "ball", Time(seconds=4), PATIENCE)
+    assert found.transform.translation.x == 4.0
     listener.unregister()
-    assert not topics.callbacks
+    wait_for(lambda: moving.pub_tf.get_subscription_count() == 0)
 
 
-def test_other_topics_and_static_only(topics):
-    TransformListener(Buffer(), topics, tf_topic="/old/tf", tf_static_topic="/old/tf_static")
-    assert {"/old/tf", "/old/tf_static", "joint_states"} <= set(topics.callbacks)
-    only = Topics()
-    TransformListener(Buffer(), only, static_only=True)
-    assert set(only.callbacks) == {"/tf_static"}
-
-
-def test_broadcasters_send_one_or_several(topics):
-    moving = TransformBroadcaster(topics)
-    moving.sendTransform(shifted(1.0, 1))
-    moving.sendTransform([shifted(2.0, 2), shifted(3.0, 3)])
-    sent = topics.publishers["/tf"].sent
-    assert [[t.header.stamp.sec for t in message.transforms] for message in sent] == [[1], [2, 3]]
-
-
-def test_a_late_listener_gets_all_static_transforms(topics):
-    static = StaticTransformBroadcaster(topics)
+def test_a_late_listener_gets_all_static_transforms(tf):
+    _, static = tf
     static.sendTransform(shifted(1.0, 1, child="a"))
     static.sendTransform([shifted(2.0, 2, child="b"), shifted(9.0, 3, child="a")])
-    last = topics.publishers["/tf_static"].sent[-1]
-    found = {t.child_frame_id: t.transform.translation.x for t in last.transforms}
-    assert found == {"a": 9.0, "b": 2.0}
+    buffer = Buffer()
+    listener = TransformListener(buffer, static_only=True)
+    found = buffer.lookup_transform("a", "b", Time(), PATIENCE)
+    assert found.transform.translation.x == -7.0
+    listener.unregister()
+
+
+def test_other_topics(make_node, tf):
+    node = make_node("renamed")
+    qos = {"tf_topic": "/old/tf", "tf_static_topic": "/old/tf_static", "qos": 5, "static_qos": 5}
+    listener = TransformListener(Buffer(), node, **qos)
+    assert listener.tf_sub.topic_name == "/old/tf"
+    assert listener.tf_static_sub.topic_name == "/old/tf_static"
+    only = TransformListener(Buffer(), node, static_only=True)
+    assert [s.topic_name for s in only._subscriptions] == ["/tf_static"]
+
+
+def test_a_buffer_by_others_gets_tf_and_nothing_else(make_node, tf):
+    """As tf2_ros's, which knows nothing of joints."""
+
+    class Theirs:
+        def __init__(self):
+            self.taken = []
+
+        def set_transform(self, transform, authority):
+            self.taken.append((transform.child_frame_id, authority))
+
+        set_transform_static = set_transform
+
+    buffer = Theirs()
+    listener = TransformListener(buffer, make_node("feeds", spin=True))
+    send(tf[0], shifted(1.0, 1))
+    wait_for(lambda: buffer.taken == [("ball", "default_authority")])
+    assert listener.node.count_subscribers("joint_states") == 0
 
 
 @pytest.mark.skipif(broadcasting_possible(), reason="tf2_msgs is installed")
 @pytest.mark.parametrize("kind", [TransformBroadcaster, StaticTransformBroadcaster])
 def test_without_tf2_msgs_broadcasting_says_what_to_install(kind):
     with pytest.raises(ImportError, match="ros-jazzy-tf2-msgs"):
-        kind(Topics())
+        kind(None)

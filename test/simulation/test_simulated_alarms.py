@@ -105,7 +105,7 @@ def test_power_cycle_clears_the_lock_and_the_torque() -> None:
     assert servo.register("Torque Limit") == 1023
 
 
-def test_oracle_keeps_what_a_servo_took_and_not_what_it_refused() -> None:
+def test_write_log_keeps_what_a_servo_took_and_not_what_it_refused() -> None:
     servo = SimulatedServo(3)
     servo.write_log = WriteLog()
     servo.execute(Packet.write(3, 30, bytes.fromhex("F4 01 64 00")), 5)

@@ -12,7 +12,7 @@ import pytest
 import serial
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking import simulated_bus
+from head_tracking.tools import simulated_bus
 
 PATIENCE = 20.0
 PING = InstructionPacket.ping(1).encode()
@@ -22,7 +22,7 @@ PONG = StatusPacket(1).encode()
 class Program:
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "head_tracking.simulated_bus", *options],
+            [sys.executable, "-m", "head_tracking.tools.simulated_bus", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -71,6 +71,14 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     assert (
         "AX-12 servos with ids 1; XL430-W250 servos with ids 3; MX-28 servos with ids 4" in messages
     )
+
+
+def test_firmware_can_be_an_old_one(start) -> None:
+    program = start("--servo", "XM430-W350:3", "--firmware", "37")
+    answer = StatusPacket2.decode(ask(program.port, InstructionPacket2.ping(3).encode(), 14))
+    assert answer is not None and answer.data[2] == 37
+    watchdog = InstructionPacket2.write(3, 98, b"\x05").encode()
+    assert StatusPacket2.decode(ask(program.port, watchdog, 11)) == StatusPacket2(3, 7)
 
 
 def test_servos_keep_to_their_baud_rate(start) -> None:

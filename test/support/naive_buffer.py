@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from tf2_model import between
 
-from head_tracking.transforms import RobotModel, Rotation, Transform
+from head_tracking.transforms import RobotModel, Transform
 
 Matrix = np.ndarray
 
@@ -21,7 +22,6 @@ class NaiveBuffer:
     def __init__(self, cache_time: int = 10_000_000_000) -> None:
         self.cache_time = cache_time
         self.samples: dict[str, list[tuple[int, str, Transform]]] = {}
-        self.static: dict[str, tuple[str, Transform]] = {}
         self.joints: dict[str, list[tuple[int, float]]] = {}
         self.model: RobotModel | None = None
 
@@ -29,20 +29,15 @@ class NaiveBuffer:
         self._put(self.joints.setdefault(name, []), (stamp, position))
 
     def set_transform(self, stamp: int, parent: str, child: str, transform: Transform) -> None:
-        self.static.pop(child, None)
         self._put(self.samples.setdefault(child, []), (stamp, parent, transform))
 
-    def set_static(self, parent: str, child: str, transform: Transform) -> None:
-        self.samples.pop(child, None)
-        self.static[child] = (parent, transform)
-
     def _put(self, samples: list, sample: tuple) -> None:
+        """As tf2: what is too old goes before the new sample comes."""
         newest = max((s[0] for s in samples), default=sample[0])
-        if sample[0] < newest - self.cache_time:
-            return
-        samples[:] = sorted(
-            [s for s in samples if s[0] != sample[0]] + [sample], key=lambda s: s[0]
-        )
+        samples[:] = [s for s in samples if s[0] >= newest - self.cache_time]
+        if sample[0] >= newest - self.cache_time:
+            samples.append(sample)
+            samples.sort(key=lambda s: s[0])
 
     def matrix(self, target: str, source: str, stamp: int) -> Matrix:
         """T_target_source at a stamp other than 0."""
@@ -74,31 +69,12 @@ class NaiveBuffer:
                 leader = self.model.leader(joint.name)
                 position = leader.multiplier * self._joint(leader.joint, stamp) + leader.offset
             return joint.parent, joint.transform(position).as_matrix()
-        if child in self.static:
-            parent, transform = self.static[child]
-            return parent, transform.as_matrix()
         if child not in self.samples:
             return None
         before, after, ratio = self._around(self.samples[child], stamp)
         if before[1] != after[1]:
             return before[1], before[2].as_matrix()
-        a, b = before[2], after[2]
-        translation = (1 - ratio) * np.array(a.translation) + ratio * np.array(b.translation)
-        # the fraction of the rotation between them, about its own axis
-        turn = a.rotation.inverse() @ b.rotation
-        axis = np.array(turn[:3])
-        if turn.w < 0:
-            turn, axis = Rotation(*(-c for c in turn)), -axis
-        norm = np.linalg.norm(axis)
-        part = (
-            Rotation.from_axis_angle(axis / norm, ratio * 2 * math.atan2(norm, turn.w))
-            if norm > 1e-15
-            else Rotation.identity()
-        )
-        matrix = np.eye(4)
-        matrix[:3, :3] = (a.rotation @ part).as_matrix()
-        matrix[:3, 3] = translation
-        return before[1], matrix
+        return before[1], between(before[2], after[2], ratio)
 
     def _joint(self, name: str, stamp: int) -> float:
         before, after, ratio = self._around(self.joints.get(name, []), stamp)
@@ -110,10 +86,10 @@ class NaiveBuffer:
     def _around(self, samples: list, stamp: int) -> tuple[tuple, tuple, float]:
         if not samples or not samples[0][0] <= stamp <= samples[-1][0]:
             raise Unknown
-        if stamp < samples[-1][0] - self.cache_time:
-            raise Unknown
-        after = next(s for s in samples if s[0] >= stamp)
+        if stamp == samples[-1][0]:
+            return samples[-1], samples[-1], 0.0
+        if stamp == samples[0][0]:
+            return samples[0], samples[0], 0.0
         before = [s for s in samples if s[0] <= stamp][-1]
-        if after[0] == before[0]:
-            return before, before, 0.0
+        after = next(s for s in samples if s[0] > stamp)
         return before, after, (stamp - before[0]) / (after[0] - before[0])

@@ -38,9 +38,11 @@ def wait_for(what: Callable[[], T], patience: float = PATIENCE) -> T:
 class Robot:
     """A running robot, as a person with ROS tools sees it."""
 
-    def __init__(self, arguments: list[str], ros_args: list[str]) -> None:
+    def __init__(self, arguments: list[str], ros_args: list[str], wait: bool = True) -> None:
         with ExitStack() as resources:
             self._start(arguments, ros_args, resources)
+            if wait:
+                wait_for(lambda: "head_pan_joint" in self._joint_states)
             self._resources = resources.pop_all()
 
     def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
@@ -64,7 +66,6 @@ class Robot:
         self.node.create_subscription(Log, "/rosout", self._on_log, QoSProfile(depth=1000))
         self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         self.threads.start(self.node)
-        wait_for(lambda: "head_pan_joint" in self._joint_states)
 
     def close(self) -> None:
         self._resources.close()

@@ -50,6 +50,12 @@ def test_silence_when_nobody_sees_it_any_more(buffer):
         target(buffer, "ball").newest(SECOND + 600_000_000)
 
 
+def test_what_lies_in_the_future_is_not_fresh(buffer):
+    see(buffer, "ball", 9 * SECOND, 2.0)
+    with pytest.raises(StaleFrameError, match=r"ball lies 8.0 s in the future"):
+        target(buffer, "ball").newest(SECOND)
+
+
 def test_a_link_that_never_moves_is_always_fresh(buffer):
     torso = target(buffer, "torso_link")
     for now in (5 * SECOND, 6 * SECOND):

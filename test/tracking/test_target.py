@@ -2,13 +2,8 @@ import math
 
 import pytest
 
-from head_tracking.tracking import Target, TargetPlacer
-from head_tracking.transforms import (
-    ExtrapolationException,
-    InvalidArgumentException,
-    LookupException,
-    TransformBuffer,
-)
+from head_tracking.tracking import HeadBase, Target, TargetPlacer
+from head_tracking.transforms import Rotation, Transform, TransformBuffer
 
 SECOND = 1_000_000_000
 
@@ -113,22 +108,110 @@ def test_a_stream_always_ahead_of_the_joint_states_does_not_starve(placer, buffe
     assert placed >= 98
 
 
-def test_a_target_that_cannot_be_placed_in_time_is_an_error_once(placer):
+def test_a_target_that_cannot_be_placed_in_time_is_refused_once(placer):
     placer.offer(ahead(99 * SECOND), 0.0)
     assert placer.place(0.9, {}) == []
-    with pytest.raises(ExtrapolationException, match="future"):
-        placer.place(1.1, {})
+    assert placer.take_refusal() is None
+    assert placer.place(1.1, {}) == []
+    refusal = placer.take_refusal()
+    assert refusal.target == ahead(99 * SECOND)
+    assert "future" in refusal.reason
     assert placer.place(1.2, {}) == []
+    assert placer.take_refusal() is None
+
+
+def test_what_came_before_the_clock_jumped_back_does_not_wait_for_ever(placer):
+    placer.offer(ahead(99 * SECOND), 500.0)
+    assert placer.place(3.0, {}) == []
+    assert placer.take_refusal() is not None
+    assert placer.place(3.1, {}) == []
+    assert placer.take_refusal() is None
 
 
 def test_an_unknown_frame_is_named(placer):
     placer.offer(ahead(0, "gripper"), 0.0)
-    with pytest.raises(LookupException, match="'gripper'"):
-        placer.place(2.0, {})
+    placer.place(2.0, {})
+    assert "'gripper'" in placer.take_refusal().reason
+
+
+@pytest.mark.parametrize("rate", [10, 40, 1000])
+@pytest.mark.parametrize("timeout", [0.0, 1.0, 30.0])
+def test_a_stream_that_waits_for_its_frame_is_told_why_in_time(buffer, rate, timeout):
+    placer = TargetPlacer(buffer, "head_pan_link", timeout)
+    told = None
+    for k in range(2 * rate):
+        now = 5.0 + k / rate
+        placer.offer(ahead(2 * SECOND, "gripper"), now)
+        assert placer.place(now, {}) == []
+        if told is None and (refusal := placer.take_refusal()) is not None:
+            told = now - 5.0
+            assert "'gripper' does not exist" in refusal.reason
+    assert told <= 1.05
+
+
+def test_many_that_wait_for_one_frame_cost_one_lookup(placer, buffer, monkeypatch):
+    asked = []
+    transform_point = buffer.transform_point
+    monkeypatch.setattr(
+        buffer, "transform_point", lambda *given: asked.append(given) or transform_point(*given)
+    )
+    for k in range(30):
+        placer.offer(ahead(3 * SECOND + k), 0.0)
+    placer.offer(ahead(SECOND), 0.0)  # seen before: it can be placed
+    assert len(placer.place(0.1, {})) == 1
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_target_that_is_not_finite_is_refused(placer, bad):
-    with pytest.raises(InvalidArgumentException, match=r"\(1.000, nan|inf.*camera_link"):
-        placer.offer(Target(0, "camera_link", (1.0, bad, 0.0)), 0.0)
+    placer.offer(Target(0, "camera_link", (1.0, bad, 0.0)), 0.0)
     assert placer.place(0.0, {}) == []
+    refusal = placer.take_refusal()
+    assert "not finite" in refusal.reason
+    assert refusal.target.frame_id == "camera_link"
+
+
+def set_base(buffer, stamp, yaw):
+    pose = Transform((3.0, -2.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
+    buffer.set_transform(stamp, "odom", "base_link", pose)
+
+
+@pytest.fixture
+def turning_base(buffer):
+    """It turns at 1 rad/s, and is told 20 times a second."""
+    for k in range(21):
+        set_base(buffer, SECOND + k * SECOND // 20, 0.05 * k)
+    return buffer
+
+
+def test_a_target_is_placed_with_the_base_as_it_was_at_its_stamp(turning_base):
+    placer = TargetPlacer(turning_base, "odom", 1.0)
+    still = (5.0, 1.0, 0.4)
+    for tenths in (10, 14, 18):
+        stamp = tenths * SECOND // 10
+        point = turning_base.transform_point(still, "camera_link", "odom", stamp)
+        placer.offer(Target(stamp, "camera_link", point), 0.0)
+    assert [point for _, point in placer.place(0.0, {})] == [pytest.approx(still, abs=1e-9)] * 3
+
+
+def test_the_base_moves_on_as_it_moved_last(turning_base):
+    base = HeadBase(turning_base, "odom", "head_pan_link")
+    assert base.update() == ""
+    before = base.pose(2.0)
+    later = base.pose(2.1)
+    assert before.translation == pytest.approx(
+        turning_base.lookup_transform("odom", "head_pan_link").transform.translation
+    )
+    assert later.rotation.as_rpy()[2] - before.rotation.as_rpy()[2] == pytest.approx(0.1, abs=1e-3)
+    # not for ever
+    assert base.pose(9.0).rotation.as_rpy()[2] == pytest.approx(1.3, abs=0.01)
+
+
+def test_a_base_of_which_only_one_pose_is_known_stands_still(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    base = HeadBase(buffer, "odom", "head_pan_link")
+    assert "odom" in base.update()
+    set_base(buffer, SECOND, 0.0)
+    assert base.update() == ""
+    assert base.pose(1.0) == base.pose(3.0)

@@ -8,9 +8,9 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     LawParameters,
-    LifeCycleParameters,
     SpeedLimits,
     TargetState,
+    TargetStateParameters,
     Tracker,
     Verdict,
 )
@@ -32,7 +32,7 @@ def make(head):
             head,
             LAWS[law](head, DT, parameters),
             EstimatorParameters(),
-            LifeCycleParameters(**life),
+            TargetStateParameters(**life),
         )
 
     return make
@@ -93,7 +93,7 @@ def test_it_turns_to_the_target_and_stays(make, law):
 def test_a_target_behind_the_head_is_no_reason_to_hunt(make):
     bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
     assert bench.tracker.state is TargetState.AT_LIMIT
-    assert "out of reach" in bench.tracker.life_cycle.reason
+    assert "out of reach" in bench.tracker.machine.reason
     assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
     # it wanders across to the other side of the back, and the head stays
     bench.run(2.0, (-2.0, -0.1, 0.0))
@@ -166,6 +166,13 @@ def test_switching_off_stops_at_once_and_ignores_targets(make, law):
     bench.tracker.enable(True, bench.now)
     bench.run(4.0, TARGET)
     assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
+
+
+def test_switching_on_what_is_on_changes_nothing(make):
+    bench = Bench(make()).run(2.0, TARGET)
+    assert bench.tracker.enable(True, bench.now) is None
+    bench.run(0.1)
+    assert bench.tracker.state is not TargetState.IDLE
 
 
 def test_recentring_forgets_the_target(make, law):

@@ -38,9 +38,15 @@ def test_after_a_pause_there_is_no_burst():
 def test_stamps_that_go_back_are_refused_unless_they_are_to_be_ignored():
     limiter = RateLimiter(20.0)
     assert limiter.accept(10 * SECOND)
-    assert not limiter.accept(5 * SECOND)
+    assert not limiter.accept(10 * SECOND - SECOND // 2)
     assert not limiter.accept(10 * SECOND)
     careless = RateLimiter(20.0, ignore_timestamp=True)
     assert careless.accept(10 * SECOND)
     assert careless.accept(5 * SECOND)
     assert careless.accept(5 * SECOND + SECOND // 20)
+
+
+def test_a_clock_that_jumps_back_begins_anew():
+    limiter = RateLimiter(20.0)
+    assert accepted(limiter, [1000 + index / 100 for index in range(100)]) in (20, 21)
+    assert accepted(limiter, [5 + index / 100 for index in range(100)]) in (20, 21)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.transforms import InvalidArgumentException, Rotation
+from head_tracking.transforms import InvalidArgumentException, Rotation, Transform
 
 angles = st.floats(-math.pi, math.pi)
 unit_vectors = st.tuples(angles, st.floats(-1, 1)).map(
@@ -90,17 +90,23 @@ def test_rpy_turns_about_fixed_axes_in_order():
     assert turned == pytest.approx((0, 0, 1))
 
 
+def between(a, b, ratio):
+    ends = [Transform((0, 0, 0), rotation) for rotation in (a, b)]
+    return ends[0].interpolate(ends[1], ratio).rotation
+
+
 @given(rotations, rotations, st.floats(0, 1))
 def test_slerp_turns_at_constant_speed_the_short_way(a, b, ratio):
     whole = (a.inverse() @ b).angle()
-    part = (a.inverse() @ a.slerp(b, ratio)).angle()
-    assert part == pytest.approx(ratio * whole, abs=1e-7)
+    found = between(a, b, ratio)
+    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-12)
+    assert (a.inverse() @ found).angle() == pytest.approx(ratio * whole, abs=1e-7)
 
 
 @given(rotations, rotations)
 def test_slerp_ends(a, b):
-    assert same(a.slerp(b, 0.0), a)
-    assert same(a.slerp(b, 1.0), b)
+    assert same(between(a, b, 0.0), a)
+    assert same(between(a, b, 1.0), b)
 
 
 @given(unit_vectors, st.floats(0, math.pi))

@@ -87,18 +87,19 @@ def test_of_repeated_samples_the_later_to_come_counts(buffer):
 
 
 def test_ten_seconds_are_kept_by_default(buffer):
+    """And the sample before them, until the next one comes: tf2 prunes before it inserts."""
     for index in range(301):
         buffer.set_transform(index * SECOND // 10, "map", "base", moved(index))
-    assert buffer.can_transform("map", "base", 20 * SECOND)
-    assert not buffer.can_transform("map", "base", 20 * SECOND - 1)
+    assert buffer.can_transform("map", "base", 20 * SECOND - SECOND // 10)
+    assert not buffer.can_transform("map", "base", 20 * SECOND - SECOND // 10 - 1)
 
 
 def test_another_cache_length(buffer):
     short = TransformBuffer(cache_time=2 * SECOND)
     for index in range(10):
         short.set_transform(index * SECOND, "map", "base", moved(index))
-    assert short.can_transform("map", "base", 7 * SECOND)
-    assert not short.can_transform("map", "base", 7 * SECOND - 1)
+    assert short.can_transform("map", "base", 6 * SECOND)
+    assert not short.can_transform("map", "base", 6 * SECOND - 1)
 
 
 def test_data_older_than_the_cache_is_not_taken(buffer):
@@ -179,12 +180,16 @@ def test_trees_can_be_joined_later(buffer):
     assert x_of(buffer.lookup_transform("base", "table")) == pytest.approx(-10)
 
 
-def test_a_loop_is_a_lookup_exception(buffer):
+def test_a_loop_is_a_lookup_exception_for_who_would_have_to_leave_it(buffer):
     buffer.set_transform(SECOND, "a", "b", moved(1))
     buffer.set_transform(SECOND, "b", "c", moved(1))
     buffer.set_transform(SECOND, "c", "a", moved(1))
+    buffer.set_transform(SECOND, "world", "d", moved(1))
+    assert x_of(buffer.lookup_transform("a", "c")) == 2
+    with pytest.raises(LookupException, match="loop: a, c, b"):
+        buffer.lookup_transform("world", "a")
     with pytest.raises(LookupException, match="loop"):
-        buffer.lookup_transform("a", "c")
+        buffer.lookup_transform("a", "world", SECOND)
 
 
 def test_a_frame_that_changes_its_parent_was_where_it_was(buffer):

@@ -77,3 +77,25 @@ def test_a_time_before_the_history_is_refused(buffer):
 def test_no_interval_is_refused(buffer):
     with pytest.raises(InvalidArgumentException, match="interval"):
         buffer.lookup_velocity("body", "map", 0, 0)
+
+
+def test_near_time_zero_the_interval_is_cut_as_in_tf2():
+    buffer = TransformBuffer()
+    for index in range(101):
+        place = Transform.from_xyz_rpy((0.02 * index, 0, 0), (0, 0, 0.01 * index))
+        buffer.set_transform(index * SECOND // 100, "map", "body", place)
+    found = buffer.lookup_velocity("body", "map", SECOND // 20, SECOND // 5)
+    assert found.linear == pytest.approx((2, 0, 0))
+    assert found.angular == pytest.approx((0, 0, 1))
+    with pytest.raises(ExtrapolationException, match="begins"):
+        buffer.lookup_velocity("body", "map", 1, 2)
+
+
+def test_the_vector_of_a_spinning_frame_is_turned_once():
+    """tf2 turns it by the frame's own rotation once more, and gives (-1, 0, 0) here."""
+    buffer = TransformBuffer()
+    for index in range(201):
+        place = Transform.from_xyz_rpy((0, 0.01 * index, 0), (0, 0, 3.14159265 / 2))
+        buffer.set_transform(SECOND + index * SECOND // 100, "map", "body", place)
+    found = buffer.lookup_velocity("body", "map", 2 * SECOND, SECOND // 50)
+    assert found.linear == pytest.approx((0, 1, 0), abs=1e-6)

@@ -7,7 +7,6 @@ import pytest
 from head_tracking.transforms import (
     ExtrapolationException,
     LookupException,
-    TimeoutException,
     Transform,
     TransformBuffer,
 )
@@ -71,15 +70,9 @@ def test_a_lookup_in_vain_ends_with_the_error_that_says_why(buffer):
         buffer.lookup_transform("map", "base", 2 * SECOND, timeout=0.01)
 
 
-def test_waiting_in_vain_names_frames_times_and_the_reason(buffer):
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    with pytest.raises(TimeoutException, match=r"'base' to 'map' at 2\.0.*1\.0.* is known"):
-        buffer.wait_for_transform("map", "base", 2 * SECOND, 0.01)
-
-
 def test_a_callback_is_called_once_when_it_can_be_had_and_not_before(buffer):
     called: list[int] = []
-    buffer.when_transformable("map", "base", 2 * SECOND, lambda: called.append(1))
+    buffer.when(lambda: buffer.can_transform("map", "base", 2 * SECOND), lambda: called.append(1))
     buffer.set_transform(SECOND, "map", "base", STILL)
     assert called == []
     buffer.set_transform(3 * SECOND, "map", "base", STILL)
@@ -89,8 +82,9 @@ def test_a_callback_is_called_once_when_it_can_be_had_and_not_before(buffer):
 
 def test_a_callback_may_use_the_buffer(buffer):
     seen: list[int] = []
-    buffer.when_transformable(
-        "map", "base", 0, lambda: seen.append(buffer.lookup_transform("map", "base").stamp)
+    buffer.when(
+        lambda: buffer.can_transform("map", "base"),
+        lambda: seen.append(buffer.lookup_transform("map", "base").stamp),
     )
     buffer.set_transform(SECOND, "map", "base", STILL)
     assert seen == [SECOND]
@@ -99,13 +93,13 @@ def test_a_callback_may_use_the_buffer(buffer):
 def test_what_can_be_had_at_once_is_called_at_once(buffer):
     called: list[int] = []
     buffer.set_transform(SECOND, "map", "base", STILL)
-    buffer.when_transformable("map", "base", 0, lambda: called.append(1))
+    buffer.when(lambda: buffer.can_transform("map", "base"), lambda: called.append(1))
     assert called == [1]
 
 
 def test_a_withdrawn_callback_is_not_called(buffer):
     called: list[int] = []
-    request = buffer.when_transformable("map", "base", 0, lambda: called.append(1))
+    request = buffer.when(lambda: buffer.can_transform("map", "base"), lambda: called.append(1))
     buffer.withdraw(request)
     buffer.withdraw(request)
     buffer.set_transform(SECOND, "map", "base", STILL)

@@ -9,9 +9,10 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     LawParameters,
-    LifeCycleParameters,
     PredictiveLawParameters,
     SpeedLimits,
+    TargetState,
+    TargetStateParameters,
     Tracker,
     TrackingStep,
 )
@@ -34,7 +35,7 @@ def tracker(head, law="predictive", parameters=None, rate=50.0):
         head,
         LAWS[law](head, 1.0 / rate, parameters),
         EstimatorParameters(),
-        LifeCycleParameters(),
+        TargetStateParameters(),
     )
 
 
@@ -171,7 +172,7 @@ class Switched:
         self.joints_read, self.target_seen = controller.joints_read, controller.target_seen
 
     def step(self, now):
-        enabled = self._tracker.life_cycle.enabled
+        enabled = self._tracker.machine.enabled
         if self._off <= now < self._on and enabled:
             return TrackingStep(self._tracker.enable(False, now))
         if now >= self._on and not enabled:
@@ -187,3 +188,58 @@ def test_switched_off_it_stands_still_and_on_again_it_follows(head):
     assert recording.between(4.0).maximum < 0.03
     times = [time for time, _ in outcome.commands]
     assert not [time for time in times if 2.05 < time < 2.99]
+
+
+class Watched:
+    """A tracker whose states are noted."""
+
+    def __init__(self, controller):
+        self._tracker, self.states = controller, []
+        self.joints_read, self.target_seen = controller.joints_read, controller.target_seen
+
+    def step(self, now):
+        step = self._tracker.step(now)
+        self.states.append((now, self._tracker.state))
+        return step
+
+
+def heavy(servo):
+    servo.inertia *= 6.0
+
+
+def slow(servo):
+    servo.supply_voltage = 6.0
+    servo.set_register("Min Voltage Limit", 50)
+
+
+def soft(servo):
+    for side in ("CW", "CCW"):
+        servo.set_register(f"{side} Compliance Slope", 64)
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("servo", [lambda servo: None, heavy, slow, soft])
+@pytest.mark.parametrize(
+    "path",
+    [
+        *map(sine, (0.2, 1.0, 2.0, 4.0)),
+        lambda t: around(0.8 if t % 2.0 < 1.0 else -0.8),
+        lambda t: around(0.02 * t),
+        lambda t: around(4.0),
+    ],
+)
+def test_servos_that_do_follow_are_not_taken_for_stalled(head, law, servo, path):
+    watched = Watched(tracker(head, law))
+    run(head, path, Conditions(6.0, noise=0.003, servo=servo), watched)
+    assert TargetState.STALLED not in {state for _, state in watched.states}
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
+    watched = Watched(tracker(head, law))
+
+    def held(servo):
+        servo.inertia *= 1e6
+
+    run(head, lambda t: around(0.6), Conditions(4.0, servo=held), watched)
+    assert {state for now, state in watched.states if now > 1_002.0} == {TargetState.STALLED}

@@ -1,0 +1,208 @@
+"""Messages taken from one frame to another: tf2_geometry_msgs's and tf2_sensor_msgs's names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from geometry_msgs.msg import (
+    Point,
+    Point32,
+    PointStamped,
+    Polygon,
+    PolygonStamped,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    QuaternionStamped,
+    TransformStamped,
+    Vector3,
+    Vector3Stamped,
+)
+from geometry_msgs.msg import (
+    Transform as TransformMsg,
+)
+from sensor_msgs.msg import PointCloud2, PointField
+
+from head_tracking.tf.buffer_interface import (
+    ConvertRegistration,
+    DoTransform,
+    TransformRegistration,
+    TypeException,
+)
+from head_tracking.tf.conversions import rotation, transform, vector
+from head_tracking.tf.messages import header, pose, quaternion, stamped, transform_stamped, xyz
+from head_tracking.transforms import Rotation, StampedTransform, Transform
+
+Maker: TypeAlias = Callable[[Any, StampedTransform], Any]
+"""A message and a lookup's answer to the message in the frame and at the time of the answer."""
+
+MAKERS: dict[DoTransform, Maker] = {}
+"""For lookups in this process: the same without a message in between."""
+
+
+def to_msg_msg(msg: Any) -> Any:
+    """A message is a message."""
+    return msg
+
+
+def from_msg_msg(msg: Any) -> Any:
+    """A message is a message."""
+    return msg
+
+
+def transform_covariance(cov_in: npt.ArrayLike, transform: TransformStamped) -> npt.NDArray[Any]:
+    """A covariance of position and orientation, 36 numbers, turned by a transform."""
+    return _turned_covariance(cov_in, rotation(transform.transform.rotation))
+
+
+def transform_points(
+    point_cloud: npt.ArrayLike, transform: TransformMsg | TransformStamped
+) -> npt.NDArray[np.float64]:
+    """Many points, shape (N, 3) [m], in the target frame, shape (N, 3)."""
+    numbers = transform.transform if isinstance(transform, TransformStamped) else transform
+    moved = Transform(vector(numbers.translation), rotation(numbers.rotation))
+    return moved.apply_many(point_cloud)
+
+
+def do_transform_pose(pose: Pose, transform_stamped: TransformStamped) -> Pose:
+    """A pose without a header in the frame of the transform."""
+    return _moved(pose, transform(transform_stamped))
+
+
+def _point(message: PointStamped, found: StampedTransform) -> PointStamped:
+    moved = found.transform.apply(vector(message.point))
+    return stamped(PointStamped, found.stamp, found.target_frame, "_point", xyz(Point, moved))
+
+
+def _vector(message: Vector3Stamped, found: StampedTransform) -> Vector3Stamped:
+    turned = found.transform.rotation.apply(vector(message.vector))
+    return stamped(Vector3Stamped, found.stamp, found.target_frame, "_vector", xyz(Vector3, turned))
+
+
+def _quaternion(message: QuaternionStamped, found: StampedTransform) -> QuaternionStamped:
+    turned = found.transform.rotation @ rotation(message.quaternion)
+    value = quaternion(turned)
+    return stamped(QuaternionStamped, found.stamp, found.target_frame, "_quaternion", value)
+
+
+def _pose(message: PoseStamped, found: StampedTransform) -> PoseStamped:
+    value = _moved(message.pose, found.transform)
+    return stamped(PoseStamped, found.stamp, found.target_frame, "_pose", value)
+
+
+def _pose_with_covariance(
+    message: PoseWithCovarianceStamped, found: StampedTransform
+) -> PoseWithCovarianceStamped:
+    return PoseWithCovarianceStamped(
+        header=_header(found),
+        pose=PoseWithCovariance(
+            pose=_moved(message.pose.pose, found.transform),
+            covariance=_turned_covariance(message.pose.covariance, found.transform.rotation),
+        ),
+    )
+
+
+def _polygon(message: PolygonStamped, found: StampedTransform) -> PolygonStamped:
+    moved = [found.transform.apply(vector(corner)) for corner in message.polygon.points]
+    points = [Point32(x=x, y=y, z=z) for x, y, z in moved]
+    return PolygonStamped(header=_header(found), polygon=Polygon(points=points))
+
+
+def _transform(message: TransformStamped, found: StampedTransform) -> TransformStamped:
+    moved = found.transform @ transform(message)
+    return transform_stamped(
+        StampedTransform(found.stamp, found.target_frame, message.child_frame_id, moved)
+    )
+
+
+def _cloud(message: PointCloud2, found: StampedTransform) -> PointCloud2:
+    """x, y and z are moved; all other fields stay as they are."""
+    data = bytearray(message.data)
+    columns = _coordinates(message, data)
+    points = np.stack([columns[name].ravel().astype(float) for name in "xyz"], axis=1)
+    moved = found.transform.apply_many(points)
+    for name, column in zip("xyz", moved.T, strict=True):
+        columns[name] = column.reshape(columns.shape)
+    return PointCloud2(
+        header=_header(found),
+        height=message.height,
+        width=message.width,
+        fields=message.fields,
+        is_bigendian=message.is_bigendian,
+        point_step=message.point_step,
+        row_step=message.row_step,
+        data=bytes(data),
+        is_dense=message.is_dense,
+    )
+
+
+def _coordinates(cloud: PointCloud2, data: bytearray) -> npt.NDArray[Any]:
+    """x, y, z of a cloud, shape (height, width), as a view of its data."""
+    floats = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
+    order = ">" if cloud.is_bigendian else "<"
+    fields = {field.name: field for field in cloud.fields if field.name in ("x", "y", "z")}
+    if len(fields) < 3 or any(field.datatype not in floats for field in fields.values()):
+        raise TypeException("a PointCloud2 needs the fields x, y and z as FLOAT32 or FLOAT64")
+    try:
+        layout = np.dtype(
+            {
+                "names": ["x", "y", "z"],
+                "formats": [order + floats[fields[name].datatype] for name in "xyz"],
+                "offsets": [fields[name].offset for name in "xyz"],
+                "itemsize": cloud.point_step,
+            }
+        )
+        strides = (cloud.row_step or cloud.width * cloud.point_step, cloud.point_step)
+        return np.ndarray((cloud.height, cloud.width), layout, data, 0, strides)
+    except (TypeError, ValueError) as error:
+        raise TypeException(
+            f"a PointCloud2 of {cloud.height} x {cloud.width} points of {cloud.point_step} bytes "
+            f"does not fit its {len(data)} bytes of data: {error}"
+        ) from error
+
+
+def _moved(message: Pose, by: Transform) -> Pose:
+    return pose(by @ Transform(vector(message.position), rotation(message.orientation)))
+
+
+def _turned_covariance(covariance: npt.ArrayLike, by: Rotation) -> npt.NDArray[Any]:
+    turn = np.kron(np.eye(2), by.as_matrix())
+    return np.asarray((turn @ np.reshape(covariance, (6, 6)) @ turn.T).ravel())
+
+
+def _header(found: StampedTransform) -> Any:
+    return header(found.stamp, found.target_frame)
+
+
+def _registered(kind: type, make: Maker) -> DoTransform:
+    """The maker for a lookup's answer that comes as a message."""
+
+    def do_transform(message: Any, transform_stamped: TransformStamped) -> Any:
+        at, child = transform_stamped.header, transform_stamped.child_frame_id
+        stamp = at.stamp.sec * 1_000_000_000 + at.stamp.nanosec
+        return make(
+            message, StampedTransform(stamp, at.frame_id, child, transform(transform_stamped))
+        )
+
+    do_transform.__doc__ = f"A {kind.__name__} in the frame and at the time of a transform."
+    MAKERS[do_transform] = make
+    TransformRegistration().add(kind, do_transform)
+    ConvertRegistration().add_to_msg(kind, to_msg_msg)
+    ConvertRegistration().add_from_msg(kind, from_msg_msg)
+    return do_transform
+
+
+do_transform_point = _registered(PointStamped, _point)
+do_transform_vector3 = _registered(Vector3Stamped, _vector)
+do_transform_pose_stamped = _registered(PoseStamped, _pose)
+do_transform_pose_with_covariance_stamped = _registered(
+    PoseWithCovarianceStamped, _pose_with_covariance
+)
+do_transform_polygon_stamped = _registered(PolygonStamped, _polygon)
+do_transform_cloud = _registered(PointCloud2, _cloud)
+do_transform_quaternion_stamped = _registered(QuaternionStamped, _quaternion)
+do_transform_transform_stamped = _registered(TransformStamped, _transform)

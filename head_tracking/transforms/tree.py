@@ -1,0 +1,246 @@
+"""Frames and what carries them; the way between two frames, found by tf2's rules."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from head_tracking.transforms.chain import Step, sampled, sampled_inverse
+from head_tracking.transforms.exceptions import (
+    ConnectivityException,
+    ExtrapolationException,
+    LookupException,
+    TransformException,
+)
+from head_tracking.transforms.history import LATEST, JointHistory, TransformHistory, seconds
+from head_tracking.transforms.robot_model import Joint, Mimic
+from head_tracking.transforms.transform import Transform
+
+MAX_DEPTH = 1000
+"""tf2: a way of more frames than this is a loop."""
+
+
+@dataclass(slots=True)
+class StaticEdge:
+    """A frame that never moves in its parent.
+
+    Attributes:
+        steps: `T_parent_child`, as steps of a chain; steps_back: `T_child_parent`.
+    """
+
+    parent: str
+    child: str
+    transform: Transform
+    steps: tuple[Step, ...] = field(init=False)
+    steps_back: tuple[Step, ...] = field(init=False)
+    history: None = None
+
+    def __post_init__(self) -> None:
+        self.steps, self.steps_back = (self.transform,), (self.transform.inverse(),)
+
+
+@dataclass(slots=True)
+class SampledEdge:
+    """A frame given by stamped transforms that somebody measured."""
+
+    child: str
+    history: TransformHistory
+    steps: tuple[Step, ...] = (sampled,)
+    steps_back: tuple[Step, ...] = (sampled_inverse,)
+
+    @property
+    def parent(self) -> str | None:
+        """The parent in all samples; None if there are several, or no samples."""
+        return self.history.parent
+
+
+@dataclass(slots=True)
+class JointEdge:
+    """A link that a joint moves.
+
+    The position is recorded and interpolated, not the transform: between two samples the link
+    moves on the arc, as it really did.
+
+    Attributes:
+        joint: the joint that carries the link.
+        leader: the joint that is measured: this one, or the one it mimics.
+        history: the measured positions of the leader.
+        parent: the link that carries the joint; child: the link that it moves.
+    """
+
+    joint: Joint
+    leader: Mimic
+    history: JointHistory
+    parent: str = field(init=False)
+    child: str = field(init=False)
+    steps: tuple[Step, ...] = field(init=False)
+    steps_back: tuple[Step, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.parent, self.child = self.joint.parent, self.joint.child
+        self.steps = self.joint.steps(self.leader)
+        self.steps_back = self.joint.steps(self.leader, back=True)
+
+
+Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
+Edges: TypeAlias = Mapping[str, Edge]
+"""What carries each frame, by the frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """The way between two frames at one time.
+
+    Attributes:
+        stamp: the time [ns].
+        above_target: from the target up to where both sides meet.
+        above_source: from the source up to there.
+    """
+
+    stamp: int
+    above_target: list[Edge]
+    above_source: list[Edge]
+
+
+def find_way(edges: Edges, target: str, source: str, stamp: int) -> Way:
+    """tf2's walk: from the source upward as far as is known at that time, then from the target.
+
+    Args:
+        edges: what carries each frame.
+        target: the frame to express points in.
+        source: the frame in which points are given.
+        stamp: the time [ns]; 0 for the latest common time.
+
+    Raises:
+        LookupException: a loop, or a joint of which nothing is known yet.
+        ConnectivityException: nothing connects the frames.
+        ExtrapolationException: what connects them was not known then.
+    """
+    if stamp == LATEST:
+        stamp = latest_common_time(edges, target, source)
+    above_source, top, gap = _climb(edges, source, (target,), stamp)
+    above_target, end, problem = _climb(edges, target, (source, top), stamp)
+    if end == source:
+        above_source = []
+    elif end != top:
+        edge = problem or gap
+        if edge is None:
+            raise _unconnected(target, source, end, top)
+        raise _unknown(edge, target, source, stamp)
+    _cut(above_target, above_source)
+    return Way(stamp, above_target, above_source)
+
+
+def latest_common_time(edges: Edges, target: str, source: str) -> int:
+    """The newest time [ns] at which both frames are known; 0 if nothing ever changes.
+
+    Raises:
+        LookupException: a loop, or a joint of which nothing is known yet.
+        ConnectivityException: nothing connects the frames.
+    """
+    above_source, top, gap = _climb(edges, source, (target,), LATEST)
+    if top == target:
+        return _common(above_source)
+    tops = {edge.child: index for index, edge in enumerate(above_source)} | {top: len(above_source)}
+    above_target, end, problem = _climb(edges, target, tops, LATEST)
+    if end not in tops:
+        for edge in (gap, problem):
+            if isinstance(edge, JointEdge):
+                raise _unknown(edge, target, source, LATEST)
+        raise _unconnected(target, source, end, top)
+    return _common(above_source[: tops[end]] + above_target)
+
+
+def lasting_way(edges: Edges, target: str, source: str) -> tuple[Way, set[str]] | None:
+    """The way that holds at all times, if there is one: no frame above changes its parent.
+
+    Returns:
+        The way, and all frames from its ends up to the root: it holds as long as their edges do.
+    """
+    sides = []
+    for start in (target, source):
+        above: list[Edge] = []
+        end = start
+        while (edge := edges.get(end)) is not None:
+            if edge.parent is None or len(above) > len(edges):
+                return None
+            above.append(edge)
+            end = edge.parent
+        sides.append((above, end))
+    (above_target, root), (above_source, other) = sides
+    if root != other:
+        return None
+    frames = {edge.child for edge in above_target}
+    frames.update([edge.child for edge in above_source])
+    frames.add(root)
+    _cut(above_target, above_source)
+    return Way(LATEST, above_target, above_source), frames
+
+
+def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
+    """Leaves out what is above both."""
+    while above_target and above_source and above_target[-1] is above_source[-1]:
+        above_target.pop()
+        above_source.pop()
+
+
+def _climb(
+    edges: Edges, frame: str, ends: Collection[str], stamp: int
+) -> tuple[list[Edge], str, Edge | None]:
+    """The edges above a frame, the frame where that ends, and the edge that is unknown there."""
+    above: list[Edge] = []
+    while frame not in ends:
+        edge = edges.get(frame)
+        if edge is None:
+            break
+        parent = _parent(edge, stamp)
+        if parent is None:
+            return above, frame, edge
+        above.append(edge)
+        frame = parent
+        if len(above) > MAX_DEPTH:
+            loop = ", ".join(dict.fromkeys(edge.child for edge in above))
+            raise LookupException(f"the tf tree is invalid because it contains a loop: {loop}")
+    return above, frame, None
+
+
+def _parent(edge: Edge, stamp: int) -> str | None:
+    """The parent at this time, or the newest one; None if it is not known."""
+    if isinstance(edge, SampledEdge):
+        return edge.history.parent_at(stamp)
+    if isinstance(edge, StaticEdge) or edge.history.covers(stamp):
+        return edge.parent
+    return None
+
+
+def _common(way: list[Edge]) -> int:
+    """The oldest of the newest stamps of a way [ns]; as in tf2 a stamp of 0 does not count."""
+    stamps = [edge.history.stamps[-1] for edge in way if edge.history is not None]
+    return min(filter(None, stamps), default=LATEST)
+
+
+def _unconnected(target: str, source: str, end: str, top: str) -> TransformException:
+    return ConnectivityException(
+        f"{target!r} and {source!r} are in two trees that nothing connects: the one below "
+        f"{end!r} and the one below {top!r}"
+    )
+
+
+def _unknown(edge: Edge, target: str, source: str, stamp: int) -> TransformException:
+    """Why an edge ends the way."""
+    way = f"on the way from {source!r} to {target!r}"
+    history = edge.history
+    assert history is not None
+    if isinstance(edge, JointEdge) and not history.stamps:
+        return LookupException(
+            f"the joint {edge.leader.joint!r} {way} has no position yet; is it in joint_states?"
+        )
+    if not history.stamps:
+        return ExtrapolationException(f"nothing is known of {edge.child!r} any more {way}")
+    oldest, latest = history.stamps[0], history.stamps[-1]
+    return ExtrapolationException(
+        f"Lookup would require extrapolation into the {'future' if stamp > latest else 'past'}: "
+        f"{way}, {edge.child!r} is known from {seconds(oldest)} to {seconds(latest)}, and time "
+        f"{seconds(stamp)} was asked for"
+    )

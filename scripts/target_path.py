@@ -1,0 +1,71 @@
+"""Counts what one target point passes through: from its message to the command for the joints.
+
+    ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/target_path.py
+
+A head_tracker node that has followed a moving target for two seconds is handed one more message,
+and then asked for its step, as its executor does. Only functions of this package are counted.
+"""
+
+from __future__ import annotations
+
+import collections
+import math
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import Point, PointStamped
+from rclpy.signals import SignalHandlerOptions
+
+import head_tracking
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.share import robot_file
+from head_tracking.tf import Buffer
+from head_tracking.transforms import load_robot_model
+
+PACKAGE = str(Path(head_tracking.__file__).parent)
+
+
+def main() -> None:
+    """Prints the count and the functions of each file."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    buffer = Buffer()
+    buffer.core.set_model(load_robot_model(robot_file("kinectbot")))
+    node = HeadTrackerNode(buffer)
+    calls: collections.Counter[tuple[str, str]] = collections.Counter()
+
+    def on_event(frame: FrameType, event: str, _: Any) -> None:
+        path = frame.f_code.co_filename
+        if event == "call" and (path.startswith(PACKAGE) or path.startswith("<")):
+            # (what is compiled at run time carries no file name: it is transforms' lookup)
+            calls[path, frame.f_code.co_qualname] += 1
+
+    for k in range(100):
+        time.sleep(0.02)
+        now = node.get_clock().now()
+        buffer.core.set_joint_positions(
+            now.nanoseconds, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
+        )
+        bearing = 0.3 * math.sin(0.02 * k)
+        message = PointStamped(point=Point(x=2.0 * math.cos(bearing), y=math.sin(bearing), z=0.3))
+        message.header.frame_id = "camera_link"
+        message.header.stamp = now.to_msg()
+        last = k == 99
+        sys.setprofile(on_event if last else None)
+        node._interface._on_message(message)
+        node._step()
+        sys.setprofile(None)
+    node.destroy_node()
+    rclpy.try_shutdown()
+    files = sorted({path for path, _ in calls})
+    print(f"{len(calls)} functions in {len(files)} files, {sum(calls.values())} calls")
+    for path in files:
+        names = [f"{name} {count}x" for (file, name), count in calls.items() if file == path]
+        print(f"  {path.removeprefix(PACKAGE + '/')}: {', '.join(sorted(names))}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,205 @@
+"""Clocks that jump, stop, or never start, around a node that tracks."""
+
+import math
+import threading
+import time
+
+import pytest
+from builtin_interfaces.msg import Time
+from head_under_test import Head
+from rclpy.duration import Duration
+from robot_under_test import wait_for
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.point_head import PointHeadNode
+
+
+@pytest.fixture
+def make(kinectbot):
+    heads = []
+
+    def make(node=HeadTrackerNode, **options):
+        heads.append(Head(node, kinectbot.urdf, **options))
+        return heads[-1]
+
+    yield make
+    for head in heads:
+        head.close()
+
+
+def swinging(now):
+    angle = 0.4 * math.sin(2.0 * math.pi * 0.1 * now)
+    return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
+
+
+def still(now):
+    return 2.0, 0.8, 0.1
+
+
+TARGET = ("torso_link", swinging)
+
+
+def on_target(head):
+    head.until_state("tracking:")
+    head.errors.clear()
+    wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.1)
+
+
+@pytest.mark.parametrize("rate", [50.0, 10.0])
+@pytest.mark.parametrize("jump", [-100.0, -3.0, 100.0])
+def test_after_a_jump_of_the_clock_it_holds_and_tracks_again(make, jump, rate):
+    head = make(simulated=True)
+    head.clock_rate = rate
+    head.target = TARGET
+    on_target(head)
+    head.target = None
+    head.states.clear()
+    head.offset += jump
+    wait_for(lambda: any("the clock jumped" in state for state in head.states))
+    head.travel.clear()
+    head.until_logged("everything starts anew, and the head holds")
+    wait_for(lambda: len(head.travel) > 40)
+    assert head.farthest() < 0.1
+    assert head.states[-1].startswith("idle:")
+    head.target = TARGET
+    head.travel.clear()
+    on_target(head)
+    assert head.farthest() < 1.2  # it did not swing to its limit on the way
+
+
+def test_a_target_that_never_pauses_survives_a_jump(make):
+    head = make(simulated=True)
+    head.target = ("torso_link", still)
+    on_target(head)
+    head.travel.clear()
+    head.offset -= 1000.0
+    wait_for(lambda: any("the clock jumped back" in state for state in head.states))
+    on_target(head)
+    assert head.farthest() < 0.1
+
+
+def test_a_paused_clock_is_said_and_then_it_tracks_again(make):
+    head = make(simulated=True)
+    head.target = TARGET
+    on_target(head)
+    head.paused = True
+    head.until_state("idle: the clock stands still: /clock is paused or silent")
+    head.travel.clear()
+    head.paused = False
+    on_target(head)
+    assert head.farthest() < 1.2
+
+
+def test_without_a_clock_the_log_and_the_state_say_so(make):
+    head = make(simulated=True)
+    head.clock_rate = 0.0
+    head.until_state("idle: use_sim_time is set, but nobody publishes /clock")
+    head.until_logged("use_sim_time is set, but nobody publishes /clock")
+    head.target = TARGET
+    head.clock_rate = 10.0
+    on_target(head)
+
+
+def test_joint_states_from_the_future_are_not_fresh(make):
+    head = make()
+    head.stamped_ahead = 5.0
+    head.target = TARGET
+    head.until_state("idle: the positions of head_pan_joint in joint_states lie in the future")
+    assert head.commands == 0
+    assert head.positions == [0.0, 0.0]
+
+
+def test_old_joint_states_do_not_come_alive_when_the_clock_jumps_back(make):
+    head = make(simulated=True)
+    head.target = TARGET
+    on_target(head)
+    head.measured = False
+    head.until_state("no position of head_pan_joint in joint_states")
+    commands = head.commands
+    head.offset -= 0.7 + 0.5  # the last sample lies a little before the time as it is now
+    head.states.clear()
+    wait_for(lambda: any("the clock jumped" in text for text in head.log))
+    before = head.commands
+    time.sleep(0.5)
+    assert head.commands - before <= 1
+    assert before - commands <= 1
+
+
+class Settable:
+    """The machine's clock, as if somebody set it."""
+
+    ros_time_is_active = False
+
+    def __init__(self, clock):
+        self._clock, self.offset = clock, 0.0
+
+    def now(self):
+        return self._clock.now() + Duration(seconds=self.offset)
+
+
+class NodeOnSettableClock(HeadTrackerNode):
+    def get_clock(self):
+        if not hasattr(self, "settable"):
+            self.settable = Settable(super().get_clock())
+        return self.settable
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -0.5, 0.5, 3600.0])
+def test_a_machine_whose_clock_is_set_holds_and_tracks_again(make, jump):
+    """As by NTP: no time source tells of it."""
+    head = make(NodeOnSettableClock)
+    head.target = TARGET
+    on_target(head)
+    head.target = None
+    head.states.clear()
+    head.offset += jump
+    head.node.get_clock().offset += jump
+    wait_for(lambda: any("the clock jumped" in state for state in head.states))
+    head.travel.clear()
+    wait_for(lambda: len(head.travel) > 40)
+    assert head.farthest() < 0.1
+    head.target = TARGET
+    on_target(head)
+    assert head.farthest() < 1.2
+
+
+def test_point_head_starts_anew_too(make):
+    head = make(PointHeadNode, simulated=True)
+    wait_for(lambda: head.log and any("ready to point" in text for text in head.log))
+    head.target = ("torso_link", still)
+    wait_for(lambda: head.errors and head.errors[-1] < 0.02)
+    head.target = None
+    head.offset -= 100.0
+    head.until_logged("the clock jumped back by")
+    head.target = ("torso_link", lambda now: (2.0, -0.8, 0.1))
+    wait_for(lambda: head.positions[0] < -0.3)
+
+
+def test_sim_time_from_end_to_end(make_robot):
+    """A whole run, on a clock that comes 10 times a second and starts anew."""
+    robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
+    states = robot.listen("head_tracker/state", String)
+    clock = robot.node.create_publisher(Clock, "/clock", 10)
+    wait_for(lambda: states and "nobody publishes /clock" in states[-1].data)
+    ended = threading.Event()
+    start = time.monotonic()
+    offset = 1_000.0
+
+    def tell():
+        while not ended.wait(0.1):
+            nanoseconds = round((time.monotonic() - start + offset) * 1e9)
+            stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            clock.publish(Clock(clock=stamp))
+
+    teller = threading.Thread(target=tell)
+    teller.start()
+    try:
+        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+        offset = 5.0
+        wait_for(lambda: any("the clock jumped back" in state.data for state in states))
+        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+    finally:
+        ended.set()
+        teller.join()

@@ -1,0 +1,40 @@
+"""However a program that listens for transforms ends, it ends: no abort, no hang, no tracebacks."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
+PATIENCE = 60
+
+# what the program does before its end, and whether that is an error of its own
+WAYS = [
+    ("own", 0),
+    ("node", 0),
+    ("own exit", 0),
+    ("node error", 1),
+    ("own shutdown", 0),
+    ("node shutdown destroy", 0),
+    ("own drop", 0),
+    ("node unregister shutdown", 0),
+    ("own wait", 0),
+    ("node busy", 0),
+    ("own interrupt", -2),
+    ("node interrupt sleeping", -2),
+    ("node spin", 0),
+]
+
+
+@pytest.mark.parametrize(("way", "code"), WAYS, ids=[way for way, _ in WAYS])
+def test_a_program_ends(way, code):
+    ended = subprocess.run(
+        [sys.executable, str(PROGRAM), way],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert ended.returncode == code, ended.stderr
+    assert ended.stderr.count("Traceback") == (code != 0), ended.stderr

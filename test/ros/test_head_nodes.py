@@ -1,0 +1,218 @@
+"""The nodes that turn a head, when models, servos and targets are not what they should be."""
+
+import time
+
+import pytest
+from head_under_test import Head
+from robot_under_test import wait_for
+
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.transforms import Rotation, Transform
+
+WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
+
+
+@pytest.fixture
+def make(kinectbot):
+    heads = []
+
+    def make(node=HeadTrackerNode, urdf=kinectbot.urdf, **options):
+        heads.append(Head(node, urdf, **options))
+        return heads[-1]
+
+    yield make
+    for head in heads:
+        head.close()
+
+
+def at(x, y, z, frame="torso_link"):
+    return frame, lambda now: (x, y, z)
+
+
+LEFT, RIGHT = at(2.0, 1.0, 0.1), at(2.0, -1.0, 0.1)
+
+
+def another(urdf):
+    """The same robot, said again in other words."""
+    return urdf.replace("</robot>", "<!-- another one --></robot>")
+
+
+def test_a_tracker_that_is_off_stays_off_with_another_model(make, kinectbot):
+    head = make()
+    head.until_state("idle: no target has come yet")
+    assert head.call("head_tracker/enable", False).success
+    head.until_state("disabled:")
+    head.target = LEFT
+    head.describe(another(kinectbot.urdf))
+    wait_for(lambda: sum("ready to keep" in text for text in head.log) >= 2)
+    head.travel.clear()
+    wait_for(lambda: len(head.travel) > 50)
+    assert head.commands <= 1
+    assert head.farthest() == 0.0
+    assert head.states[-1].startswith("disabled:")
+    assert head.call("head_tracker/enable", True).success
+    head.until_state("tracking:")
+
+
+def test_another_model_of_the_head_is_taken_on_the_way(make, kinectbot):
+    head = make()
+    head.target = LEFT
+    head.until_state("tracking:")
+    head.describe(another(kinectbot.urdf))
+    wait_for(lambda: sum("ready to keep" in text for text in head.log) >= 2)
+    head.target = RIGHT
+    wait_for(lambda: head.positions[0] < -0.4)
+
+
+@pytest.mark.parametrize("node", [HeadTrackerNode, PointHeadNode])
+def test_a_model_without_the_head_is_said_and_the_old_head_stays(make, node):
+    head = make(node)
+    head.target = LEFT
+    wait_for(lambda: head.positions[0] > 0.4)
+    head.describe(WITHOUT_HEAD)
+    said = head.until_logged("another robot_description is not used")
+    assert "head_pan_joint" in said
+    head.target = RIGHT
+    wait_for(lambda: head.positions[0] < -0.4)
+    assert head.threads.failure is None
+
+
+def test_a_model_without_the_head_that_comes_first_is_said_until_another_comes(make, kinectbot):
+    head = make(urdf=WITHOUT_HEAD)
+    head.until_state("idle: robot_description cannot be used", "head_pan_joint")
+    head.describe(kinectbot.urdf)
+    head.target = LEFT
+    head.until_state("tracking:")
+
+
+def test_a_fixed_frame_that_moves_with_the_head_is_refused(make):
+    head = make(fixed_frame="camera_link")
+    head.until_state("'camera_link', which moves with the head", "head_pan_link")
+    head.target = LEFT
+    head.until_logged("fixed_frame is 'camera_link'")
+    assert head.commands == 0
+
+
+def test_no_model_is_said(make, kinectbot):
+    head = make(urdf="")
+    head.target = LEFT
+    head.until_state("idle: waiting for robot_description")
+    head.until_logged("waiting for robot_description")
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        (at(1.0, 0.0, 0.0, "nowhere"), "'nowhere' does not exist"),
+        (at(float("nan"), 0.0, 0.0), "not finite"),
+        (at(1.0, 0.0, 0.0, ""), "no frame name"),
+    ],
+)
+def test_a_stream_that_leads_to_nothing_has_its_reason(make, target, words):
+    head = make()
+    head.until_state("idle: no target has come yet")
+    head.target = target
+    head.until_state("refused", words)
+    head.until_logged(words)
+    head.target = LEFT
+    head.until_state("tracking:")
+    head.until_state("tracking: the head is on the target")
+    wait_for(lambda: "refused" not in head.states[-1])
+
+
+def test_points_from_another_time_have_their_reason(make):
+    head = make()
+    head.target = LEFT
+    head.until_state("tracking:")
+    head.target = None
+    head.until_state("holding:")
+    frame, path = LEFT
+    stamp = head.now + 30.0
+    for k in range(60):  # nobody knows the joints of that time
+        head.send(frame, path(0.0), stamp + k)
+        time.sleep(0.03)
+    head.until_state("holding:", "refused", "future")
+
+
+def test_servos_that_do_not_follow_are_said(make):
+    head = make()
+    head.target = LEFT
+    head.until_state("tracking:")
+    head.obeys = False
+    head.target = RIGHT
+    head.until_state("stalled:", "head_pan_joint")
+    head.states.clear()
+    head.errors.clear()
+    wait_for(lambda: len(head.errors) > 50)
+    assert not any(state.startswith("tracking:") for state in head.states)
+    head.obeys = True
+    head.until_state("tracking:")
+
+
+def test_servos_that_never_follow_are_said(make):
+    head = make()
+    head.until_state("idle: no target has come yet")
+    head.obeys = False
+    head.target = LEFT
+    head.until_state("stalled:")
+    assert not any(state.startswith("tracking:") for state in head.states)
+
+
+def test_a_disabled_point_head_is_silent(make):
+    head = make(PointHeadNode)
+    head.target = LEFT
+    wait_for(lambda: head.errors and head.errors[-1] < 0.02)
+    assert head.call("point_head/enable", False).success
+    time.sleep(0.1)
+    count = len(head.errors)
+    time.sleep(0.5)
+    assert len(head.errors) == count
+    assert head.call("point_head/enable", True).success
+    wait_for(lambda: len(head.errors) > count)
+
+
+def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
+    head = make(fixed_frame="odom")
+    yaw = 0.0
+
+    def drive():
+        nonlocal yaw
+        yaw = min(yaw + 0.01, 0.8)
+        pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
+        head.buffer.core.set_transform(round(head.now * 1e9), "odom", "base_link", pose)
+
+    head.target = at(3.0, 0.0, 0.8, "odom")
+    head.until_state("refused: nobody knows where the head is", "'odom' does not exist")
+    head.each_period = drive
+    head.until_state("tracking:")
+    wait_for(lambda: yaw == 0.8)
+    head.errors.clear()
+    wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.03)
+    assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
+
+
+def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monkeypatch):
+    head = make(fixed_frame="odom")
+    head.until_state("idle: no target has come yet")
+    buffer, driven = head.buffer.core, 0
+
+    def drive():
+        nonlocal driven
+        driven += 1
+        pose = Transform((0.1 * driven, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, 0.1))
+        buffer.set_transform(round(head.now * 1e9) + driven, "odom", "base_link", pose)
+
+    drive()
+    lookup_transform = buffer.lookup_transform
+
+    def lookup_on_the_way(*frames, **options):
+        drive()
+        return lookup_transform(*frames, **options)
+
+    monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
+    carried = {
+        frame: head.node._interface.moves_with_head(frame)
+        for frame in ("odom", "base_link", "camera_link", "nowhere")
+    }
+    assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}

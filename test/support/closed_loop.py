@@ -1,0 +1,361 @@
+"""A head, its servos, a camera on it or beside it, and a target: one run, in simulated time.
+
+What benchmarks and closed-loop tests drive. Points go through the transforms and the placing that
+a node uses, whether the camera moves with the head or not.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import random
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from head_tracking.gaze import HeadCommand, PanTiltHead
+from head_tracking.simulation import SimulatedServo
+from head_tracking.tracking import Recording, Sample, Target, TargetPlacer, TrackingStep
+from head_tracking.transforms import RobotModel, TransformBuffer, Vector3
+from head_tracking.trial import SimulatedHead
+
+Path = Callable[[float], Vector3]
+"""Where a target is [m], in the head's base frame, at a time [s]."""
+
+_START = 1_000.0  # s
+_SAMPLES = 250.0  # of the truth, a second
+_READ = 0.0045  # s from the start of a cycle until its reading is known to everybody
+_STEP = 0.0085  # s by which the tracker's steps come after the bus's cycles
+_SEEN = 0.0031  # s by which the points come after the cycles
+_WRITTEN = 0.002  # s from the start of a cycle until the servos have the goals
+
+
+class Controller(Protocol):
+    """What turns a head; `Tracker` is one."""
+
+    def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
+        """Takes pan and tilt [rad] as measured at `stamp` [s]."""
+
+    def target_seen(
+        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
+    ) -> object:
+        """Takes a point [m] that was seen at `stamp` [s], perhaps by a camera on the head."""
+
+    def step(self, now: float) -> TrackingStep:
+        """What to do now."""
+
+
+class Servos(Protocol):
+    """Pan and tilt; times in ns."""
+
+    goals: tuple[int, int] | None
+
+    def command(self, command: HeadCommand) -> None:
+        """Leaves a command for the next cycle."""
+
+    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
+        """Reads both servos and then writes the newest goals: stamp [ns] and positions [rad]."""
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """Where pan and tilt really are [rad]."""
+
+
+def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
+    """Simulated AX-12 servos, down to the bytes on the wire."""
+    return lambda start: SimulatedHead(start, modify)
+
+
+@dataclass(frozen=True)
+class PlainServo:
+    """A servo of no make, by its equations: what the law's own model knows nothing of.
+
+    Attributes:
+        dead_time: from a command to the start of the motion [s].
+        lag: of the position loop [s].
+        speed: highest [rad/s].
+        acceleration: highest [rad/s^2].
+        dead_band: errors below this are not driven [rad].
+        play: between gear and camera, to either side [rad].
+        resolution: of the encoder [rad].
+    """
+
+    dead_time: float = 0.01
+    lag: float = 0.025
+    speed: float = 6.0
+    acceleration: float = 100.0
+    dead_band: float = 0.002
+    play: float = 0.0
+    resolution: float = 0.0015
+
+    def __call__(self, start: tuple[float, float]) -> Servos:
+        """Both joints of a head."""
+        return _PlainHead(self, start)
+
+
+Make = Callable[[tuple[float, float]], Servos]
+
+
+class _PlainHead:
+    def __init__(self, servo: PlainServo, start: tuple[float, float]) -> None:
+        self.goals: tuple[int, int] | None = None
+        self._joints = tuple(_PlainJoint(servo, position) for position in start)
+        self._command: HeadCommand | None = None
+
+    def command(self, command: HeadCommand) -> None:
+        self._command = command
+
+    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
+        stamp = now + 1_000_000
+        positions = self.true_positions(stamp)
+        step = self._joints[0].servo.resolution
+        pan, tilt = (step * round(position / step) for position in positions)
+        if self._command is not None:
+            c = self._command
+            written = now * 1e-9 + _WRITTEN
+            self._joints[0].commands.append((written, c.pan, c.pan_speed))
+            self._joints[1].commands.append((written, c.tilt, c.tilt_speed))
+            self.goals = round(c.pan / step), round(c.tilt / step)
+        return stamp, (pan, tilt)
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        pan, tilt = (joint.advance(now) for joint in self._joints)
+        return pan, tilt
+
+
+class _PlainJoint:
+    def __init__(self, servo: PlainServo, position: float) -> None:
+        self.servo = servo
+        self.commands: deque[tuple[float, float, float]] = deque()
+        self._position = self._setpoint = self._goal = self._camera = position
+        self._velocity = self._speed = 0.0
+        self._milliseconds = 0
+
+    def advance(self, now: int) -> float:
+        s, dt = self.servo, 0.001
+        while self._milliseconds * 1_000_000 < now:
+            self._milliseconds += 1
+            time = self._milliseconds * dt
+            while self.commands and self.commands[0][0] + s.dead_time <= time:
+                _, self._goal, self._speed = self.commands.popleft()
+            way = self._goal - self._setpoint
+            self._setpoint += min(max(way, -self._speed * dt), self._speed * dt)
+            off = self._setpoint - self._position
+            off = 0.0 if abs(off) < s.dead_band else off - math.copysign(s.dead_band, off)
+            wanted = min(max(off / s.lag, -s.speed), s.speed)
+            change = min(max((wanted - self._velocity) / 0.008, -s.acceleration), s.acceleration)
+            self._velocity += change * dt
+            self._position += self._velocity * dt
+            self._camera = min(max(self._camera, self._position - s.play), self._position + s.play)
+        return self._camera
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What a run is like.
+
+    Attributes:
+        duration: [s].
+        rate: commands a second.
+        points: of the target, a second.
+        delay: age of a point when it comes [s].
+        noise: standard deviation of its bearing, in both directions [rad].
+        range_noise: standard deviation of its distance, as a share of it.
+        depth_noise: standard deviation of its distance [m].
+        camera: whether the camera moves with the head; else points come in the base frame.
+        stamp_error: what stamps are off by [s]; above 0: they are too late.
+        stamp_jitter: standard deviation of that [s].
+        jitter: standard deviation of the times between points, as a share of them.
+        lost: the share of the points that never come.
+        gap: from when to when [s] none comes.
+        outliers: the share of the points that are elsewhere.
+        outlier: how far away they are at most, in both directions [rad].
+        start: pan and tilt at first [rad].
+        seed: of all that is random.
+        servos: both joints.
+        spoil: what becomes of a point (time, place) on its way; None: it is lost.
+    """
+
+    duration: float
+    rate: float = 50.0
+    points: float = 30.0
+    delay: float = 0.0
+    noise: float = 0.0
+    range_noise: float = 0.0
+    depth_noise: float = 0.0
+    camera: bool = False
+    stamp_error: float = 0.0
+    stamp_jitter: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
+    gap: tuple[float, float] = (0.0, 0.0)
+    outliers: float = 0.0
+    outlier: float = 0.15
+    start: tuple[float, float] = (0.0, 0.0)
+    seed: int = 1
+    servos: Make = field(default_factory=ax12)
+    spoil: Callable[[float, Vector3], Vector3 | None] = lambda time, point: point
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a run.
+
+    Attributes:
+        recording: of the true angles.
+        commands: time [s] and command.
+        goals: what was written, cycle by cycle, in steps of the servo.
+        costs: of each step [s].
+        point_costs: of taking each point [s].
+    """
+
+    recording: Recording
+    commands: list[tuple[float, HeadCommand]] = field(default_factory=list)
+    goals: list[tuple[int, int]] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)
+    point_costs: list[float] = field(default_factory=list)
+
+
+class _Event(NamedTuple):
+    time: float
+    order: int
+    kind: str
+    at: float = 0.0
+
+
+class ClosedLoop:
+    """Runs a controller against servos.
+
+    Args:
+        model: the robot.
+        head: the head of it that is turned.
+        path: of the target.
+        conditions: of the run.
+    """
+
+    def __init__(
+        self, model: RobotModel, head: PanTiltHead, path: Path, conditions: Conditions
+    ) -> None:
+        self._head = head
+        self._path = path
+        self._conditions = conditions
+        self._servos = conditions.servos(conditions.start)
+        self._random = random.Random(conditions.seed)
+        self._buffer = TransformBuffer()
+        self._buffer.set_model(model)
+        self._placer = TargetPlacer(self._buffer, head.base_frame, 1.0)
+        self._camera = model.chain(head.base_frame, head.pointing_frame)
+
+    def run(self, controller: Controller) -> Outcome:
+        """One run from the start to the end."""
+        outcome = Outcome(Recording())
+        readings: list[tuple[float, float, tuple[float, float]]] = []
+        seen: deque[tuple[float, Target]] = deque()
+        moving = self._conditions.camera
+        for event in self._events():
+            now = event.time
+            if event.kind == "cycle":
+                stamp, positions = self._servos.cycle(_ns(now))
+                readings.append((now + _READ, _START + stamp * 1e-9, positions))
+                if self._servos.goals is not None:
+                    outcome.goals.append(self._servos.goals)
+            elif event.kind == "seen":
+                target = self._seen(now)
+                if target is not None:
+                    seen.append((now + self._conditions.delay, target))
+            elif event.kind == "truth":
+                self._judge(now, outcome.recording)
+            else:
+                while readings and readings[0][0] <= now:
+                    _, at, positions = readings.pop(0)
+                    self._hear(at, positions)
+                    controller.joints_read(at, positions)
+                before = time.perf_counter()
+                while seen and seen[0][0] <= now:
+                    self._placer.offer(seen.popleft()[1], _START + now)
+                for placed, point in self._placer.place(_START + now, {}):
+                    controller.target_seen(placed.stamp * 1e-9, point, _START + now, moving=moving)
+                    outcome.point_costs.append(time.perf_counter() - before)
+                    before = time.perf_counter()
+                before = time.perf_counter()
+                command = controller.step(_START + now).command
+                outcome.costs.append(time.perf_counter() - before)
+                if command is not None:
+                    self._servos.command(command)
+                    outcome.commands.append((now, command))
+        return outcome
+
+    def _events(self) -> list[_Event]:
+        """Everything that happens, in order."""
+        c = self._conditions
+
+        def every(rate: float, first: float, order: int, kind: str) -> Iterator[_Event]:
+            return (_Event(k / rate + first, order, kind) for k in range(int(c.duration * rate)))
+
+        captures = sorted(
+            max(0.0, (k + self._random.gauss(0.0, c.jitter)) / c.points) + _SEEN
+            for k in range(int(c.duration * c.points))
+            if self._random.random() >= c.lost
+        )
+        return list(
+            heapq.merge(
+                every(50.0, 0.0, 0, "cycle"),
+                (_Event(at, 1, "seen") for at in captures if not c.gap[0] <= at < c.gap[1]),
+                every(c.rate, _STEP, 2, "step"),
+                every(_SAMPLES, 0.0035, 3, "truth"),
+            )
+        )
+
+    def _hear(self, stamp: float, positions: tuple[float, float]) -> None:
+        head = self._head
+        joints = dict(zip((head.pan_joint, head.tilt_joint), positions, strict=True))
+        self._buffer.set_joint_positions(_ns(stamp), joints)
+
+    def _seen(self, at: float) -> Target | None:
+        c, rng = self._conditions, self._random
+        point: Vector3 | None = self._path(at)
+        aside, upwards = rng.gauss(0.0, c.noise), rng.gauss(0.0, c.noise)
+        away = rng.gauss(0.0, c.range_noise)
+        deeper, late = rng.gauss(0.0, c.depth_noise), rng.gauss(0.0, c.stamp_jitter)
+        if rng.random() < c.outliers:
+            aside += rng.uniform(-c.outlier, c.outlier)
+            upwards += rng.uniform(-c.outlier, c.outlier)
+        assert point is not None
+        frame = self._head.base_frame
+        if c.camera:
+            positions = self._servos.true_positions(_ns(at))
+            known = dict(zip((self._head.pan_joint, self._head.tilt_joint), positions, strict=True))
+            camera = self._camera.transform(*(known[name] for name in self._camera.joints))
+            point, frame = camera.inverse() @ point, self._head.pointing_frame
+        if c.noise or c.outliers:
+            point = turned(point, aside, upwards)
+        distance = math.hypot(*point)
+        scale = max(0.05, math.exp(away) + deeper / distance)
+        point = c.spoil(at, (point[0] * scale, point[1] * scale, point[2] * scale))
+        if point is None:
+            return None
+        return Target(_ns(_START + at + c.stamp_error + late), frame, point)
+
+    def _judge(self, now: float, recording: Recording) -> None:
+        pan, tilt = self._servos.true_positions(_ns(now))
+        point = self._path(now)
+        gaze = self._head.gaze(point, pan, tilt)
+        miss = self._head.miss(point, pan, tilt)
+        recording.add(Sample(now, (gaze.pan, gaze.tilt), (pan, tilt), miss))
+
+
+def turned(point: Vector3, aside: float, upwards: float) -> Vector3:
+    """A point at the same distance, but seen a little [rad] aside and higher."""
+    x, y, z = point
+    flat, distance = max(math.hypot(x, y), 1e-9), math.hypot(x, y, z)
+    a, u = aside * distance, upwards * distance
+    return (
+        x - a * y / flat - u * x * z / (flat * distance),
+        y + a * x / flat - u * y * z / (flat * distance),
+        z + u * flat / distance,
+    )
+
+
+def _ns(time: float) -> int:
+    return round(time * 1e9)

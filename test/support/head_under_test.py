@@ -1,0 +1,194 @@
+"""A node that turns a head, and around it a robot whose clock, servos and model can do anything."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PointStamped
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from robot_under_test import wait_for
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from std_srvs.srv import SetBool
+
+from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.tf import Buffer, TransformListener
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+JOINTS = ("head_pan_joint", "head_tilt_joint")
+_PERIOD = 0.02
+
+
+class Head:
+    """Publishes what a robot does 50 times a second, and obeys `joint_commands`.
+
+    Args:
+        make: the node under test, from a buffer and options.
+        urdf: the robot's model; empty: nobody publishes one.
+        simulated: the node follows /clock.
+        parameters: of the node.
+
+    Attributes:
+        offset: of the robot's clock from the machine's [s].
+        clock_rate: /clock messages a second; 0: none.
+        paused: the robot's clock stands still.
+        measured: joint states are published.
+        stamped_ahead: joint states are stamped so far in the future [s].
+        obeys: the servos do what they are told.
+        each_period: is called.
+        target: is published 30 times a second: frame and a function of the robot's time.
+    """
+
+    def __init__(self, make: Any, urdf: str, *, simulated: bool = False, **parameters: Any) -> None:
+        self.offset = 0.0
+        self.clock_rate = 50.0 if simulated else 0.0
+        self.paused = False
+        self.measured = self.obeys = True
+        self.stamped_ahead = 0.0
+        self.target: Any = None
+        self.each_period: Callable[[], None] = lambda: None
+        self.states: list[str] = []
+        self.errors: list[float] = []
+        self.log: list[str] = []
+        self.positions = [0.0, 0.0]
+        self.travel: list[tuple[float, float]] = []
+        self.commands = 0
+        self._goals, self._speeds = [0.0, 0.0], [0.0, 0.0]
+        self._stopped = threading.Event()
+        with ExitStack() as resources:
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            resources.callback(rclpy.try_shutdown)
+            self.threads = resources.enter_context(closing(NodeThreads()))
+            self.robot: Node = rclpy.create_node("robot")
+            self._joints = self.robot.create_publisher(JointState, "joint_states", 10)
+            self._targets = self.robot.create_publisher(PointStamped, "target_point", 10)
+            self._clock = self.robot.create_publisher(Clock, "/clock", 10)
+            self._models = self.robot.create_publisher(String, "robot_description", LATCHED)
+            self.robot.create_subscription(JointState, "joint_commands", self._on_command, 10)
+            for name in ("head_tracker", "point_head"):
+                self.robot.create_subscription(
+                    String, f"{name}/state", lambda m: self.states.append(m.data), LATCHED
+                )
+            for topic in ("head_tracker/tracking_error", "point_head/pointing_error"):
+                self.robot.create_subscription(
+                    Float64, topic, lambda m: self.errors.append(m.data), 10
+                )
+            self.robot.create_subscription(
+                Log, "/rosout", lambda m: self.log.append(m.msg), QoSProfile(depth=1000)
+            )
+            self.threads.start(self.robot)
+            overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+            self.buffer = Buffer()
+            self.node: Node = make(
+                buffer=self.buffer,
+                parameter_overrides=[Parameter("use_sim_time", value=simulated), *overrides],
+            )
+            self._listener = TransformListener(self.buffer, self.node)
+            if urdf:
+                self.describe(urdf)
+            self.threads.start(self.node)
+            thread = threading.Thread(target=self._live)
+            thread.start()
+            resources.callback(thread.join)
+            resources.callback(self._stopped.set)
+            self._resources = resources.pop_all()
+
+    def close(self) -> None:
+        self._resources.close()
+
+    @property
+    def now(self) -> float:
+        """The robot's time [s]."""
+        return self._now
+
+    def describe(self, urdf: str) -> None:
+        self._models.publish(String(data=urdf))
+
+    def call(self, service: str, data: bool) -> Any:
+        client = self.robot.create_client(SetBool, service)
+        wait_for(client.service_is_ready)
+        future = client.call_async(SetBool.Request(data=data))
+        wait_for(future.done)
+        return future.result()
+
+    def until_state(self, *words: str, patience: float = 10.0) -> str:
+        """Waits until the newest state holds all these words."""
+
+        def found() -> str:
+            newest = self.states[-1] if self.states else ""
+            return newest if all(word in newest for word in words) else ""
+
+        try:
+            return wait_for(found, patience)
+        except AssertionError:
+            raise AssertionError(f"{words} is not the state; {self.states[-5:]}") from None
+
+    def until_logged(self, words: str) -> str:
+        try:
+            return wait_for(lambda: next((text for text in self.log if words in text), ""))
+        except AssertionError:
+            raise AssertionError(f"{words!r} is not in {self.log}") from None
+
+    def farthest(self) -> float:
+        """How far the head has turned since `travel` was cleared [rad]."""
+        moved = list(self.travel)
+        return max(max(joint) - min(joint) for joint in zip(*moved, strict=True)) if moved else 0.0
+
+    def send(self, frame: str, point: tuple[float, float, float], stamp: float) -> None:
+        message = PointStamped()
+        message.header.frame_id, message.header.stamp = frame, _stamp(stamp)
+        message.point = Point(x=point[0], y=point[1], z=point[2])
+        self._targets.publish(message)
+
+    def _on_command(self, message: JointState) -> None:
+        self.commands += 1
+        self._goals, self._speeds = list(message.position), list(message.velocity)
+
+    def _live(self) -> None:
+        start, steady, due = time.time(), time.monotonic(), 0.0
+        self._now, last_target = start, 0.0
+        while not self._stopped.wait(_PERIOD):
+            elapsed = time.monotonic() - steady
+            steady += elapsed
+            if self.paused:
+                start -= elapsed
+            else:
+                self._move(min(elapsed, 0.1))
+            start += elapsed
+            self._now = start + self.offset
+            if self.clock_rate and steady >= due:
+                due = steady + 1.0 / self.clock_rate
+                self._clock.publish(Clock(clock=_stamp(self._now)))
+            self.each_period()
+            if self.measured:
+                message = JointState(name=list(JOINTS), position=list(self.positions))
+                message.header.stamp = _stamp(self._now + self.stamped_ahead)
+                self._joints.publish(message)
+            if self.target is not None and steady - last_target >= 0.03:
+                last_target = steady
+                frame, path = self.target
+                self.send(frame, path(self._now), self._now)
+
+    def _move(self, dt: float) -> None:
+        for index in range(2):
+            way = self._goals[index] - self.positions[index]
+            if self.obeys:
+                self.positions[index] += math.copysign(min(abs(way), self._speeds[index] * dt), way)
+        self.travel.append((self.positions[0], self.positions[1]))
+
+
+def _stamp(seconds: float) -> Time:
+    nanoseconds = round(seconds * 1e9)
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)

@@ -1,0 +1,305 @@
+"""Clocks that jump, stand still and start anew; in simulated time."""
+
+import math
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.share import robot_file
+from head_tracking.tracking import (
+    LAWS,
+    ClockWatch,
+    EstimatorParameters,
+    LawParameters,
+    Target,
+    TargetPlacer,
+    TargetState,
+    TargetStateParameters,
+    Tracker,
+)
+from head_tracking.transforms import TransformBuffer, load_robot_model
+
+SECOND = 1_000_000_000
+DT = 0.02
+MODEL = load_robot_model(robot_file("kinectbot"))
+HEAD = PanTiltHead(
+    MODEL, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
+)
+
+
+class Clocks:
+    """One clock that can be set, and one that never jumps."""
+
+    def __init__(self, now=10_000.0):
+        self.now, self.steady = now, 50.0
+
+    def go(self, seconds, speed=1.0):
+        self.now, self.steady = self.now + speed * seconds, self.steady + seconds
+
+
+@pytest.fixture
+def clocks():
+    return Clocks()
+
+
+@pytest.fixture
+def watch(clocks):
+    return ClockWatch(lambda: clocks.now, lambda: clocks.steady)
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_time_that_goes_by_is_nothing(clocks, watch, simulated):
+    for seconds in (0.02, 0.02, 0.5, 0.001, 3.0):
+        clocks.go(seconds)
+        assert watch.check(simulated=simulated) == ""
+    assert watch.standing == ""
+
+
+@pytest.mark.parametrize(
+    ("jump", "words"),
+    [(3600.0, "forward by 3600.0 s"), (-7.5, "back by 7.5 s"), (0.3, "forward by 0.3 s")],
+)
+def test_a_clock_that_is_set_is_noticed(clocks, watch, jump, words):
+    clocks.go(DT)
+    watch.check(simulated=False)
+    clocks.go(DT)
+    clocks.now += jump
+    assert watch.check(simulated=False) == f"the clock jumped {words}"
+    clocks.go(DT)
+    assert watch.check(simulated=False) == ""
+
+
+def test_a_clock_that_is_being_slewed_has_not_jumped(clocks, watch):
+    for _ in range(1000):
+        clocks.go(DT, speed=1.0005)
+        assert watch.check(simulated=False) == ""
+
+
+def test_a_thread_that_is_interrupted_between_two_looks_has_seen_no_jump(clocks):
+    pauses = iter([0.0, 0.0, 0.3, 0.0, 0.0] + [0.0] * 10)
+
+    def clock():
+        now = clocks.now
+        clocks.go(next(pauses))
+        return now
+
+    watch = ClockWatch(clock, lambda: clocks.steady)
+    for _ in range(8):
+        clocks.go(DT)
+        assert watch.check(simulated=False) == ""
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
+def test_simulated_time_in_pieces_is_no_jump(clocks, watch, speed):
+    for _ in range(30):
+        clocks.now += 0.1 * speed
+        for _ in range(5):
+            clocks.steady += 0.02
+            assert watch.check(simulated=True) == ""
+
+
+def test_a_simulation_that_starts_again_is_noticed(clocks, watch):
+    clocks.go(DT)
+    watch.check(simulated=True)
+    clocks.steady, clocks.now = clocks.steady + DT, 0.1
+    assert "the clock jumped back by 9999.9 s" in watch.check(simulated=True)
+
+
+def test_a_bag_that_skips_is_noticed(clocks, watch):
+    watch.check(simulated=True)
+    clocks.go(0.1)
+    clocks.now += 30.0
+    assert "forward by 30.1 s" in watch.check(simulated=True)
+
+
+def test_a_simulation_that_is_paused_is_said_and_goes_on(clocks, watch):
+    watch.check(simulated=True)
+    said = []
+    for _ in range(20):
+        clocks.steady += 0.1
+        said.append(watch.check(simulated=True))
+    assert [text for text in said if text] == ["the clock stands still: /clock is paused or silent"]
+    assert watch.standing
+    clocks.go(0.1)
+    assert watch.check(simulated=True) == ""
+    assert watch.standing == ""
+
+
+def test_a_clock_that_nobody_sets_is_said(clocks):
+    clocks.now = 0.0
+    watch = ClockWatch(lambda: clocks.now, lambda: clocks.steady)
+    said = ""
+    for _ in range(20):
+        clocks.steady += 0.1
+        said = said or watch.check(simulated=True)
+    assert said == "use_sim_time is set, but nobody publishes /clock"
+    clocks.now = 1_700_000_000.0
+    assert watch.check(simulated=True) == ""
+    assert watch.standing == ""
+
+
+class Rig:
+    """Tracker, placer and buffer as the node wires them, on a clock that can be set."""
+
+    def __init__(self, model, head, law):
+        self.clocks = Clocks(1e6)
+        self.watch = ClockWatch(lambda: self.clocks.now, lambda: self.clocks.steady)
+        self.buffer = TransformBuffer()
+        self.buffer.set_model(model)
+        self.head = head
+        self.tracker = Tracker(
+            head,
+            LAWS[law](head, DT, LawParameters()),
+            EstimatorParameters(),
+            TargetStateParameters(),
+        )
+        self.placer = TargetPlacer(self.buffer, head.base_frame, 1.0)
+        self.positions, self.goals, self.speeds = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+        self.fastest = 0.0
+        self.obeys = True
+
+    def look(self, target=None, stamped=True):
+        """One period; a target is seen by the camera that moves with the head."""
+        self.clocks.go(DT)
+        now = self.clocks.now
+        happened = self.watch.check(simulated=False)
+        if happened:
+            self.buffer.clear()
+            self.placer.forget()
+            self._obey(self.tracker.reset(happened, now))
+        stamp = round(now * SECOND)
+        joints = {"head_pan_joint": self.positions[0], "head_tilt_joint": self.positions[1]}
+        self.buffer.set_joint_positions(stamp, joints)
+        self.tracker.joints_read(now, (self.positions[0], self.positions[1]))
+        if target is not None:
+            frame, base = "camera_link", self.head.base_frame
+            seen = self.buffer.transform_point(target, frame, base, stamp)
+            self.placer.offer(Target(stamp, frame, seen), now)
+        for placed, point in self.placer.place(now, joints):
+            self.tracker.target_seen(placed.stamp * 1e-9, point, now)
+        self._obey(self.tracker.step(now).command)
+
+    def _obey(self, command):
+        if command is not None:
+            self.goals = [command.pan, command.tilt]
+            self.speeds = [command.pan_speed, command.tilt_speed]
+        before = tuple(self.positions)
+        for index in range(2 if self.obeys else 0):
+            way = self.goals[index] - self.positions[index]
+            self.positions[index] += math.copysign(min(abs(way), self.speeds[index] * DT), way)
+        moved = [abs(a - b) for a, b in zip(before, self.positions, strict=True)]
+        self.fastest = max(self.fastest, *moved)
+
+    def swinging(self, k):
+        angle = 0.5 * math.sin(2.0 * math.pi * 0.1 * k * DT)
+        return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("jump", [-3600.0, -30.0, -1.0, 0.7, 30.0, 3600.0])
+def test_after_a_jump_the_head_holds_and_tracks_again(kinectbot, head, law, jump):
+    rig = Rig(kinectbot, head, law)
+    for k in range(200):
+        rig.look(rig.swinging(k))
+    assert rig.tracker.state is TargetState.TRACKING
+    rig.clocks.now += jump
+    before, rig.fastest = tuple(rig.positions), 0.0
+    for _ in range(25):  # no target is seen for half a second
+        rig.look()
+    assert rig.tracker.state is TargetState.IDLE
+    assert "the clock jumped" in rig.tracker.machine.reason
+    assert tuple(rig.positions) == pytest.approx(before, abs=0.03)
+    for k in range(200, 226):
+        rig.look(rig.swinging(k))
+    assert rig.tracker.state is not TargetState.IDLE
+    rig.fastest = 0.0
+    for k in range(226, 400):
+        rig.look(rig.swinging(k))
+        assert head.miss(rig.swinging(k), *rig.positions) < (0.3 if law == "speed" else 0.06)
+    assert rig.fastest < 5.0 * DT
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -1.0, 30.0])
+def test_what_was_switched_off_stays_off_and_nothing_moves(kinectbot, head, jump):
+    rig = Rig(kinectbot, head, "predictive")
+    for k in range(60):
+        rig.look(rig.swinging(k))
+    rig._obey(rig.tracker.enable(False, rig.clocks.now))
+    rig.look(rig.swinging(60))
+    rig.clocks.now += jump
+    rig.fastest = 0.0
+    for k in range(100):
+        rig.look(rig.swinging(k))
+    assert rig.fastest < 1e-9
+    assert rig.tracker.state is TargetState.DISABLED
+
+
+def test_before_the_first_target_a_jump_moves_nothing(kinectbot, head):
+    rig = Rig(kinectbot, head, "predictive")
+    rig.look()
+    assert rig.tracker.reset("the clock jumped back by 3 s", 1.0) is None
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """Jumps, targets, switches and servos in any order: nothing moves that nobody asked for."""
+
+    @initialize(law=st.sampled_from(sorted(LAWS)))
+    def begin(self, law):
+        self.rig = Rig(MODEL, HEAD, law)
+        self.asked = False
+
+    @rule(azimuth=st.floats(-1.5, 1.5), count=st.integers(1, 25))
+    def see(self, azimuth, count):
+        for _ in range(count):
+            self.rig.look((2.0 * math.cos(azimuth), 2.0 * math.sin(azimuth), 0.2))
+        self.asked = self.rig.tracker.machine.enabled
+
+    @rule(count=st.integers(1, 40))
+    def see_nothing(self, count):
+        self.quietly(count)
+
+    @rule(jump=st.sampled_from([-3600.0, -2.0, -0.3, 0.3, 2.0, 3600.0]))
+    def jump(self, jump):
+        self.rig.clocks.now += jump
+        self.rig.look()
+        self.asked = False
+        self.quietly(10)
+
+    @rule(on=st.booleans())
+    def switch(self, on):
+        changed = on != self.rig.tracker.machine.enabled
+        self.rig._obey(self.rig.tracker.enable(on, self.rig.clocks.now))
+        self.asked = self.asked and not changed
+
+    @rule()
+    def recenter(self):
+        if self.rig.tracker.machine.enabled:
+            self.rig.tracker.recenter()
+            self.asked = True
+
+    @rule(obeys=st.booleans())
+    def servos(self, obeys):
+        self.rig.obeys = obeys
+
+    def quietly(self, count):
+        before = tuple(self.rig.positions)
+        for _ in range(count):
+            self.rig.look()
+        if not self.asked:
+            assert tuple(self.rig.positions) == pytest.approx(before, abs=0.11)
+
+    @invariant()
+    def inside(self):
+        rig = self.rig
+        assert rig.fastest <= 5.0 * DT + 1e-9
+        for position, limits in zip(
+            rig.positions, (HEAD.pan_limits, HEAD.tilt_limits), strict=True
+        ):
+            assert limits.lower - 1e-9 <= position <= limits.upper + 1e-9
+
+
+TestAnyOrder = AnyOrder.TestCase
+TestAnyOrder.settings = settings(max_examples=40, stateful_step_count=20)

@@ -1,0 +1,249 @@
+import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
+from head_tracking.share import robot_file
+from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
+from head_tracking.transforms import load_robot_model
+
+HEAD = PanTiltHead(
+    load_robot_model(robot_file("kinectbot")), "head_pan_joint", "head_tilt_joint", "camera_link"
+)
+REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
+BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
+HERE = (0.5, 0.2)
+
+
+@pytest.fixture
+def make(head):
+    return lambda **parameters: TargetStateMachine(head, TargetStateParameters(**parameters))
+
+
+def seen(life, until=1.0):
+    """Points 30 times a second, followed on the target."""
+    for k in range(int(until * 30) + 1):
+        life.seen(k / 30, new=k == 0)
+        life.followed(REACHED, 0.001, k / 30)
+    return k / 30
+
+
+def test_before_the_first_target_nothing_moves(make):
+    life = make()
+    assert life.goal(HERE, 1e6) is None
+    assert life.state is TargetState.IDLE
+    assert not life.follows(1e6, 0.5)
+
+
+def test_a_target_is_acquired_and_then_tracked(make):
+    life = make()
+    life.seen(0.0, new=True)
+    assert life.state is TargetState.ACQUIRING
+    life.followed(REACHED, 0.4, 0.02)
+    assert life.state is TargetState.ACQUIRING
+    life.followed(REACHED, 0.01, 0.04)
+    assert life.state is TargetState.TRACKING
+
+
+def test_a_target_out_of_reach_is_named(make):
+    life = make()
+    life.seen(0.0, new=True)
+    life.followed(BEYOND, 0.3, 0.02)
+    assert life.state is TargetState.AT_LIMIT
+    assert life.reason == BEYOND.reason
+
+
+def test_a_short_loss_is_coasted_over(make):
+    life = make()
+    last = seen(life)
+    life.followed(REACHED, 0.01, last + 0.3)
+    assert life.state is TargetState.COASTING
+    life.seen(last + 0.31, new=False)
+    life.followed(REACHED, 0.01, last + 0.32)
+    assert life.state is TargetState.TRACKING
+
+
+def test_a_slow_stream_of_points_is_no_loss(make):
+    life = make()
+    for k in range(40):
+        life.seen(0.4 * k, new=k == 0)
+    life.followed(REACHED, 0.01, 0.4 * k + 0.39)
+    assert life.state is TargetState.TRACKING
+
+
+def test_a_lost_target_stops_the_head_where_it_is(make):
+    life = make()
+    last = seen(life)
+    assert not life.follows(last + 0.5, 0.5)
+    assert life.goal(HERE, last + 0.6) == HERE
+    assert life.goal((0.51, 0.2), last + 0.7) == HERE
+    assert life.state is TargetState.HOLDING
+
+
+def test_after_the_timeout_it_recentres_and_then_is_silent(make):
+    life = make()
+    last = seen(life)
+    life.goal(HERE, last + 1.0)
+    assert life.goal(HERE, last + 10.0) == (0.0, 0.0)
+    assert life.state is TargetState.RECENTERING
+    assert life.goal((0.01, 0.0), last + 13.0) is None
+    assert life.state is TargetState.IDLE
+    assert life.goal(HERE, last + 14.0) is None  # somebody else moves the head now
+
+
+def test_recentring_can_be_switched_off(make):
+    life = make(recenter_timeout=0.0)
+    last = seen(life)
+    assert life.goal(HERE, last + 1000.0) == HERE
+
+
+def test_a_search_begins_and_any_target_interrupts_it(make):
+    life = make(enable_target_search=True)
+    last = seen(life)
+    assert life.goal(HERE, last + 10.0)[0] == pytest.approx(2.6, abs=0.02)
+    assert life.state is TargetState.SEARCHING
+    life.seen(last + 11.0, new=True)
+    assert life.state is TargetState.ACQUIRING
+    assert life.follows(last + 11.1, 0.5)
+
+
+def test_recentring_may_come_before_the_search(make):
+    life = make(enable_target_search=True, recenter_timeout=3.0)
+    last = seen(life)
+    assert life.goal(HERE, last + 4.0) == (0.0, 0.0)
+    assert life.goal((0.0, 0.0), last + 6.0) is None
+    assert life.goal((0.0, 0.0), last + 10.5) is not None
+    assert life.state is TargetState.SEARCHING
+
+
+def test_recentring_on_request(make):
+    life = make()
+    seen(life)
+    life.recenter()
+    assert life.state is TargetState.RECENTERING
+    assert life.goal(HERE, 2.0) == (0.0, 0.0)
+    assert life.goal((0.0, 0.0), 3.0) is None
+    assert life.state is TargetState.IDLE
+
+
+def test_a_target_interrupts_the_way_to_the_centre(make):
+    life = make()
+    life.recenter()
+    life.seen(1.0, new=True)
+    assert life.follows(1.1, 0.5)
+
+
+def test_switched_off_and_on(make):
+    life = make()
+    seen(life)
+    life.enable(False)
+    assert (life.state, life.enabled) == (TargetState.DISABLED, False)
+    life.enable(True)
+    assert (life.state, life.enabled) == (TargetState.IDLE, True)
+    assert not life.follows(1.1, 0.5)
+
+
+def test_every_state_has_a_reason(make):
+    life = make(enable_target_search=True)
+    reasons = {life.state: life.reason}
+    last = seen(life)
+    reasons[life.state] = life.reason
+    for away in (0.6, 10.0):
+        life.goal(HERE, last + away)
+        reasons[life.state] = life.reason
+    life.enable(False)
+    reasons[life.state] = life.reason
+    assert len(reasons) == 5
+    assert all(reasons.values())
+
+
+@pytest.mark.parametrize("error", [0.2, 1.5])
+def test_the_head_is_on_the_target_only_while_it_is(make, error):
+    life = make()
+    last = seen(life)
+    assert life.state is TargetState.TRACKING
+    for k in range(30):
+        life.seen(last + k / 30, new=False)
+        life.followed(REACHED, error, last + k / 30)
+    assert life.state is TargetState.ACQUIRING
+
+
+def test_a_moment_off_the_target_is_no_new_acquisition(make):
+    life = make()
+    last = seen(life)
+    life.followed(REACHED, 0.2, last + 0.02)
+    assert life.state is TargetState.TRACKING
+
+
+def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(make):
+    life = make()
+    life.refused("the frame 'nose' does not exist", 0.5)
+    life.refused("something else", 0.6)  # nobody could read the first one so fast
+    assert life.state is TargetState.IDLE
+    assert life.reason == (
+        "no target has come yet; targets are refused: the frame 'nose' does not exist"
+    )
+    life.refused("something else", 2.0)
+    assert "something else" in life.reason
+    life.seen(3.0, new=True)
+    assert "something else" in life.reason
+    life.seen(4.1, new=False)
+    assert life.reason == "a new target has come"
+
+
+class Facts(RuleBasedStateMachine):
+    """Whoever sets one fact does not erase another."""
+
+    @initialize()
+    def begin(self):
+        self.machine = TargetStateMachine(HEAD, TargetStateParameters(enable_target_search=True))
+        self.now, self.enabled, self.stalled, self.seen = 100.0, True, "", False
+
+    @rule(on=st.booleans())
+    def enable(self, on):
+        self.machine.enable(on)
+        self.enabled, self.stalled, self.seen = on, "", False
+
+    @rule(new=st.booleans())
+    def see(self, new):
+        if self.enabled:  # the tracker keeps points from a machine that is switched off
+            self.machine.seen(self.now, new=new)
+            self.seen = True
+
+    @rule(error=st.floats(0.0, 3.0), gaze=st.sampled_from([REACHED, BEYOND]))
+    def follow(self, error, gaze):
+        if self.machine.follows(self.now, 0.5):
+            self.machine.followed(gaze, error, self.now)
+
+    @rule(pan=st.floats(-2.0, 2.0))
+    def wait(self, pan):
+        self.now += 3.0
+        if self.enabled:
+            goal = self.machine.goal((pan, 0.0), self.now)
+            assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
+
+    @rule(joint=st.sampled_from(["", "pan does not move"]))
+    def stall(self, joint):
+        self.machine.stalled = self.stalled = joint
+
+    @rule()
+    def refuse(self):
+        self.machine.refused("the frame does not exist", self.now)
+
+    @rule()
+    def start_anew(self):
+        self.machine.forget("the clock jumped")
+        self.stalled, self.seen = "", False
+
+    @invariant()
+    def facts_are_independent(self):
+        machine = self.machine
+        assert machine.enabled == self.enabled
+        assert (machine.state is TargetState.DISABLED) == (not self.enabled)
+        if self.enabled:
+            assert (machine.state is TargetState.STALLED) == bool(self.stalled)
+        assert machine.reason
+        assert self.seen or not machine.follows(self.now, 0.5)
+
+
+TestFacts = Facts.TestCase

@@ -1,0 +1,188 @@
+"""Random sequences of transforms, clears and lookups: the buffer ends where tf2's rules end.
+
+Any frame may be put into any other at any time, so that there are loops, frames that change
+parents, gaps, equal stamps, stamps of zero, frames that stop being static, and samples at the edge
+of the cache. Where tf2 itself is installed the same sequences are given to it too.
+"""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tf2_model import Refused, Tf2Model
+
+from head_tracking.transforms import (
+    ExtrapolationException,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    TransformException,
+)
+
+SECOND = 1_000_000_000
+FRAMES = "abcde"
+
+stamps = st.one_of(
+    st.integers(0, 12).map(lambda number: number * SECOND),
+    st.integers(0, 60).map(lambda number: number * SECOND // 2),
+    st.sampled_from((1, 10 * SECOND - 1, 10 * SECOND + 1, 20 * SECOND, 20 * SECOND + 1)),
+)
+frames = st.sampled_from(FRAMES)
+numbers = st.floats(-3, 3, width=32)
+transforms = st.builds(
+    Transform.from_xyz_rpy,
+    st.tuples(numbers, numbers, numbers),
+    st.tuples(numbers, numbers, numbers),
+)
+samples = st.tuples(st.just("sample"), stamps, frames, frames, transforms)
+static = st.tuples(st.just("static"), stamps, frames, frames, transforms)
+clears = st.tuples(st.just("clear"))
+operations = st.lists(
+    st.integers(0, 19).flatmap(
+        lambda kind: (clears, static, static)[kind] if kind < 3 else samples
+    ),
+    max_size=20,
+)
+questions = st.lists(st.tuples(frames, frames, st.one_of(st.just(0), stamps)), max_size=8)
+
+
+def give(buffer: TransformBuffer, model: Tf2Model, operation: tuple) -> None:
+    if operation[0] == "clear":
+        buffer.clear()
+        model.clear()
+        return
+    kind, stamp, parent, child, transform = operation
+    if parent != child:
+        buffer.set_transform(stamp, parent, child, transform, static=kind == "static")
+        model.set_transform(stamp, parent, child, transform, static=kind == "static")
+
+
+def ask(buffer: TransformBuffer, model: Tf2Model, target: str, source: str, stamp: int) -> None:
+    try:
+        expected = model.lookup(target, source, stamp)
+    except Refused as refused:
+        with pytest.raises(TransformException) as found:
+            buffer.lookup_transform(target, source, stamp)
+        assert type(found.value).__name__ == str(refused), (target, source, stamp)
+        assert not buffer.can_transform(target, source, stamp)
+        return
+    answer = buffer.lookup_transform(target, source, stamp)
+    assert answer.stamp == expected[0], (target, source, stamp)
+    assert np.allclose(answer.transform.as_matrix(), expected[1], atol=1e-9)
+    assert buffer.can_transform(target, source, stamp)
+
+
+@settings(max_examples=600)
+@given(st.lists(st.tuples(operations, questions), max_size=4))
+def test_any_sequence_ends_as_in_tf2(rounds):
+    buffer, model = TransformBuffer(), Tf2Model()
+    for given_now, asked in rounds:
+        for operation in given_now:
+            give(buffer, model, operation)
+        for question in asked:
+            ask(buffer, model, *question)
+
+
+def random_transform(rnd: random.Random) -> Transform:
+    return Transform.from_xyz_rpy(
+        [rnd.uniform(-3, 3) for _ in range(3)], [rnd.uniform(-3, 3) for _ in range(3)]
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_long_histories_end_as_in_tf2(seed):
+    """A tree in motion over three caches, with pauses, late samples and hand-overs."""
+    rnd = random.Random(seed)
+    buffer, model = TransformBuffer(), Tf2Model()
+    parents = {"b": "a", "c": "b", "d": "b", "e": "a"}
+    now = SECOND
+    for _ in range(300):
+        now += rnd.choice((0, SECOND // 10, SECOND // 10, SECOND // 3, 4 * SECOND))
+        child = rnd.choice("bcde")
+        if rnd.random() < 0.1:
+            parents[child] = rnd.choice(FRAMES.replace(child, ""))
+        stamp = max(0, now - rnd.choice((0, 0, 0, SECOND // 7, 9 * SECOND, 11 * SECOND)))
+        sample = ("sample", stamp, parents[child], child, random_transform(rnd))
+        give(buffer, model, sample)
+        for _ in range(3):
+            target, source = rnd.choice(FRAMES), rnd.choice(FRAMES)
+            ask(
+                buffer,
+                model,
+                target,
+                source,
+                rnd.choice((0, stamp, now - rnd.randrange(12 * SECOND))),
+            )
+
+
+def test_the_sequences_of_a_real_tf2():
+    """Where one is installed: what is true of the model is true of tf2 itself."""
+    tf2_py = pytest.importorskip("tf2_py")
+    from geometry_msgs.msg import TransformStamped
+    from rclpy.duration import Duration
+    from rclpy.time import Time
+
+    def message(stamp: int, parent: str, child: str, transform: Transform) -> TransformStamped:
+        made = TransformStamped(child_frame_id=child)
+        made.header.frame_id = parent
+        made.header.stamp = Time(nanoseconds=stamp).to_msg()
+        to = made.transform.translation, made.transform.rotation
+        to[0].x, to[0].y, to[0].z, to[1].x, to[1].y, to[1].z, to[1].w = transform
+        return made
+
+    rnd = random.Random(1)
+    for _ in range(2000):
+        real, buffer = tf2_py.BufferCore(Duration(seconds=10)), TransformBuffer()
+        for _ in range(rnd.randrange(20)):
+            parent, child = rnd.sample(FRAMES, 2)
+            stamp, transform = rnd.randrange(60) * SECOND // 2, random_transform(rnd)
+            still = rnd.random() < 0.1
+            put = real.set_transform_static if still else real.set_transform
+            put(message(stamp, parent, child, transform), "test")
+            buffer.set_transform(stamp, parent, child, transform, static=still)
+        for _ in range(8):
+            target, source = rnd.sample(FRAMES, 2)
+            stamp = rnd.choice((0, rnd.randrange(60) * SECOND // 2))
+            try:
+                expected = real.lookup_transform_core(target, source, Time(nanoseconds=stamp))
+            except Exception as error:
+                with pytest.raises(TransformException) as found:
+                    buffer.lookup_transform(target, source, stamp)
+                assert type(found.value).__name__ == type(error).__name__
+                continue
+            answer = buffer.lookup_transform(target, source, stamp)
+            t, r = expected.transform.translation, expected.transform.rotation
+            there = Transform((t.x, t.y, t.z), Rotation(r.x, r.y, r.z, r.w))
+            assert Time.from_msg(expected.header.stamp).nanoseconds == answer.stamp
+            assert np.allclose(there.as_matrix(), answer.transform.as_matrix(), atol=1e-9)
+
+
+def test_a_pose_is_never_that_in_another_parent():
+    """Samples kept for interpolation and the parents agree: a cup put down before it was held."""
+    buffer = TransformBuffer()
+    still = Transform.identity()
+    buffer.set_transform(0, "room", "table", Transform.from_xyz_rpy((5, 0, 0)), static=True)
+    buffer.set_transform(0, "room", "hand", Transform.from_xyz_rpy((0, 5, 0)), static=True)
+    buffer.set_transform(100 * SECOND, "table", "cup", still)
+    for stamp in range(103, 112):
+        buffer.set_transform(stamp * SECOND, "hand", "cup", still)
+        found = buffer.lookup_transform("room", "cup", 102 * SECOND)
+        assert found.transform.translation == (5, 0, 0)
+    buffer.set_transform(112 * SECOND, "hand", "cup", still)
+    with pytest.raises(ExtrapolationException, match="'cup' is known from 103"):
+        buffer.lookup_transform("room", "cup", 102 * SECOND)
+
+
+def test_a_root_swap_is_followed():
+    buffer = TransformBuffer()
+    there, back = Transform.from_xyz_rpy((1, 0, 0)), Transform.from_xyz_rpy((-1, 0, 0))
+    for tenth in range(200):
+        buffer.set_transform(tenth * SECOND // 10, "a", "b", there)
+    for tenth in range(200, 250):
+        buffer.set_transform(tenth * SECOND // 10, "b", "a", back)
+        assert buffer.lookup_transform("a", "b").transform.translation == (1, 0, 0)
+        assert buffer.lookup_transform("b", "a").transform.translation == (-1, 0, 0)
