@@ -182,6 +182,10 @@ class ReplyTimeout:
             wanted = _SHORTEST
         self.allowance = wanted if wanted < _LONGEST else _LONGEST
 
+    def learn_late(self, latency: float) -> None:
+        """Take account of a reply that was found after that time, s, and came before."""
+        self.learn(min(latency, 2.0 * self.allowance, _LONGEST))
+
 
 class LateReplies:
     """Replies that nobody waits for any more: by protocol and id, their lengths and due times.
@@ -699,7 +703,7 @@ class DynamixelPort:
                 if len(status.data) != length and not _refuses(protocol, status):
                     late = self._late.take(protocol, servo_id, len(status.data))
                     if late is not None:
-                        self._timeout.learn(late)
+                        self._timeout.learn_late(late)
                     else:
                         self._note_surplus(servo_id)
                         stray = status
@@ -782,7 +786,7 @@ class DynamixelPort:
                 while (status := self._next(protocol)[0]) is not None:
                     late = self._late.take(protocol, status.id, len(status.data))
                     if late is not None:
-                        self._timeout.learn(late)
+                        self._timeout.learn_late(late)
             self._late.forget()
         line.discard_input()
         self._buffer.clear()

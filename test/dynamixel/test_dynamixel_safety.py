@@ -331,7 +331,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     rig = Rig(*servos, baud_rate=baud_rate, latency=latency)
 
     def cycle() -> float:
-        rig.bench.pass_time(0.0507)  # at another phase of the adapter's period each time
+        rig.bench.pass_time(0.0507)
         begin = rig.bench.now()
         rig.bus.command({"j2": Goal(0.2)})
         with suppress(GoalError):
@@ -339,7 +339,8 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
         rig.step()
         return (rig.bench.now() - begin) * 1e-9 - PERIOD
 
-    usual = max([cycle() for _ in range(80)][40:])
+    requests = 2 if name == "AX-12" else 1  # each may take a period of the adapter
+    usual = max(requests * latency, *[cycle() for _ in range(80)][40:])
     servos[0].power_off()
     for _ in range(20):
         cycle()
