@@ -1159,6 +1159,8 @@ class ServoBus:
         self._look_again_at = self._monotonic()
         for task in list(self._tasks):
             self._end(task, PortLostError(self._port.name, why))
+        for joint in self._all:
+            joint.busy = joint.awaited = False  # also of steps that had not begun
         with self._lock:
             self._inbox.clear()
         for joint in self._all:

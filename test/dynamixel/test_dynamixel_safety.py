@@ -217,6 +217,21 @@ def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
 
 
+@pytest.mark.parametrize("cycles", range(8))
+def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
+    rig = Rig(SimulatedServo(1), SimulatedServo(2))
+    for _ in range(3):  # keep the steps of the goal waiting
+        rig.bus.submit(rig.bus.writing_eeprom("j2", EepromParameters().settings))
+    rig.step()
+    rig.bus.command({"j1": Goal(0.2)})
+    rig.step(cycles)
+    rig.bench.line.plugged = False
+    rig.step(3)
+    rig.bench.line.plugged = True
+    rig.step(60)
+    assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.03)
+
+
 # Stopping
 
 
