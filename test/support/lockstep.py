@@ -20,8 +20,11 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from head_tracking.dynamixel import JointConfiguration
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
+from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import RobotModel
 
 PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
@@ -104,12 +107,16 @@ class World:
 
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
-        return _stepped(kind, self)(
+        node = _stepped(kind, self)(
             parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
             start_parameter_services=False,
             enable_rosout=False,
             **handed,
         )
+        if isinstance(node, HeadTrackerNode | PointHeadNode):
+            # the clock that never jumps is this world's too
+            node._interface._clock = ClockWatch(lambda: self.now * 1e-9, lambda: self.now * 1e-9)
+        return node
 
     def true_position(self, joint_name: str) -> float:
         """Where a joint really is [rad]."""
@@ -144,6 +151,8 @@ class World:
 
 
 class _Clock:
+    ros_time_is_active = False
+
     def __init__(self, world: World) -> None:
         self._world = world
 
@@ -176,7 +185,7 @@ def _stepped(kind: type[Node], world: World) -> type[Node]:
             world.listen(name, callback)
             return SimpleNamespace(topic_name=name)
 
-        def create_timer(self, period: float, callback: Callable[[], object], *_: Any) -> Any:
+        def create_timer(self, period: float, callback: Callable[[], object], **_: Any) -> Any:
             world.every(round(period * 1e9), callback)
 
         def count_publishers(self, topic: str) -> int:
