@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -20,8 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.nodes import head_interface
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch
@@ -107,16 +107,19 @@ class World:
 
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
-        node = _stepped(kind, self)(
+        with mock.patch.object(head_interface, "ClockWatch", self._clock_watch):
+            return self._made(kind, parameters, **handed)
+
+    def _clock_watch(self, clock: Callable[[], float]) -> ClockWatch:
+        return ClockWatch(clock, lambda: self.now * 1e-9)
+
+    def _made(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
+        return _stepped(kind, self)(
             parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
             start_parameter_services=False,
             enable_rosout=False,
             **handed,
         )
-        if isinstance(node, HeadTrackerNode | PointHeadNode):
-            # the clock that never jumps is this world's too
-            node._interface._clock = ClockWatch(lambda: self.now * 1e-9, lambda: self.now * 1e-9)
-        return node
 
     def true_position(self, joint_name: str) -> float:
         """Where a joint really is [rad]."""
