@@ -28,8 +28,8 @@ NODES = (
 )
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
-    "simulated_bus": "head_tracking.simulated_bus:main",
-    "servo": "head_tracking.servo_tool.main:main",
+    "simulated_bus": "head_tracking.tools.simulated_bus:main",
+    "servo": "head_tracking.tools.servo.main:main",
     "check_model": "head_tracking.check_model:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
 }

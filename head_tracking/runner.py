@@ -193,8 +193,11 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     return Composition(nodes, buffer, simulated[0] if simulated else None)
 
 
-def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
+def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     """Runs the nodes until it is time to stop.
+
+    Returns:
+        The exit code: 1 if something went wrong at the end, such as servos not known to be relaxed.
 
     Raises:
         NodeDied: a node ended with an error.
@@ -215,6 +218,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> None:
             threads.wait(stop, plan.duration)
         finally:
             line.end(monitor.summary())
+    return threads.exit_code()
 
 
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
@@ -226,13 +230,12 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
         args=[*ros_arguments(plan), *arguments], signal_handler_options=SignalHandlerOptions.NO
     )
     try:
-        run(plan, stop, line)
+        return run(plan, stop, line)
     except Exception as error:
         line.end(f"head_tracking: {describe(error)}")
         return 1
     finally:
         rclpy.try_shutdown()
-    return 0
 
 
 def ros_arguments(plan: Run) -> list[str]:

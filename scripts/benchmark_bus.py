@@ -38,15 +38,17 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.port import Failed
 from head_tracking.simulation import (
     Fault,
     Faults,
-    Oracle,
+    Overlap,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
     SimulatedPort,
     SimulatedServo,
+    WriteLog,
 )
 
 SERVER = Path(__file__).parent / "paced_bus.py"
@@ -73,12 +75,9 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 
     def cycle(k: int) -> None:
         replies = port.read_group(group)
-        port.sync_write(
-            30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))}, hold=True
-        )
-        for reply in replies:
-            if isinstance(reply, Exception):
-                raise reply
+        port.sync_write(30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))})
+        if any(isinstance(reply, Failed) for reply in replies):
+            raise RuntimeError("a servo did not answer")
 
     try:
         yield cycle
@@ -252,7 +251,9 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
+    yield node_part()
     yield silent_servo()
+    yield returning_servo()
     yield replugging()
     yield faulty_cycles()
 
@@ -282,15 +283,17 @@ def silent_servo() -> str:
             joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
             driver = ServoBus(DynamixelPort(port_name), joints)
             driver.connect(allow_missing=True)
-            for servo in driver._servos():  # it has answered until now
-                servo.lost = False
+            silent = driver._joints["joint_2"]
+            silent.stopped = True
             usual = []
             for _ in range(100):
-                driver._joints["joint_2"].torque = Torque.OFF_STOPPED
                 start = time.perf_counter()
                 driver.step()
                 usual.append(time.perf_counter() - start)
-            driver._joints["joint_2"].torque = Torque.OFF_UNTIL_COMMANDED
+            silent.stopped = False
+            for servo in silent.servos:  # it has answered until now
+                servo.lost = servo.unseen = False
+            driver._plan = None
             normal = statistics.median(usual)
             cycles, good, longest = 100, 0, 0.0
             due = time.perf_counter()
@@ -337,9 +340,7 @@ def faulty_cycles() -> str:
         SimulatedServo(1, boot_time=0.0),
         SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
     ]
-    simulated = SimulatedBus(
-        servos, faults.line, misfortune=faults, oracle=Oracle(10 * FAULTY_CYCLES)
-    )
+    simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
     clock = SimulatedClock(PERIOD)
     line = SimulatedLine(simulated, clock)
     joints = [
@@ -366,16 +367,19 @@ def faulty_cycles() -> str:
         lowest, highest = joint.tick_range
         outside += sum(
             not lowest <= taken.goal <= highest
-            for taken in simulated.oracle.taken
+            for taken in simulated.write_log.writes
             if taken.id == joint.id and "Goal Position" in taken.names
         )
     struck = sum(faults.counts.values())
+    spoken_over = line.overlaps[Overlap.REQUEST] + line.overlaps[Overlap.STATUS]
+    late = line.overlaps[Overlap.FAULT]
     return (
         f"| {run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
         f"and of the packets struck by one of {len(Fault)} faults: {struck} | "
         f"**{run.exceptions} exceptions, {outside} goals outside the limits, {run.stale} stale "
-        f"values**; full rate again at most **{max(back):.0f} ms** after the last | | none; "
-        "100 ms |"
+        f"values, {spoken_over} times somebody spoken over** (and {late} times by a servo that a "
+        f"fault made late); full rate again at most **{max(back):.0f} ms** after the last | | "
+        "none; 100 ms |"
     )
 
 
@@ -437,6 +441,94 @@ class FaultyRun:
                 self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
 
 
+def returning_servo() -> str:
+    """The longest cycle while one of two servos returns and its torque comes on, simulated time."""
+    found = []
+    for baud_rate in (1_000_000, 57_600):
+        servos = [SimulatedServo(1, boot_time=0.0), SimulatedServo(2, boot_time=0.0)]
+        clock = SimulatedClock(PERIOD)
+        line = SimulatedLine(SimulatedBus(servos), clock, baud_rate)
+        port = DynamixelPort(
+            "simulated", baud_rate, open_device=lambda *_, line=line: SimulatedDevice(line),
+            clock=clock,
+        )  # fmt: skip
+        joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+        driver = ServoBus(port, joints, lambda c=clock: c.now, monotonic=lambda c=clock: c.now)
+        driver.connect()
+
+        def cycle(driver: ServoBus = driver, clock: SimulatedClock = clock) -> float:
+            clock.now += PERIOD
+            start = clock.now
+            for name in ("joint_1", "joint_2"):
+                with suppress(GoalError):
+                    driver.command({name: Goal(0.2)})
+            driver.step()
+            return (clock.now - start) * 1e-6
+
+        usual = max([cycle() for _ in range(100)][50:])
+        servos[0].power_off()
+        for _ in range(20):
+            cycle()
+        servos[0].power_on()
+        longest = max(cycle() for _ in range(100))
+        assert driver.torque("joint_1") is Torque.ON
+        found.append(f"{longest:.1f} ms at {baud_rate} baud, where a usual one takes {usual:.1f}")
+    return f"| longest cycle while one of two AX-12 returns | **{'; '.join(found)}** | | twice |"
+
+
+def node_part() -> str:
+    """From a reading to a published message, with a message that is filled anew or made anew."""
+    import rclpy
+    from sensor_msgs.msg import JointState
+
+    from head_tracking.dynamixel import ErrorBits, ServoState
+    from head_tracking.nodes.servo_bus import StatesMessage
+
+    rclpy.init()
+    node = rclpy.create_node("benchmark")
+    publisher = node.create_publisher(JointState, "servo_states", 10)
+    states = {
+        f"joint_{i}": ServoState(
+            f"joint_{i}", i, 10**18, 0.1, 0.2, 0.3, 12.0, 30.0, ErrorBits(0), True, 0.1
+        )
+        for i in (1, 2)
+    }
+    kept = StatesMessage(states)
+
+    def anew() -> JointState:
+        message = JointState()
+        seconds, rest = divmod(sum(s.stamp for s in states.values()) // len(states), 10**9)
+        message.header.stamp = type(message.header.stamp)(sec=seconds, nanosec=rest)
+        message.name = [state.joint_name for state in states.values()]
+        message.position = [state.position for state in states.values()]
+        message.velocity = [state.velocity for state in states.values()]
+        message.effort = [state.load for state in states.values()]
+        return message
+
+    def cost(make: Callable[[], JointState], publish: bool) -> float:
+        start = time.perf_counter()
+        for _ in range(2000):
+            message = make()
+            if publish:
+                publisher.publish(message)
+        return (time.perf_counter() - start) / 2000 * 1e6
+
+    figures: dict[str, list[float]] = {}
+    for _ in range(9):
+        figures.setdefault("kept", []).append(cost(lambda: kept.filled(states), False))
+        figures.setdefault("anew", []).append(cost(anew, False))
+        figures.setdefault("kept, published", []).append(cost(lambda: kept.filled(states), True))
+        figures.setdefault("anew, published", []).append(cost(anew, True))
+    node.destroy_node()
+    rclpy.try_shutdown()
+    us = {name: statistics.median(each) for name, each in figures.items()}
+    return (
+        f"| the node's part, from a reading to a message | **{us['kept']:.1f} us**, with "
+        f"publishing {us['kept, published']:.1f} us | a new message each time, as before: "
+        f"{us['anew']:.1f} us, with publishing {us['anew, published']:.1f} us | half |"
+    )
+
+
 def replugging() -> str:
     """The adapter unplugged and plugged in again, many times."""
     joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
@@ -481,7 +573,9 @@ def _wait(condition: Callable[[], object]) -> None:
 
 
 PARTS: dict[str, Callable[[], str]] = {
+    "node": node_part,
     "silent": silent_servo,
+    "returning": returning_servo,
     "faulty": faulty_cycles,
     "replug": replugging,
 }

@@ -38,6 +38,7 @@ def main() -> None:
         registers[16] = 2
         registers[8:10] = (1023).to_bytes(2, "little")
         registers[11], registers[14:16], registers[18] = 70, b"\xff\x03", 36
+        registers[34:36] = b"\xff\x03"
         registers[36:44] = bytes((0, 2, 0, 0, 0, 0, 120, 30))
     wire_free = 0.0
     buffer = b""

@@ -35,8 +35,7 @@ ALLOWED = {
     "viewer": {"tracking", "transforms", "gaze", "parameters"},
     "nodes": CORE | {"tf", "share", "viewer", "command_line"},
     "check_model": {"transforms", "share"},
-    "simulated_bus": {"simulation", "dynamixel", "command_line"},
-    "servo_tool": {"dynamixel", "command_line"},
+    "tools": {"simulation", "dynamixel", "command_line"},
     "node_sets": {"nodes", "scene"},
     "__main__": {"nodes", "runner"},
     "viewer_process": set(),
@@ -48,19 +47,11 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
     "xacro": {"transforms/urdf.py"},
-    "dynamixel_sdk": {"dynamixel/sdk.py"},
-    "rich": {
-        "servo_tool/info.py",
-        "servo_tool/monitor.py",
-        "servo_tool/scan.py",
-        "servo_tool/terminal.py",
-    },
+    "dynamixel_sdk": {"dynamixel/serial_port.py"},
+    "rich": {"tools/servo/bench.py", "tools/servo/looks.py"},
 }
 
-TABLES = (
-    "configuration", "control_table", "conversions", "exceptions", "hardware_errors", "models",
-    "protocol1", "protocol2", "units",
-)  # fmt: skip
+TABLES = ("configuration", "control_table", "exceptions", "models", "protocol")
 """What the simulator shares with the driver."""
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
@@ -126,8 +117,8 @@ def test_the_core_runs_where_no_ros_is():
         "import sys\n"
         f"for name in {ROS!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
-        + "import head_tracking.check_model, head_tracking.simulated_bus\n"
-        + "import head_tracking.servo_tool.main\n"
+        + "import head_tracking.check_model, head_tracking.tools.simulated_bus\n"
+        + "import head_tracking.tools.servo.main\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
 

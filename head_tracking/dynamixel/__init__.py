@@ -1,13 +1,15 @@
 """Servo bus driver for Dynamixel servos; see `ServoBus` and `BusThread`."""
 
 from head_tracking.dynamixel.adapter import Adapter
-from head_tracking.dynamixel.bus_thread import BusThread, BusTiming, CycleSchedule
-from head_tracking.dynamixel.buses import Buses
-from head_tracking.dynamixel.command import CommandResult, Goal, Torque
-from head_tracking.dynamixel.configuration import JointConfiguration, check_configuration
+from head_tracking.dynamixel.bus import ServoBus
+from head_tracking.dynamixel.configuration import (
+    BusSettings,
+    EepromSettings,
+    JointConfiguration,
+    ServoCalibration,
+    check_configuration,
+)
 from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
-from head_tracking.dynamixel.dynamixel_port import DynamixelPort
-from head_tracking.dynamixel.eeprom import EepromSettings
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -31,24 +33,30 @@ from head_tracking.dynamixel.exceptions import (
     UnknownRegisterError,
     WrongModelError,
 )
-from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
-from head_tracking.dynamixel.identification import ServoIdentity
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
-from head_tracking.dynamixel.mount import ServoMount
-from head_tracking.dynamixel.port import ReadGroup, ReadMethod, Reply, ServoPort
-from head_tracking.dynamixel.protocol1 import ErrorBits, Instruction, describe_errors
-from head_tracking.dynamixel.sdk import serial_ports
-from head_tracking.dynamixel.servo_bus import ServoBus
-from head_tracking.dynamixel.servo_state import (
+from head_tracking.dynamixel.port import DynamixelPort, ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.protocol import (
+    ErrorBits,
+    HardwareErrors,
+    Instruction,
+    XL320Errors,
+    describe_errors,
+)
+from head_tracking.dynamixel.serial_port import serial_ports
+from head_tracking.dynamixel.servo import Servo, ServoIdentity
+from head_tracking.dynamixel.state import (
     BusEvent,
     BusReading,
     BusStatistics,
+    CommandResult,
     EventKind,
+    Goal,
     Health,
     ServoState,
     ServoStatistics,
+    Torque,
 )
-from head_tracking.dynamixel.settings import BusSettings
+from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming, CycleSchedule
 
 __all__ = [
     "Access",
@@ -93,14 +101,14 @@ __all__ = [
     "RegisterRefusedError",
     "Reply",
     "ReplyTimeoutError",
+    "Servo",
     "ServoBus",
+    "ServoCalibration",
     "ServoError",
     "ServoIdentity",
     "ServoModeError",
     "ServoModel",
-    "ServoMount",
     "ServoNotFoundError",
-    "ServoPort",
     "ServoState",
     "ServoStatistics",
     "Torque",

@@ -1,21 +1,172 @@
-"""How a joint is wired: which servos drive it, how far and fast it may go."""
+"""How joints are wired, what the bus puts up with, and what servos shall keep in their memory."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from enum import IntFlag
 
-from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.control_table import decode_sign_magnitude
+from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import AX_12, ServoModel
-from head_tracking.dynamixel.mount import ServoMount
+from head_tracking.dynamixel.protocol import MAX_ID
+
+
+@dataclass(frozen=True, slots=True)
+class ServoCalibration:
+    """Where a servo's joint has its zero and which way round it turns.
+
+    Converts between the servo's registers and the joint's SI units.
+
+    The convention is dynamixel_motor's: position 0 rad is at tick `init`; `min` above `max` says
+    that the servo is mounted the other way round, which turns the sign of position, velocity and
+    load.
+
+    Attributes:
+        joint_name: The joint, for messages.
+        id: Servo id, 0 to 253 (protocol 2.0: to 252).
+        init: Tick of position 0 rad.
+        min: Tick of the lowest position.
+        max: Tick of the highest position.
+        model: The servo's model.
+        reversed: Whether rising ticks are falling positions.
+
+    Raises:
+        ConfigurationError: A value is outside what the servo can do.
+    """
+
+    joint_name: str
+    id: int
+    init: int
+    min: int
+    max: int
+    model: ServoModel = AX_12
+    reversed: bool = field(init=False, repr=False, compare=False)
+    _sign: int = field(init=False, repr=False, compare=False)
+    _radians_per_tick: float = field(init=False, repr=False, compare=False)
+    _lowest_turn: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self._check_id()
+        self._check_ticks()
+        object.__setattr__(self, "reversed", self.min > self.max)
+        object.__setattr__(self, "_sign", -1 if self.min > self.max else 1)
+        object.__setattr__(self, "_radians_per_tick", self.model.radians_per_tick)
+        middle = (self.min + self.max + 1) // 2
+        object.__setattr__(self, "_lowest_turn", middle - self.model.ticks // 2)
+
+    def _check_id(self) -> None:
+        highest = MAX_ID[self.model.protocol]
+        if not _is_integer(self.id) or not 0 <= self.id <= highest:
+            raise ConfigurationError(
+                f"{self.joint_name}: id {self.id!r} is no servo id; allowed are 0 to {highest}"
+            )
+
+    def _check_ticks(self) -> None:
+        last = self.model.ticks - 1
+        for name in ("init", "min", "max"):
+            tick = getattr(self, name)
+            if not _is_integer(tick):
+                raise ConfigurationError(
+                    f"{self.joint_name}: {name} must be a whole number of ticks, not {tick!r}"
+                )
+            if not 0 <= tick <= last:
+                raise ConfigurationError(
+                    f"{self.joint_name}: {name}: {tick} is outside the {self.model.name}'s range; "
+                    f"allowed are ticks 0 to {last}; use {0 if tick < 0 else last} for the end "
+                    "of the range"
+                )
+        if self.min == self.max:
+            raise ConfigurationError(
+                f"{self.joint_name}: min and max are both {self.min}, so the joint could not move"
+            )
+        low, high = self.tick_range
+        if not low <= self.init <= high:
+            raise ConfigurationError(
+                f"{self.joint_name}: init: {self.init} is not between min: {self.min} and "
+                f"max: {self.max}; position 0 must be inside the joint's range"
+            )
+
+    @property
+    def tick_range(self) -> tuple[int, int]:
+        """Lowest and highest tick, whichever way round the servo is mounted."""
+        return (self.max, self.min) if self.min > self.max else (self.min, self.max)
+
+    @property
+    def resolution(self) -> float:
+        """Angle of one tick, rad."""
+        return self._radians_per_tick
+
+    def fold(self, ticks: int) -> int:
+        """Return the tick in the turn around the joint's range that is the same angle.
+
+        Servos with an endless range count on beyond a turn while they are relaxed.
+        """
+        if not self.model.endless:
+            return ticks
+        return (ticks - self._lowest_turn) % self.model.ticks + self._lowest_turn
+
+    def position(self, ticks: float) -> float:
+        """Return the joint's position, rad, at a tick (a simulated servo has fractions of one)."""
+        return self._sign * (ticks - self.init) * self._radians_per_tick
+
+    def ticks(self, position: float) -> int:
+        """Return the tick next to a position in rad; inverse of `position`.
+
+        Raises:
+            RangeError: The position is not finite or outside the servo's range.
+        """
+        if not math.isfinite(position):
+            raise RangeError(
+                f"{self.joint_name} cannot be at {position} rad; it must be a finite number"
+            )
+        tick = round(self.init + self._sign * position / self._radians_per_tick)
+        if not 0 <= tick < self.model.ticks:
+            ends = sorted((self.position(0), self.position(self.model.ticks - 1)))
+            raise RangeError(
+                f"{self.joint_name} cannot be at {position:.4f} rad; the servo's range is "
+                f"{ends[0]:.4f} to {ends[1]:.4f} rad"
+            )
+        return tick
+
+    def velocity(self, present_speed: int) -> float:
+        """Return the joint's velocity, rad/s, from the Present Speed or Velocity register."""
+        if self.model.sign_magnitude:
+            present_speed = decode_sign_magnitude(present_speed)
+        return self._sign * present_speed * self.model.speed_unit
+
+    def load(self, present_load: int) -> float:
+        """Return the servo's output, -1 to 1 of its full torque, from its load or current register.
+
+        Positive when the servo drives towards higher positions.
+        """
+        if self.model.sign_magnitude:
+            present_load = decode_sign_magnitude(present_load)
+        return self._sign * present_load / self.model.load_maximum
+
+    def speed_ticks(self, speed: float, limit: float) -> int:
+        """Return the goal speed register for a speed, capped at a limit, both rad/s.
+
+        Never 0, which would be full speed.
+
+        Raises:
+            RangeError: The speed is not a finite number above 0.
+        """
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise RangeError(
+                f"a speed of {speed} rad/s is not possible; it must be finite and above 0"
+            )
+        unit = self.model.speed_unit
+        maximum = min(self.model.speed_maximum, max(1, math.floor(limit / unit)))
+        return max(1, min(maximum, round(speed / unit)))
 
 
 @dataclass(frozen=True, slots=True)
 class JointConfiguration:
     """One joint and the servo that drives it, or two that do so together.
 
-    See `ServoMount` for the meaning of ticks.
+    See `ServoCalibration` for the meaning of ticks.
 
     Attributes:
         joint_name: The joint in the robot model.
@@ -29,7 +180,7 @@ class JointConfiguration:
             no-load speed. See `speed_limit`.
         model: The servo's model.
         second: The other servo of a joint that two of them drive.
-        mount: The first servo, as it is mounted.
+        calibration: Of the first servo.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
@@ -44,16 +195,18 @@ class JointConfiguration:
     joint_speed: float = 2.0
     max_speed: float | None = None
     model: ServoModel = AX_12
-    second: ServoMount | None = None
-    mount: ServoMount = field(init=False, repr=False, compare=False)
+    second: ServoCalibration | None = None
+    calibration: ServoCalibration = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("joint_name", "controller"):
             text = getattr(self, name)
             if not isinstance(text, str) or not text.strip():
                 raise ConfigurationError(f"{name} must be a name, not {text!r}")
-        mount = ServoMount(self.joint_name, self.id, self.init, self.min, self.max, self.model)
-        object.__setattr__(self, "mount", mount)
+        calibration = ServoCalibration(
+            self.joint_name, self.id, self.init, self.min, self.max, self.model
+        )
+        object.__setattr__(self, "calibration", calibration)
         self._check_speeds()
 
     def _check_speeds(self) -> None:
@@ -74,19 +227,19 @@ class JointConfiguration:
             )
 
     @property
-    def mounts(self) -> tuple[ServoMount, ...]:
+    def calibrations(self) -> tuple[ServoCalibration, ...]:
         """The servos that drive the joint."""
-        return (self.mount,) if self.second is None else (self.mount, self.second)
+        return (self.calibration,) if self.second is None else (self.calibration, self.second)
 
     @property
     def reversed(self) -> bool:
         """Whether rising ticks are falling positions."""
-        return self.mount.reversed
+        return self.calibration.reversed
 
     @property
     def tick_range(self) -> tuple[int, int]:
         """Lowest and highest tick, whichever way round the servo is mounted."""
-        return self.mount.tick_range
+        return self.calibration.tick_range
 
     @property
     def lower(self) -> float:
@@ -101,33 +254,33 @@ class JointConfiguration:
     @property
     def resolution(self) -> float:
         """Angle of one tick, rad."""
-        return self.mount.resolution
+        return self.calibration.resolution
 
     @property
     def speed_limit(self) -> float:
         """Highest speed ever asked of the servos, rad/s."""
-        slowest = min(mount.model.no_load_speed for mount in self.mounts)
+        slowest = min(each.model.no_load_speed for each in self.calibrations)
         return slowest if self.max_speed is None else self.max_speed
 
     def position(self, ticks: float) -> float:
-        """Return the joint's position, rad, at a tick; see `ServoMount.position`."""
-        return self.mount.position(ticks)
+        """Return the joint's position, rad, at a tick; see `ServoCalibration.position`."""
+        return self.calibration.position(ticks)
 
     def ticks(self, position: float) -> int:
-        """Return the tick next to a position in rad; see `ServoMount.ticks`."""
-        return self.mount.ticks(position)
+        """Return the tick next to a position in rad; see `ServoCalibration.ticks`."""
+        return self.calibration.ticks(position)
 
     def velocity(self, present_speed: int) -> float:
-        """Return the joint's velocity, rad/s; see `ServoMount.velocity`."""
-        return self.mount.velocity(present_speed)
+        """Return the joint's velocity, rad/s; see `ServoCalibration.velocity`."""
+        return self.calibration.velocity(present_speed)
 
     def load(self, present_load: int) -> float:
-        """Return the servo's output, -1 to 1 of its full torque; see `ServoMount.load`."""
-        return self.mount.load(present_load)
+        """Return the servo's output, -1 to 1 of its full torque; see `ServoCalibration.load`."""
+        return self.calibration.load(present_load)
 
     def speed_ticks(self, speed: float) -> int:
-        """Return the goal speed register, capped at `speed_limit`; see `ServoMount.speed_ticks`."""
-        return self.mount.speed_ticks(speed, self.speed_limit)
+        """Return the goal speed register, capped at `speed_limit`."""
+        return self.calibration.speed_ticks(speed, self.speed_limit)
 
 
 def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConfiguration, ...]:
@@ -140,7 +293,7 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
     if not checked:
         raise ConfigurationError("no joint is configured; a bus needs at least one")
     keys: tuple[tuple[str, Callable[[JointConfiguration], Iterable[object]]], ...] = (
-        ("id", lambda joint: [mount.id for mount in joint.mounts]),
+        ("id", lambda joint: [each.id for each in joint.calibrations]),
         ("joint_name", lambda joint: [joint.joint_name]),
         ("controller", lambda joint: [joint.controller]),
     )
@@ -155,6 +308,116 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
                     )
                 users[value] = joint
     return checked
+
+
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Numbers that suit most robots.
+
+    Attributes:
+        retries: How often a failed read is repeated within the same cycle.
+        lost_after: Failed cycles in a row after which a servo counts as lost.
+        poll_interval: Time between two questions to a lost servo, s.
+        reconnect_interval: Time between two looks for an adapter that has gone, s.
+        command_timeout: Time after its last command at which a joint that is still under way holds
+            where it is, s; 0: it goes on to its goal.
+        watchdog: Time without any packet after which servos of the X series stop by themselves, s;
+            0: never.
+        warm: Temperature from which on a servo is worth a warning, degrees Celsius.
+        hot: Temperature from which on it is an error.
+        rest: Temperature from which on the joint is relaxed until its servo is no longer warm.
+
+    Raises:
+        ConfigurationError: A number makes no sense.
+    """
+
+    retries: int = 1
+    lost_after: int = 5
+    poll_interval: float = 0.06
+    reconnect_interval: float = 0.2
+    command_timeout: float = 0.0
+    watchdog: float = 1.0
+    warm: float = 60.0
+    hot: float = 65.0
+    rest: float = 68.0
+
+    def __post_init__(self) -> None:
+        allowed = (
+            ("retries", self.retries >= 0, "at least 0"),
+            ("lost_after", self.lost_after >= 1, "at least 1"),
+            ("poll_interval", self.poll_interval > 0.0, "seconds above 0"),
+            ("reconnect_interval", self.reconnect_interval > 0.0, "seconds above 0"),
+            ("command_timeout", self.command_timeout >= 0.0, "0 or seconds above 0"),
+            ("watchdog", 0.0 <= self.watchdog <= 2.5, "0 to 2.5 seconds"),
+            ("hot", self.warm <= self.hot, f"at least warm, {self.warm} degrees"),
+            ("rest", self.hot <= self.rest, f"at least hot, {self.hot} degrees"),
+        )
+        for name, possible, what in allowed:
+            if not possible:
+                raise ConfigurationError(
+                    f"{name} {getattr(self, name)} is not possible; allowed are {what}"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class EepromSettings:
+    """What the servos of a bus shall keep. None leaves a setting as it is.
+
+    Attributes:
+        return_delay: Time a servo waits before it answers, microseconds.
+        angle_limits: Whether the servo itself shall refuse goals outside the joint's range.
+        shutdown: Errors upon which it switches itself off, such as ("overload", "overheating");
+            None: those that it has.
+        status_return_level: What it answers: 0 pings, 1 also reads, 2 everything.
+    """
+
+    return_delay: float | None = 0.0
+    angle_limits: bool = True
+    shutdown: tuple[str, ...] | None = None
+    status_return_level: int | None = 2
+
+    def registers(self, model: ServoModel, tick_range: tuple[int, int]) -> dict[str, int]:
+        """Return the register values for a servo, by name.
+
+        Args:
+            model: Its model.
+            tick_range: Lowest and highest tick of its joint.
+
+        Raises:
+            ConfigurationError: The model has no such error, or a value is outside its register.
+        """
+        wanted: dict[str, int] = {}
+        table = model.control_table
+        if self.return_delay is not None:
+            register = table["Return Delay Time"]
+            wanted[register.name] = register.from_unit(self.return_delay)
+        if self.angle_limits:
+            wanted.update(zip(model.position_limits, tick_range, strict=True))
+        if self.shutdown is not None:
+            wanted["Shutdown"] = sum(_named_errors(model, self.shutdown))
+        if self.status_return_level is not None:
+            wanted["Status Return Level"] = self.status_return_level
+        for name, value in wanted.items():
+            if not table[name].admits(value):
+                raise ConfigurationError(
+                    f"{name} of the {model.name} cannot be {value}; allowed are "
+                    f"{table[name].minimum} to {table[name].maximum}"
+                )
+        return wanted
+
+
+def _named_errors(model: ServoModel, names: tuple[str, ...]) -> list[IntFlag]:
+    known = {(bit.name or "").lower().replace("_", " "): bit for bit in model.errors}
+    for name in names:
+        if name not in known:
+            raise ConfigurationError(
+                f"the {model.name} has no error {name!r}; it has {', '.join(known)}"
+            )
+    return [known[name] for name in names]
+
+
+def _is_integer(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _is_number(value: object) -> bool:

@@ -1,18 +1,64 @@
-"""Control tables: the registers of a servo, as data."""
+"""Control tables: the registers of a servo, as data, and what their counts stand for.
+
+Sources: the ROBOTIS e-manual page of each model; protocol 1.0 for the byte order, AX-12A for the
+sign bits.
+"""
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Final
 
-from head_tracking.dynamixel.conversions import (
-    decode_sign_magnitude,
-    encode_sign_magnitude,
-    encode_unsigned,
-)
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
+
+SIGN_BIT = 10
+"""AX, MX (protocol 1.0) and XL-320 mark clockwise speed and load by this bit."""
+
+
+def encode_unsigned(value: int, size: int) -> bytes:
+    """Return `value` as `size` bytes, low byte first.
+
+    Raises:
+        RangeError: The value is negative or needs more bytes.
+    """
+    try:
+        return value.to_bytes(size, "little")
+    except OverflowError:
+        raise RangeError(
+            f"{value} does not fit into {size} byte(s); allowed are 0 to {256**size - 1}"
+        ) from None
+
+
+def encode_sign_magnitude(value: int, sign_bit: int = SIGN_BIT) -> int:
+    """Return a register value: magnitude in the low bits, `sign_bit` set when negative (clockwise).
+
+    Raises:
+        RangeError: The magnitude needs more than `sign_bit` bits.
+    """
+    magnitude = abs(value)
+    if magnitude >= 1 << sign_bit:
+        limit = (1 << sign_bit) - 1
+        raise RangeError(f"{value} does not fit; allowed are {-limit} to {limit}")
+    return magnitude | (1 << sign_bit) if value < 0 else magnitude
+
+
+def decode_sign_magnitude(raw: int, sign_bit: int = SIGN_BIT) -> int:
+    """Return the signed number in a sign-magnitude register; inverse of the encoder.
+
+    Raises:
+        RangeError: A bit above the sign bit is set, or the value is negative.
+    """
+    if not 0 <= raw < 2 << sign_bit:
+        raise RangeError(
+            f"register value {raw} is no {sign_bit} bit sign-magnitude number; "
+            f"allowed are 0 to {(2 << sign_bit) - 1}"
+        )
+    magnitude = raw & ((1 << sign_bit) - 1)
+    return -magnitude if raw >> sign_bit else magnitude
 
 
 class Access(Enum):
@@ -53,6 +99,48 @@ class Unit:
 
 
 NUMBER = Unit()
+
+RPM: Final = 2.0 * math.pi / 60.0
+"""One revolution per minute, in rad/s."""
+
+AX_SPEED: Final = 0.111 * RPM
+MX_SPEED: Final = 0.114 * RPM
+MX_12W_SPEED: Final = 0.916 * RPM
+X_SPEED: Final = 0.229 * RPM
+MX_ACCELERATION: Final = math.radians(8.583)
+X_ACCELERATION: Final = 214.577 * RPM / 60.0
+
+AX_TICKS: Final = 1024
+"""Positions of AX and XL-320 over 300 degrees; one is 300/1024 degrees, as in dynamixel_motor."""
+
+MX_TICKS: Final = 4096
+"""Positions of MX and X over a whole turn."""
+
+AX_ANGLE: Final = math.radians(300.0)
+MX_ANGLE: Final = 2.0 * math.pi
+
+VOLT: Final = Unit("V", 0.1)
+CELSIUS: Final = Unit("°C")
+DELAY: Final = Unit("µs", 2.0)
+MILLISECOND: Final = Unit("ms")
+PER_MILLE: Final = Unit("%", 0.1)
+PWM: Final = Unit("%", 0.113)
+WATCHDOG: Final = Unit("ms", 20.0)
+AX_POSITION: Final = Unit("rad", AX_ANGLE / AX_TICKS, 512.0)
+MX_POSITION: Final = Unit("rad", MX_ANGLE / MX_TICKS, 2048.0)
+AX_OFFSET: Final = Unit("rad", AX_ANGLE / AX_TICKS)
+MX_OFFSET: Final = Unit("rad", MX_ANGLE / MX_TICKS)
+AX_VELOCITY: Final = Unit("rad/s", AX_SPEED)
+MX_VELOCITY: Final = Unit("rad/s", MX_SPEED)
+MX_12W_VELOCITY: Final = Unit("rad/s", MX_12W_SPEED)
+X_VELOCITY: Final = Unit("rad/s", X_SPEED)
+MX_RAMP: Final = Unit("rad/s²", MX_ACCELERATION)
+X_RAMP: Final = Unit("rad/s²", X_ACCELERATION)
+
+
+def milliampere(scale: float, zero: float = 0.0) -> Unit:
+    """Return the unit of a current register: mA for one count, and the count that stands for 0."""
+    return Unit("mA", scale, zero)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +242,11 @@ class Block:
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
+        layout: Packs and unpacks one value per register, unchecked.
     """
 
     registers: tuple[Register, ...]
-    _struct: struct.Struct = field(init=False, repr=False, compare=False)
+    layout: struct.Struct = field(init=False, repr=False, compare=False)
     _gapless: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -171,9 +260,9 @@ class Block:
                 code = code.lower()
             form += f"{register.address - position}x{code}"
             position = register.end
-        object.__setattr__(self, "_struct", struct.Struct(form))
+        object.__setattr__(self, "layout", struct.Struct(form))
         occupied = sum(register.size for register in self.registers)
-        object.__setattr__(self, "_gapless", occupied == self._struct.size)
+        object.__setattr__(self, "_gapless", occupied == self.layout.size)
 
     @property
     def address(self) -> int:
@@ -183,7 +272,7 @@ class Block:
     @property
     def length(self) -> int:
         """Number of bytes from the first register to the end of the last."""
-        return self._struct.size
+        return self.layout.size
 
     def decode(self, data: bytes) -> tuple[int, ...]:
         """Return one value per register.
@@ -191,9 +280,9 @@ class Block:
         Raises:
             RangeError: The number of bytes is wrong.
         """
-        if len(data) != self._struct.size:
-            raise RangeError(f"the block has {self._struct.size} bytes, not {len(data)}")
-        return self._struct.unpack(data)
+        if len(data) != self.layout.size:
+            raise RangeError(f"the block has {self.layout.size} bytes, not {len(data)}")
+        return self.layout.unpack(data)
 
     def encode(self, *values: int) -> bytes:
         """Return the bytes that write one value per register.
@@ -208,7 +297,7 @@ class Block:
                 register.encode(value)  # says why
         if not self._gapless:
             raise RangeError("the block has gaps, so it can be read but not written")
-        return self._struct.pack(*values)
+        return self.layout.pack(*values)
 
 
 class ControlTable:

@@ -11,21 +11,22 @@ from enum import IntFlag
 from types import MappingProxyType
 from typing import Final
 
-from head_tracking.dynamixel.control_table import Block, ControlTable
-from head_tracking.dynamixel.exceptions import ConfigurationError
-from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
-from head_tracking.dynamixel.protocol1 import ErrorBits
-from head_tracking.dynamixel.tables import ax, mx, x, xl320
-from head_tracking.dynamixel.units import (
+from head_tracking.dynamixel import tables
+from head_tracking.dynamixel.control_table import (
     AX_ANGLE,
     AX_SPEED,
     AX_TICKS,
+    MX_12W_SPEED,
     MX_ANGLE,
     MX_SPEED,
     MX_TICKS,
     RPM,
     X_SPEED,
+    Block,
+    ControlTable,
 )
+from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors, XL320Errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,11 @@ class ServoModel:
         errors: Bits of its error state and of its Shutdown register.
         bulk_read: Whether it takes part in a bulk read (MX with protocol 1.0).
         fast_sync_read: First firmware that knows fast sync read; None: none does.
+        watchdog: First firmware that has a Bus Watchdog; None: none has.
         aliases: Other names of the same model.
+        radians_per_tick: Angle of one tick, rad.
+        sign_magnitude: Whether speed and load have their sign in bit 10.
+        endless: Whether the ticks go round a whole turn, so that each stands for many positions.
     """
 
     name: str
@@ -80,21 +85,16 @@ class ServoModel:
     position_limits: tuple[str, str] = ("CW Angle Limit", "CCW Angle Limit")
     bulk_read: bool = False
     fast_sync_read: int | None = None
+    watchdog: int | None = None
     aliases: tuple[str, ...] = ()
     radians_per_tick: float = field(init=False)
+    sign_magnitude: bool = field(init=False)
+    endless: bool = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radians_per_tick", self.angle_range / self.ticks)
-
-    @property
-    def sign_magnitude(self) -> bool:
-        """Whether speed and load have their sign in bit 10."""
-        return "Moving Speed" in self.control_table
-
-    @property
-    def endless(self) -> bool:
-        """Whether the ticks go round a whole turn, so that each stands for many positions."""
-        return self.ticks == MX_TICKS
+        object.__setattr__(self, "sign_magnitude", "Moving Speed" in self.control_table)
+        object.__setattr__(self, "endless", self.ticks == MX_TICKS)
 
     def encode_goal(self, ticks: int, speed: int) -> bytes:
         """Return what to write at `goal`, from register values.
@@ -127,14 +127,15 @@ _FEEDBACK_1 = (
     "Present Temperature",
 )
 _X_ORDER = (2, 1, 0, 3, 4)
+_FIRST_WATCHDOG: Final = 38  # firmware
 
 AX_12 = ServoModel(
     name="AX-12",
     model_number=12,
     protocol=1,
-    control_table=ax.AX_12,
-    feedback=ax.AX_12.block(*_FEEDBACK_1),
-    goal=ax.AX_12.block("Goal Position", "Moving Speed"),
+    control_table=tables.AX_12,
+    feedback=tables.AX_12.block(*_FEEDBACK_1),
+    goal=tables.AX_12.block("Goal Position", "Moving Speed"),
     ticks=AX_TICKS,
     angle_range=AX_ANGLE,
     center=512,
@@ -149,14 +150,58 @@ AX_12 = ServoModel(
     aliases=("AX-12A", "AX-12+"),
 )
 
+AX_12W = replace(
+    AX_12,
+    name="AX-12W",
+    model_number=300,
+    control_table=tables.AX_12W,
+    no_load_speed=54.0 * RPM,  # in joint mode
+    stall_torque=0.2,
+    aliases=(),
+)
 AX_18 = replace(
     AX_12,
     name="AX-18A",
     model_number=18,
-    control_table=ax.AX_18,
+    control_table=tables.AX_18,
     no_load_speed=97.0 * RPM,
     stall_torque=1.8,
     aliases=("AX-18",),
+)
+
+RX_10 = replace(
+    AX_12,
+    name="RX-10",
+    model_number=10,
+    control_table=tables.RX_10,
+    no_load_speed=54.0 * RPM,
+    stall_torque=1.3,
+    aliases=(),
+)
+RX_24F = replace(
+    RX_10,
+    name="RX-24F",
+    model_number=24,
+    control_table=tables.RX_24F,
+    no_load_speed=126.0 * RPM,
+    stall_torque=2.6,
+)
+RX_28 = replace(
+    RX_10,
+    name="RX-28",
+    model_number=28,
+    control_table=tables.RX_28,
+    no_load_speed=85.0 * RPM,
+    stall_torque=3.7,
+    nominal_voltage=18.5,
+)
+RX_64 = replace(
+    RX_28,
+    name="RX-64",
+    model_number=64,
+    control_table=tables.RX_64,
+    no_load_speed=64.0 * RPM,
+    stall_torque=5.3,
 )
 
 XL_320 = replace(
@@ -164,9 +209,9 @@ XL_320 = replace(
     name="XL-320",
     model_number=350,
     protocol=2,
-    control_table=xl320.XL_320,
-    feedback=xl320.XL_320.block(*_FEEDBACK_1),
-    goal=xl320.XL_320.block("Goal Position", "Moving Speed"),
+    control_table=tables.XL_320,
+    feedback=tables.XL_320.block(*_FEEDBACK_1),
+    goal=tables.XL_320.block("Goal Position", "Moving Speed"),
     no_load_speed=114.0 * RPM,
     stall_torque=0.39,
     nominal_voltage=7.4,
@@ -179,9 +224,9 @@ MX_28 = replace(
     AX_12,
     name="MX-28",
     model_number=29,
-    control_table=mx.MX_28,
-    feedback=mx.MX_28.block(*_FEEDBACK_1),
-    goal=mx.MX_28.block("Goal Position", "Moving Speed"),
+    control_table=tables.MX_28,
+    feedback=tables.MX_28.block(*_FEEDBACK_1),
+    goal=tables.MX_28.block("Goal Position", "Moving Speed"),
     ticks=MX_TICKS,
     angle_range=MX_ANGLE,
     center=2048,
@@ -192,11 +237,21 @@ MX_28 = replace(
     bulk_read=True,
     aliases=("MX-28T", "MX-28R"),
 )
+MX_12W = replace(
+    MX_28,
+    name="MX-12W",
+    model_number=360,
+    control_table=tables.MX_12W,
+    speed_unit=MX_12W_SPEED,
+    no_load_speed=470.0 * RPM,
+    stall_torque=0.2,
+    aliases=(),
+)
 MX_64 = replace(
     MX_28,
     name="MX-64",
     model_number=310,
-    control_table=mx.MX_64,
+    control_table=tables.MX_64,
     no_load_speed=63.0 * RPM,
     stall_torque=6.0,
     aliases=("MX-64T", "MX-64R"),
@@ -205,7 +260,7 @@ MX_106 = replace(
     MX_28,
     name="MX-106",
     model_number=320,
-    control_table=mx.MX_106,
+    control_table=tables.MX_106,
     no_load_speed=45.0 * RPM,
     stall_torque=8.4,
     aliases=("MX-106T", "MX-106R"),
@@ -267,30 +322,42 @@ def _x(
         baud_rates=X330_BAUD_RATES if small else X_BAUD_RATES,
         errors=HardwareErrors,
         fast_sync_read=fast_sync_read,
+        watchdog=_FIRST_WATCHDOG,
     )
 
 
 MODELS: Final[tuple[ServoModel, ...]] = (
     AX_12,
+    AX_12W,
     AX_18,
+    RX_10,
+    RX_24F,
+    RX_28,
+    RX_64,
+    MX_12W,
     MX_28,
     MX_64,
     MX_106,
-    _x(x.MX_28_2, 55.0, 2.5, 12.0),
-    _x(x.MX_64_2, 63.0, 6.0, 12.0, stall_current=4100.0),
-    _x(x.MX_106_2, 45.0, 8.4, 12.0, stall_current=5200.0),
+    _x(tables.MX_28_2, 55.0, 2.5, 12.0),
+    _x(tables.MX_64_2, 63.0, 6.0, 12.0, stall_current=4100.0),
+    _x(tables.MX_106_2, 45.0, 8.4, 12.0, stall_current=5200.0),
     XL_320,
-    _x(x.XL430_W250, 57.0, 1.4, 11.1, fast_sync_read=45),
-    _x(x.XL330_M077, 383.0, 0.215, 5.0, stall_current=1470.0, fast_sync_read=46),
-    _x(x.XL330_M288, 103.0, 0.52, 5.0, stall_current=1470.0, fast_sync_read=46),
-    _x(x.XC330_M181, 129.0, 0.60, 5.0, stall_current=1800.0, fast_sync_read=46),
-    _x(x.XC330_M288, 81.0, 0.93, 5.0, stall_current=1800.0, fast_sync_read=46),
-    _x(x.XC330_T181, 104.0, 0.76, 11.1, stall_current=800.0, fast_sync_read=46),
-    _x(x.XC330_T288, 65.0, 0.92, 11.1, stall_current=800.0, fast_sync_read=46),
-    _x(x.XM430_W210, 77.0, 3.0, 12.0, stall_current=2300.0, fast_sync_read=45),
-    _x(x.XM430_W350, 46.0, 4.1, 12.0, stall_current=2300.0, fast_sync_read=45),
-    _x(x.XM540_W150, 53.0, 7.3, 12.0, stall_current=4400.0, fast_sync_read=45),
-    _x(x.XM540_W270, 30.0, 10.6, 12.0, stall_current=4400.0, fast_sync_read=45),
+    _x(tables.XL430_W250, 57.0, 1.4, 11.1, fast_sync_read=45),
+    _x(tables.XL330_M077, 383.0, 0.215, 5.0, stall_current=1470.0, fast_sync_read=46),
+    _x(tables.XL330_M288, 103.0, 0.52, 5.0, stall_current=1470.0, fast_sync_read=46),
+    _x(tables.XC330_M181, 129.0, 0.60, 5.0, stall_current=1800.0, fast_sync_read=46),
+    _x(tables.XC330_M288, 81.0, 0.93, 5.0, stall_current=1800.0, fast_sync_read=46),
+    _x(tables.XC330_T181, 104.0, 0.76, 11.1, stall_current=800.0, fast_sync_read=46),
+    _x(tables.XC330_T288, 65.0, 0.92, 11.1, stall_current=800.0, fast_sync_read=46),
+    _x(tables.XM430_W210, 77.0, 3.0, 12.0, stall_current=2300.0, fast_sync_read=45),
+    _x(tables.XM430_W350, 46.0, 4.1, 12.0, stall_current=2300.0, fast_sync_read=45),
+    _x(tables.XM540_W150, 53.0, 7.3, 12.0, stall_current=4400.0, fast_sync_read=45),
+    _x(tables.XM540_W270, 30.0, 10.6, 12.0, stall_current=4400.0, fast_sync_read=45),
+    _x(tables.XC430_W150, 106.0, 1.6, 12.0, fast_sync_read=45),
+    _x(tables.XL430_W250_2, 57.0, 1.4, 11.1),
+    _x(tables.XH430_W350, 30.0, 3.4, 12.0, stall_current=1300.0, fast_sync_read=45),
+    _x(tables.XH540_V150, 60.0, 6.4, 24.0, stall_current=2400.0, fast_sync_read=45),
+    _x(tables.XW540_T140, 72.0, 6.9, 12.0, stall_current=4900.0),
 )
 
 _BY_NAME = {name.upper(): model for model in MODELS for name in (model.name, *model.aliases)}

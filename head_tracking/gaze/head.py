@@ -39,6 +39,7 @@ _UNLIMITED = (-math.inf, math.inf)
 _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
 
 _SAME = 1e-15  # rad
+_REACHED = 1e-9  # rad
 _MOST_TURNS = 50  # of a loop that ends after 1 on a square head and after 4 on a nearly square one
 
 
@@ -159,11 +160,7 @@ class PanTiltHead:
         if wanted is not None and self._allowed(wanted):
             nearest = wanted
         elif not geometry.nearly_square and not on_axis:
-            starts = ((pan, tilt),) if wanted is None else (wanted, (pan, tilt))
-            nearest = min(
-                (self._refined(point, start) for start in starts),
-                key=lambda positions: geometry.miss(point, *positions),
-            )
+            nearest = self._search(point, wanted, (pan, tilt))
             wanted = wanted or nearest
         elif wanted is not None:
             nearest = self._inside(point, wanted)
@@ -259,6 +256,29 @@ class PanTiltHead:
             beside = self._tilt(point, pan, tilt)
             tilt = tilt if beside is None else beside
         return pan, self.tilt_limits.clamp(tilt)
+
+    def _search(
+        self, point: Vector3, wanted: tuple[float, float] | None, present: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Pan and tilt [rad] inside the limits that miss `point` least, on a head of any build.
+
+        Newton finds what is near its start: it starts from where the head stands, and from what was
+        computed or, where that came to nothing, from all sides until it gets there.
+        """
+        starts = [wanted or present, present]
+        if wanted is None:
+            bearing = math.atan2(point[1], point[0])
+            sides = (bearing + quarter * 0.5 * math.pi for quarter in range(4))
+            starts[1:] = [(turn_near(side, present[0], self.pan_limits), 0.0) for side in sides]
+        nearest, least = present, math.inf
+        for start in starts:
+            found = self._refined(point, start)
+            miss = self._geometry.miss(point, *found)
+            if miss < least:
+                nearest, least = found, miss
+            if least < _REACHED:
+                break
+        return nearest
 
     def _refined(self, point: Vector3, start: tuple[float, float]) -> tuple[float, float]:
         """Pan and tilt [rad] inside the limits that miss `point` least, near `start`.

@@ -84,7 +84,9 @@ class EepromParameters:
     )
     angle_limits: bool = parameter(True, "The servo itself refuses goals beyond min and max.")
     shutdown: tuple[str, ...] = parameter(
-        ("overload", "overheating"), "Errors upon which a servo switches itself off."
+        (),
+        "Errors upon which a servo switches itself off, such as overload and overheating; none: "
+        "those that it has.",
     )
     status_return_level: int = parameter(
         2, "What a servo answers: 1 pings and reads, 2 everything.", minimum=1, maximum=2
@@ -94,7 +96,7 @@ class EepromParameters:
     def settings(self) -> EepromSettings:
         """The same for the servo bus."""
         return EepromSettings(
-            self.return_delay, self.angle_limits, self.shutdown, self.status_return_level
+            self.return_delay, self.angle_limits, self.shutdown or None, self.status_return_level
         )
 
 

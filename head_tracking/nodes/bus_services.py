@@ -1,27 +1,27 @@
-"""The services of the servo bus."""
+"""The services of the servo bus.
+
+None of them keeps another one waiting, nor a command: each hands its work to the bus's thread,
+which takes it in steps between its cycles, and answers when that is done. Relaxing is done at once.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Generator, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.dynamixel import (
-    Buses,
-    DynamixelError,
-    EepromSettings,
-    ServoBus,
-    Torque,
-)
+from head_tracking.dynamixel import Buses, DynamixelError, EepromSettings, ServoBus
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
-_POLL = 0.02  # s
+_MEMORY = 10.0  # s
+_POLL = 0.002  # s
 
 Joints = tuple[str, ...]
 Request = Callable[[ServoBus, Joints], object]
@@ -39,66 +39,66 @@ class BusServices:
     def __init__(self, node: Node, buses: Buses, eeprom: Callable[[], EepromSettings]) -> None:
         self._buses = buses
         self._eeprom = eeprom
+        self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
         everything = tuple(joint.joint_name for joint in buses.joints)
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
-            node.create_service(SetBool, f"{controller}/torque_enable", self._on_torque(one))
+            self._offer_torque(node, f"{controller}/torque_enable", one)
             self._offer(node, f"{controller}/stop", partial(self._stop, one))
             self._offer(node, f"{controller}/start", partial(self._start, one))
             self._offer(node, f"{controller}/restart", partial(self._restart, one))
             self._offer(node, f"{controller}/recover", partial(self._recover, one))
-        node.create_service(SetBool, "torque_enable", self._on_torque(everything))
+        self._offer_torque(node, "torque_enable", everything)
         self._offer(node, "relax", lambda: self._switch(everything, False))
         self._offer(node, "recover", lambda: self._recover(everything))
         self._offer(node, "~/write_eeprom", lambda: self._write_eeprom(everything))
 
-    def _offer(self, node: Node, name: str, act: Callable[[], str]) -> None:
-        def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            return _answer(response, act)
+    def _offer(self, node: Node, name: str, act: Callable[[], Awaitable[str]]) -> None:
+        async def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            return await _answer(response, act)
 
-        node.create_service(Trigger, name, callback)
+        node.create_service(Trigger, name, callback, callback_group=self._group)
 
-    def _on_torque(
-        self, joints: Joints
-    ) -> Callable[[SetBool.Request, SetBool.Response], SetBool.Response]:
-        def callback(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-            return _answer(response, lambda: self._switch(joints, request.data))
+    def _offer_torque(self, node: Node, name: str, joints: Joints) -> None:
+        async def callback(
+            request: SetBool.Request, response: SetBool.Response
+        ) -> SetBool.Response:
+            return await _answer(response, lambda: self._switch(joints, request.data))
 
-        return callback
+        node.create_service(SetBool, name, callback, callback_group=self._group)
 
-    def _switch(self, joints: Joints, on: bool) -> str:
-        self._run(joints, lambda bus, share: bus.set_torque(share, on))
+    async def _switch(self, joints: Joints, on: bool) -> str:
+        await self._run(joints, lambda bus, share: bus.switching_torque(share, on), cancel=on)
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
-    def _stop(self, joints: Joints) -> str:
-        self._run(joints, lambda bus, share: bus.stop(share))
+    async def _stop(self, joints: Joints) -> str:
+        await self._run(joints, lambda bus, share: bus.stopping(share), cancel=False)
         return f"{', '.join(joints)}: stopped"
 
-    def _start(self, joints: Joints) -> str:
-        self._run(joints, lambda bus, share: bus.start(share))
+    async def _start(self, joints: Joints) -> str:
+        await self._run(joints, lambda bus, share: bus.starting(share))
         return f"{', '.join(joints)}: started, relaxed until a command comes"
 
-    def _restart(self, joints: Joints) -> str:
-        self._stop(joints)
-        return self._start(joints)
+    async def _restart(self, joints: Joints) -> str:
+        await self._stop(joints)
+        return await self._start(joints)
 
-    def _recover(self, joints: Joints) -> str:
-        found: list[tuple[str, ...]] = self._run(joints, lambda bus, share: bus.recover(share))
+    async def _recover(self, joints: Joints) -> str:
+        found = await self._run(
+            joints, lambda bus, share: bus.recovering(share, _RESTART), _RESTART + _TIMEOUT
+        )
         faulted = [joint for share in found for joint in share]
         if not faulted:
             return "no servo has a fault"
-        deadline = time.monotonic() + _RESTART
-        while waiting := [j for j in faulted if self._buses.torque(j) is Torque.OFF_BY_FAULT]:
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
-            time.sleep(_POLL)
         return f"{', '.join(faulted)}: recovered, relaxed until a command comes"
 
-    def _write_eeprom(self, joints: Joints) -> str:
+    async def _write_eeprom(self, joints: Joints) -> str:
         settings = self._eeprom()
         changes: list[str] = []
-        for joint in joints:  # one at a time, so that the others are not kept waiting
-            (found,) = self._run((joint,), lambda bus, share: bus.write_eeprom(share[0], settings))
+        for joint in joints:
+            (found,) = await self._run(
+                (joint,), lambda bus, share: bus.writing_eeprom(share[0], settings), _MEMORY
+            )
             for servo_id, changed in found.items():
                 changes += [
                     f"servo {servo_id}: {name} {old} -> {new}"
@@ -106,22 +106,52 @@ class BusServices:
                 ]
         return "; ".join(changes) or "nothing to change"
 
-    def _run(self, joints: Joints, request: Request) -> list[Any]:
-        """What came of it on each bus; raises the first error after all have ended."""
+    async def _run(
+        self, joints: Joints, request: Request, timeout: float | None = None, *, cancel: bool = True
+    ) -> list[Any]:
+        """What came of it on each bus; raises the first error after all have ended.
+
+        Raises:
+            TimeoutError: it is not done in time; nothing more of it will be done, unless it is to
+                relax, which nobody takes back.
+        """
+        timeout = timeout or _TIMEOUT
         futures: list[Future[Any]] = self._buses.call(joints, request)
-        errors = [error for error in (future.exception(_TIMEOUT) for future in futures) if error]
+        await _Done(futures, time.monotonic() + timeout)
+        late = [future for future in futures if not future.done()]
+        if late and cancel:
+            late = [future for future in late if future.cancel()]
+        if late:
+            more = "nothing more of it will be done" if cancel else "it goes on trying"
+            raise TimeoutError(f"the bus has not done it within {timeout} s; {more}")
+        errors = [error for error in (future.exception() for future in futures) if error]
         if errors:
             raise errors[0]
         return [future.result() for future in futures]
 
 
-def _answer(response: Any, act: Callable[[], str]) -> Any:
+class _Done:
+    """Waits for futures, and lets the executor do something else meanwhile.
+
+    An rclpy executor asks a waiting callback again as fast as it can, hence the short sleep.
+    """
+
+    def __init__(self, futures: Sequence[Future[Any]], deadline: float) -> None:
+        self._futures = futures
+        self._deadline = deadline
+
+    def __await__(self) -> Generator[None, None, None]:
+        while not all(future.done() for future in self._futures):
+            if time.monotonic() > self._deadline:
+                return
+            time.sleep(_POLL)
+            yield
+
+
+async def _answer(response: Any, act: Callable[[], Awaitable[str]]) -> Any:
     try:
-        response.message = act()
+        response.message = await act()
         response.success = True
-    except DynamixelError as error:
+    except (DynamixelError, TimeoutError) as error:
         response.success, response.message = False, str(error)
-    except TimeoutError as error:
-        response.success = False
-        response.message = str(error) or f"the bus did not answer within {_TIMEOUT} s"
     return response

@@ -45,8 +45,19 @@ class BusStatus:
 
     @property
     def faults(self) -> int:
-        """Transactions that were answered badly or not at all."""
-        return sum(servo.timeouts + servo.corrupt for servo in self.statistics.servos)
+        """Transactions that were answered badly or not at all, and adapters that went."""
+        failed = sum(servo.timeouts + servo.corrupt for servo in self.statistics.servos)
+        return failed + self.statistics.port_losses
+
+    @property
+    def in_short(self) -> str:
+        """A few words for a status line, such as "50 Hz"."""
+        if not self.statistics.connected:
+            return "unplugged"
+        silent = sum(servo.lost for servo in self.statistics.servos)
+        if silent:
+            return f"{silent} of {len(self.statistics.servos)} servos silent"
+        return f"{self.timing.reached_rate:.0f} Hz"
 
 
 def combined(statuses: Sequence[BusStatus]) -> BusStatus:
@@ -60,6 +71,8 @@ def combined(statuses: Sequence[BusStatus]) -> BusStatus:
         port_name=", ".join(status.port_name for status in statuses),
         statistics=replace(
             slowest.statistics,
+            connected=all(status.statistics.connected for status in statuses),
+            port_losses=sum(status.statistics.port_losses for status in statuses),
             servos=tuple(servo for status in statuses for servo in status.statistics.servos),
         ),
         timing=slowest.timing,

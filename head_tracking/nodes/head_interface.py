@@ -208,6 +208,7 @@ class HeadInterface:
                 self._tell(joint, f"{self.trouble} (by {abs(age):.1f} s)")
                 return None
             if position is None:
+                self.trouble = self._clock.standing or f"waiting for {joint} in joint_states"
                 return None
             found.append(position)
             stamps.append(stamp)
@@ -249,17 +250,14 @@ class HeadInterface:
     def moves_with_head(self, frame_id: str) -> bool:
         """Whether a frame is carried by the head."""
         if frame_id not in self._carried:
-            p, places = self._parameters, []
-            for position in (0.0, 0.1):
-                joints = {p.head_pan_joint: position, p.head_tilt_joint: position}
-                try:
-                    found = self._buffer.lookup_transform(
-                        self._base_frame, frame_id, LATEST, joint_positions=joints
-                    )
-                except TransformException:
-                    return False
-                places.append(found.transform)
-            self._carried[frame_id] = places[0] != places[1]
+            frames = self._base_frame, frame_id
+            here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
+            try:
+                one = self._buffer.lookup_transform(*frames, LATEST, joint_positions=here)
+                other = self._buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
+            except TransformException:
+                return False
+            self._carried[frame_id] = one.transform != other.transform
         return self._carried[frame_id]
 
     def send(self, command: HeadCommand | None) -> None:

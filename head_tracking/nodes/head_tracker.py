@@ -175,8 +175,14 @@ class HeadTrackerNode(Node):
                 "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
                 "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
                 "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
+                "stamps of the camera too late by (ms)": (
+                    f"{1e3 * self._tracker.stamp_error.value:.0f}"
+                ),
             }
-        hampered = self._interface.trouble or self._state is TargetState.STALLED
+        hampered = self._interface.trouble or self._state in (
+            TargetState.STALLED,
+            TargetState.CAUTIOUS,
+        )
         status = DiagnosticStatus(
             name="head_tracker: target",
             level=DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK,

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from head_tracking.dynamixel import (
     ConfigurationError,
     JointConfiguration,
-    ServoMount,
+    ServoCalibration,
     servo_model,
 )
 from head_tracking.nodes.parameters import NodeParameters
@@ -93,7 +93,11 @@ OnMotor = Callable[[str, MotorParameters], None]
 
 
 def declare_joint(
-    node: Node, dynamixel: str, on_controller: OnController, on_motor: OnMotor
+    node: Node,
+    dynamixel: str,
+    on_controller: OnController,
+    on_motor: OnMotor,
+    check_motor: OnMotor,
 ) -> DeclaredJoint:
     """Declares the parameters `<dynamixel>_controller.*` and reads them.
 
@@ -102,6 +106,7 @@ def declare_joint(
         dynamixel: the servo's name in the list `dynamixels`.
         on_controller: called with the joint and its parameters when somebody changes a speed.
         on_motor: called with the joint and its parameters when somebody changes a limit.
+        check_motor: called before that; raises ConfigurationError if the limit cannot be set.
 
     Raises:
         ConfigurationError: the servo can't do what is configured, or has no id.
@@ -120,6 +125,7 @@ def declare_joint(
 
     def check_limits(changed: MotorParameters) -> None:
         _refuse_impossible(lambda: replace(made[0], min=changed.min, max=changed.max))
+        _refuse_impossible(lambda: check_motor(joint.joint_name, changed))
 
     parameters = NodeParameters(
         node,
@@ -145,7 +151,7 @@ def declare_joint(
     model = servo_model(motor.model)
     other = NodeParameters(node, SecondMotorParameters, f"{controller}.second_motor.").value
     second = (
-        ServoMount(joint.joint_name, other.id, other.init, other.min, other.max, model)
+        ServoCalibration(joint.joint_name, other.id, other.init, other.min, other.max, model)
         if other.id >= 0
         else None
     )

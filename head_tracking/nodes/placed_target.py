@@ -60,7 +60,7 @@ class NewestTarget:
         placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
             self._newest = PlacedTarget(now, *placed)
-        if self._newest is None or (now - self._newest.placed) * 1e-9 > keep:
+        if self._newest is None or abs(now - self._newest.placed) * 1e-9 > keep:
             return None
         return self._newest
 

@@ -106,7 +106,7 @@ class RunMonitorNode(Node):
                 else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
                 "no target" if self._target is None else f"target {self._target}",
                 "error    - " if error is None else f"error {_degrees(error, '')}",
-                f"bus {bus.timing.reached_rate:.0f} Hz",
+                f"bus {bus.in_short}",
                 f"{temperatures or '-'} °C",
             )
         )
@@ -115,6 +115,8 @@ class RunMonitorNode(Node):
         """One line on the whole run."""
         bus = self._sources.bus_status()
         counted = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
+        if not bus.statistics.connected:
+            counted += ", the adapter has gone"
         statistics = None if self._judge is None else self._judge.statistics
         if statistics is None or not statistics.count:
             return f"no target was followed; {counted}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from head_tracking.dynamixel import (
     Buses,
     BusEvent,
     BusReading,
+    BusStoppedError,
     DynamixelError,
     DynamixelPort,
     EventKind,
@@ -29,7 +31,6 @@ from head_tracking.nodes.bus_parameters import (
     bus_settings,
 )
 from head_tracking.nodes.bus_services import BusServices
-from head_tracking.nodes.conversions import goals_from_message, servo_states_message
 from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics, combined
 from head_tracking.nodes.joint_configuration import (
     ControllerParameters,
@@ -48,6 +49,7 @@ _BAD_NEWS = (
     EventKind.RESTING,
     EventKind.PORT_LOST,
 )
+_SECOND = 1_000_000_000
 
 
 class ServoBusNode(Node):
@@ -76,6 +78,8 @@ class ServoBusNode(Node):
         self._failure: BaseException | None = None
         self._failed = self.create_guard_condition(self._on_failure)
         self._state_publisher = self.create_publisher(JointState, "servo_states", 10)
+        self._messages: dict[ServoBus, StatesMessage] = {}
+        self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
         buses = [
@@ -100,9 +104,27 @@ class ServoBusNode(Node):
 
     def destroy_node(self) -> None:
         """Stops the head, relaxes the servos and closes the ports."""
-        for joint in self._buses.stop():
-            self.get_logger().error(f"{joint} did not confirm that it is relaxed")
+        self.make_safe()
         super().destroy_node()
+
+    def make_safe(self) -> list[str]:
+        """Stops the head, relaxes the servos and closes the ports; what went wrong.
+
+        Waits for no callback, and may be called by any thread, and twice.
+        """
+        if self._safe is None:
+            problems: list[str] = []
+            try:
+                self._buses.stop()
+            except BusStoppedError as failure:
+                problems.append(str(failure))
+            problems += [
+                f"{joint} did not confirm that it is relaxed" for joint in self._buses.unconfirmed
+            ]
+            self._safe = problems
+            for problem in problems:
+                self.get_logger().error(problem)
+        return self._safe
 
     def _declare_joints(
         self, p: ServoBusParameters
@@ -110,7 +132,9 @@ class ServoBusNode(Node):
         """The joints of each port and baud rate."""
         ports: dict[tuple[str, int], list[JointConfiguration]] = {}
         for name in p.dynamixels:
-            joint = declare_joint(self, name, self._on_controller, self._on_motor)
+            joint = declare_joint(
+                self, name, self._on_controller, self._on_motor, self._check_motor
+            )
             port = (joint.port_name or p.port_name, joint.baud_rate or p.baud_rate)
             ports.setdefault(port, []).append(joint.configuration)
         return ports
@@ -156,11 +180,16 @@ class ServoBusNode(Node):
 
     def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
         """Called in the bus's thread."""
-        for event in reading.events:
-            self._log_event(event)
-        self._states[bus] = reading.states
-        if reading.states:
-            self._state_publisher.publish(servo_states_message(reading.states.values()))
+        if reading.events:
+            for event in reading.events:
+                self._log_event(event)
+        states = reading.states
+        self._states[bus] = states
+        if states:
+            message = self._messages.get(bus)
+            if message is None or message.joints != states.keys():
+                message = self._messages[bus] = StatesMessage(states)
+            self._state_publisher.publish(message.filled(states))
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
@@ -195,7 +224,9 @@ class ServoBusNode(Node):
                 "(torque_enable, start or recover, as the case may be)",
                 throttle_duration_sec=5.0,
             )
-        goals = {name: goal for name, goal in goals.items() if name not in waiting}
+            del goals[name]
+        if not goals:
+            return
         try:
             result = self._buses.command(goals, clamp=True)
         except DynamixelError as error:
@@ -228,15 +259,25 @@ class ServoBusNode(Node):
 
     def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
         """Called when somebody has set a speed, which has been checked."""
-        self._buses.call([joint], lambda bus, _: bus.set_limits(joint, max_speed=changed.max_speed))
+        self._set_limits(joint, max_speed=changed.max_speed)
         self._buses.bus_of(joint).set_speed(joint, changed.joint_speed)
 
     def _on_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody has set a limit, which has been checked."""
-        self._buses.call(
-            [joint],
-            lambda bus, _: bus.set_limits(joint, lowest=changed.min, highest=changed.max),
-        )
+        self._set_limits(joint, lowest=changed.min, highest=changed.max)
+
+    def _check_motor(self, joint: str, changed: MotorParameters) -> None:
+        """Called when somebody wants to set a limit; raises if the servo does not allow it."""
+        bus = self._buses.bus_of(joint)
+        bus.check_limits(joint, lowest=changed.min, highest=changed.max)
+
+    def _set_limits(self, joint: str, **limits: Any) -> None:
+        def done(future: Any) -> None:
+            if future.exception() is not None:
+                self.get_logger().error(f"{joint}: limits not set: {future.exception()}")
+
+        (future,) = self._buses.call([joint], lambda bus, _: bus.set_limits(joint, **limits))
+        future.add_done_callback(done)
 
     def _statuses(self) -> list[BusStatus]:
         return [
@@ -257,6 +298,59 @@ class ServoBusNode(Node):
         )
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+
+class StatesMessage:
+    """A servo_states message that is filled anew each cycle; a new one costs nine times as much.
+
+    The servos were read a fraction of a millisecond apart: the stamp is the middle of it. Effort is
+    the share of full torque, -1 to 1.
+
+    Args:
+        states: the joints that it tells of.
+    """
+
+    def __init__(self, states: Mapping[str, ServoState]) -> None:
+        self.joints = set(states)
+        self._message = JointState(name=list(states))
+
+    def filled(self, states: Mapping[str, ServoState]) -> JointState:
+        """The message, with these states."""
+        message = self._message
+        stamp = message.header.stamp
+        each = states.values()
+        total = 0
+        positions, velocities, efforts = [], [], []
+        for state in each:
+            total += state.stamp
+            positions.append(state.position)
+            velocities.append(state.velocity)
+            efforts.append(state.load)
+        stamp.sec, stamp.nanosec = divmod(total // len(positions), _SECOND)
+        message.position = array.array("d", positions)
+        message.velocity = array.array("d", velocities)
+        message.effort = array.array("d", efforts)
+        return message
+
+
+def goals_from_message(message: JointState) -> dict[str, Goal]:
+    """The goals of a joint_commands message; velocity, where given, is the speed to use.
+
+    Raises:
+        ValueError: the lists do not fit each other.
+    """
+    names = message.name
+    speeds: Sequence[float | None] = message.velocity or [None] * len(names)
+    if not names or not len(names) == len(message.position) == len(speeds):
+        raise ValueError(
+            f"{len(names)} names, {len(message.position)} positions and "
+            f"{len(message.velocity)} velocities; name at least one joint, give each a position, "
+            "and a velocity to all or none"
+        )
+    return {
+        name: Goal(position, speed)
+        for name, position, speed in zip(names, message.position, speeds, strict=True)
+    }
 
 
 def main() -> int:

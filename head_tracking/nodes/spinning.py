@@ -15,23 +15,26 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from head_tracking.dynamixel import DynamixelError
 from head_tracking.nodes.stop_signal import StopSignal
-from head_tracking.transforms import RobotModelError, TransformException
-from head_tracking.vision.opencv import OpenCVMissingError
 
 _POLL = 0.1  # s
+_PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
-EXPLAINED_ERRORS = (
-    DynamixelError,
-    RobotModelError,
-    TransformException,
-    ParameterException,
-    FileNotFoundError,
-    OpenCVMissingError,
-    ValueError,
+_EXPLAINED = (
+    ("head_tracking.dynamixel.exceptions", "DynamixelError"),
+    ("head_tracking.transforms", "RobotModelError"),
+    ("head_tracking.transforms", "TransformException"),
+    ("head_tracking.vision.opencv", "OpenCVMissingError"),
 )
-"""Errors whose message is all that a person needs to know."""
+
+
+def explained_errors() -> tuple[type[Exception], ...]:
+    """Errors whose message is all that a person needs to know.
+
+    What has not been imported has not been raised, and a servo bus needs no vision.
+    """
+    ours = (getattr(sys.modules.get(module), name, None) for module, name in _EXPLAINED)
+    return (ParameterException, FileNotFoundError, ValueError, *filter(None, ours))
 
 
 class NodeDied(Exception):
@@ -51,7 +54,7 @@ class NodeDied(Exception):
 def describe(error: Exception) -> str:
     """The error for a person: its message; the traceback too if nobody has foreseen it."""
     cause = error.error if isinstance(error, NodeDied) else error
-    if isinstance(cause, EXPLAINED_ERRORS):
+    if isinstance(cause, explained_errors()):
         return str(error)
     return "".join(traceback.format_exception(cause)) + str(error)
 
@@ -60,13 +63,16 @@ class NodeThreads:
     """Nodes that spin, each in a thread of its own.
 
     Small executors answer faster than one big one: each wakes for its own node only.
+
+    Attributes:
+        problems: what went wrong at the end, such as servos that may have torque on.
     """
 
     def __init__(self) -> None:
-        self._nodes: list[Node] = []
-        self._threads: list[threading.Thread] = []
+        self._spinning: list[tuple[Node, threading.Thread]] = []
         self._ending = threading.Event()
         self._failure: NodeDied | None = None
+        self.problems: list[str] = []
 
     @property
     def failure(self) -> NodeDied | None:
@@ -75,9 +81,10 @@ class NodeThreads:
 
     def start(self, node: Node) -> None:
         """Spins a node from now on."""
-        thread = threading.Thread(target=self._spin, args=(node,), name=node.get_name())
-        self._nodes.append(node)
-        self._threads.append(thread)
+        thread = threading.Thread(
+            target=self._spin, args=(node,), name=node.get_name(), daemon=True
+        )
+        self._spinning.append((node, thread))
         thread.start()
 
     def wait(self, stop: StopSignal, duration: float | None = None) -> None:
@@ -94,12 +101,30 @@ class NodeThreads:
             stop.wait(left)
 
     def close(self) -> None:
-        """Ends the threads, then destroys the nodes, the last one first."""
+        """Makes safe what moves, ends the threads, then destroys the nodes, the last one first.
+
+        A node with a method `make_safe` comes first, whatever its callbacks or another node's do;
+        the method returns what went wrong.
+        """
         self._ending.set()
-        for thread in self._threads:
-            thread.join()
-        while self._nodes:
-            self._nodes.pop().destroy_node()
+        for node, _ in self._spinning:
+            make_safe = getattr(node, "make_safe", None)
+            if make_safe is not None:
+                self.problems += make_safe()
+        deadline = time.monotonic() + _PATIENCE
+        while self._spinning:
+            node, thread = self._spinning.pop()
+            thread.join(max(0.0, deadline - time.monotonic()))
+            if thread.is_alive():
+                self.problems.append(f"{node.get_name()}: a callback does not return")
+            else:
+                node.destroy_node()
+
+    def exit_code(self) -> int:
+        """1 after saying what went wrong at the end, 0 if nothing did."""
+        for problem in self.problems:
+            print(problem, file=sys.stderr)
+        return 1 if self.problems else 0
 
     def _spin(self, node: Node) -> None:
         executor = SingleThreadedExecutor(context=node.context)
@@ -124,10 +149,11 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> N
 
 
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Runs one node as a program until SIGINT or SIGTERM.
+    """Runs one node as a program until somebody asks it to end; see `StopSignal`.
 
     Returns:
-        The exit code: 0, or 1 if the node could not start or died; the reason is printed.
+        The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
+        were not confirmed relaxed); the reason is printed.
     """
     with StopSignal() as stop:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -141,4 +167,4 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         finally:
             threads.close()
             rclpy.try_shutdown()
-    return 0
+    return threads.exit_code()

@@ -1,22 +1,27 @@
-"""Ctrl-C and SIGTERM as something to ask for, before anything slow is imported."""
+"""Whoever wants a program to end, as something to ask for, before anything slow is imported."""
 
 from __future__ import annotations
 
 import signal
 import threading
 from types import FrameType
-from typing import Any
+from typing import Any, Final
+
+ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Ctrl-C, `kill`, a closed terminal or lost connection, and Ctrl-backslash."""
 
 
 class StopSignal:
-    """Waits for SIGINT or SIGTERM instead of letting rclpy shut down under the nodes' feet."""
+    """Waits for a signal to end instead of letting rclpy shut down under the nodes' feet."""
 
     def __init__(self) -> None:
         self._stopped = threading.Event()
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> StopSignal:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDING:
+            if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
+                continue  # started by nohup, to outlive its terminal
             self._previous[number] = signal.signal(number, self._on_signal)
         return self
 

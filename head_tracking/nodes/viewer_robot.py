@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,7 +15,6 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.free_joints import FreeJoints
 from head_tracking.nodes.head_interface import HeadParameters
 from head_tracking.nodes.head_modes import CAMERA, FICTITIOUS, POINTER, TRACKER, HeadModes
-from head_tracking.nodes.joint_watch import JointWatch
 from head_tracking.nodes.placed_target import NewestTarget
 from head_tracking.nodes.running_parameters import RunningParameters
 from head_tracking.nodes.running_services import RunningServices
@@ -31,6 +31,7 @@ from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome
 
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
+_PATIENCE = 2.0  # s
 _TORQUES = {torque.value for torque in Torque}
 _ENDINGS = (
     *("/torque_enable", "/relax", "/recenter", "/enable", "/recover"),
@@ -306,6 +307,34 @@ class ViewerRobot:
         self._services.look(lambda name: name.endswith(_ENDINGS))
         self._parameters.look()
         self._free.look(servos=bool(self._services.names("_controller/torque_enable")))
+
+
+class JointWatch:
+    """Notices joints that fall silent.
+
+    By the clock of this machine: stamps may be on another one, or stand still with it.
+
+    Args:
+        clock: time that never jumps [s].
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._heard: dict[str, tuple[int | None, float]] = {}
+
+    def silent(self, stamps: Mapping[str, int | None]) -> tuple[str, ...]:
+        """The joints whose newest stamp has not changed for a while.
+
+        Args:
+            stamps: the newest of each joint that somebody should tell [ns]; None: never told.
+        """
+        now = self._clock()
+        for joint in self._heard.keys() - stamps.keys():
+            del self._heard[joint]
+        for joint, stamp in stamps.items():
+            if joint not in self._heard or self._heard[joint][0] != stamp:
+                self._heard[joint] = stamp, now
+        return tuple(joint for joint in stamps if now - self._heard[joint][1] > _PATIENCE)
 
 
 def _joint_of(health: Health) -> str:

@@ -1,26 +1,66 @@
-"""Simulated servos on one wire: bytes in, answers out, no input or output of its own."""
+"""Simulated servos on one wire: packets in, answers out, no input or output of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, Protocol
 
-from head_tracking.simulation.answer import Answer, Line, faultless
+from head_tracking.dynamixel.protocol import (
+    BROADCAST_ID,
+    LONGEST,
+    DamagedPacket,
+    Instruction,
+    Packet,
+    PacketParser,
+    Status,
+    decode_packet,
+    encode_packet,
+    encode_status,
+    joint_status,
+)
 from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
-from head_tracking.simulation.group_reads import Reading, at_once, group_read
-from head_tracking.simulation.oracle import Oracle
-from head_tracking.simulation.protocol1 import DamagedPacket, InstructionParser
-from head_tracking.simulation.protocol2 import DamagedPacket2, InstructionParser2
-from head_tracking.simulation.servo import Damaged, Packet, SimulatedServo
+from head_tracking.simulation.servo import SimulatedServo
+from head_tracking.simulation.write_log import WriteLog
 
 _BAUD_TOLERANCE: Final = 0.03
+_MAX_GAP: Final = {1: 100_000_000, 2: 1_500_000}
+"""Pause within a packet after which servos forget it, ns, by protocol (e-manual)."""
+_PING_SLOT: Final = 1_000_000  # ns between the answers to a ping of all (ours; the SDK allows 3 ms)
 
 
-class Misfortune(Protocol):
-    """What happens to the bytes that the master sends, and to the servos; see `Faults`."""
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Bytes that go back to the master.
 
-    def befall(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+    Attributes:
+        data: The bytes on the wire.
+        delay: Time from the instruction, or from the end of the turn before, to the first byte, ns.
+        turn: Servos that answer in turn wait for the end of the turn before; servos with the same
+            id have the same turn.
+        stalled: Time by which the servo itself is late, ns: it talks when others may.
+        complaint: Whether the servo says that a packet was damaged, perhaps one for somebody else.
+        late: Time by which the adapter hands the answer on too late, ns; others do not wait for it.
+        echo: Whether it is the adapter that sends back what it was sent; nothing is on the wire.
+    """
+
+    data: bytes
+    delay: int
+    turn: int = 0
+    stalled: int = 0
+    complaint: bool = False
+    late: int = 0
+    echo: bool = False
+
+
+class FaultInjection(Protocol):
+    """What goes wrong on a bus; see `Faults`."""
+
+    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
         """Return what the servos hear instead of `data`, and what goes back at once."""
+
+    def answer(self, answer: Answer) -> Iterable[Answer]:
+        """Return what becomes of an answer."""
 
 
 class SimulatedBus:
@@ -29,13 +69,13 @@ class SimulatedBus:
     Args:
         servos: The servos, of any models and both protocols. Two with the same id answer at the
             same time, as real ones do.
-        line: Every answer passes here on its way out.
-        misfortune: What happens besides.
+        line: Every answer passes here on its way out: deliver it, drop it, change it, add to it.
+        faults: What goes wrong besides.
         echo: Whether the adapter sends back whatever it is sent.
-        oracle: Is told what has really reached the servos.
+        write_log: Is told what has really reached the servos.
 
     Attributes:
-        oracle: What has really reached the servos.
+        write_log: What has really reached the servos.
 
     Raises:
         SimulationError: There is no servo.
@@ -44,24 +84,20 @@ class SimulatedBus:
     def __init__(
         self,
         servos: Iterable[SimulatedServo],
-        line: Line = faultless,
+        line: Callable[[Answer], Iterable[Answer]] | None = None,
         *,
-        misfortune: Misfortune | None = None,
+        faults: FaultInjection | None = None,
         echo: bool = False,
-        oracle: Oracle | None = None,
+        write_log: WriteLog | None = None,
     ) -> None:
         self._servos = tuple(servos)
         if not self._servos:
             raise SimulationError("a simulated bus needs at least one servo")
-        self.oracle = oracle or Oracle()
+        self.write_log = write_log or WriteLog()
         for servo in self._servos:
-            servo.oracle = self.oracle
-        self._line = line
-        self._misfortune = misfortune
-        self._echo = echo
-        protocols = {servo.model.protocol for servo in self._servos}
-        parsers = (InstructionParser(), InstructionParser2())
-        self._parsers = [parsers[protocol - 1] for protocol in sorted(protocols)]
+            servo.write_log = self.write_log
+        self._line, self._faults, self._echo = line, faults, echo
+        self.allow_gaps(_MAX_GAP)
 
     def __iter__(self) -> Iterator[SimulatedServo]:
         return iter(self._servos)
@@ -77,6 +113,11 @@ class SimulatedBus:
                 return servo
         ids = ", ".join(str(servo.id) for servo in self._servos)
         raise UnknownServoError(f"no simulated servo has id {servo_id}; there are {ids}")
+
+    def allow_gaps(self, longest: Mapping[int, int]) -> None:
+        """Set the pause within a packet that servos bear, ns, by protocol."""
+        protocols = sorted({servo.model.protocol for servo in self._servos})
+        self._parsers = {number: PacketParser(number, longest[number]) for number in protocols}
 
     @property
     def at_rest(self) -> bool:
@@ -97,44 +138,148 @@ class SimulatedBus:
             baud_rate: Bits per second at which they came: servos with another one hear nothing.
                 None: all of them hear.
         """
-        answers = [Answer(data, 0)] if self._echo and data else []
-        if self._misfortune is not None:
-            data, more = self._misfortune.befall(self, data, now)
+        answers = [Answer(data, 0, echo=True)] if self._echo and data else []
+        if self._faults is not None:
+            data, more = self._faults.request(self, data, now)
             answers += more
-        for parser in self._parsers:
-            for packet in parser.feed(data, now):
-                hearers = [servo for servo in self._servos if _understands(servo, baud_rate)]
-                for answer in self._answers(packet, hearers, now):
-                    answers.extend(self._line(answer))
+        if not data:
+            return answers
+        for protocol, parser in self._parsers.items():
+            begun = parser.pending > 0
+            whole = None if begun else decode_packet(protocol, data)
+            found = parser.feed(data, now) if whole is None else [whole]
+            for packet in _not_swallowed(found, protocol, data) if begun else found:
+                hearers = [
+                    servo
+                    for servo in self._servos
+                    if servo.model.protocol == protocol and _understands(servo, baud_rate)
+                ]
+                for answer in _answers(packet, protocol, hearers, now):
+                    answers.extend(self._pass(answer))
         return answers
 
-    def _answers(
-        self, packet: Packet | Damaged, servos: list[SimulatedServo], now: int
-    ) -> Iterator[Answer]:
-        if not isinstance(packet, (DamagedPacket, DamagedPacket2)):
-            in_turn = group_read(packet, servos, now)
-            if in_turn is not None:
-                yield from _one_after_the_other(in_turn)
-                return
-        readings = []
-        for servo in servos:
-            delay = servo.return_delay  # a new one holds from the next packet on
-            if isinstance(packet, (DamagedPacket, DamagedPacket2)):
-                status = servo.complain(packet, now)
-            else:
-                status = servo.execute(packet, now)
-            if status is not None:
-                readings.append(Reading(status.encode(), delay))
-        if readings:
-            yield Answer(*at_once(readings))
+    def _pass(self, answer: Answer) -> Iterable[Answer]:
+        passed: Iterable[Answer] = (answer,) if self._line is None else self._line(answer)
+        if self._faults is None:
+            return passed
+        return [spoilt for one in passed for spoilt in self._faults.answer(one)]
 
 
-def _one_after_the_other(readings: Iterable[Reading]) -> Iterator[Answer]:
-    for number, (data, delay) in enumerate(readings):
-        yield Answer(data, delay, follows=number > 0)
+def _not_swallowed(
+    found: Sequence[Packet | DamagedPacket], protocol: int, data: bytes
+) -> list[Packet | DamagedPacket]:
+    """Return what ends in the bytes that came last.
+
+    A damaged length swallows what follows, and packets are found there when it is over; a servo
+    answers none of them any more.
+    """
+    heard: list[Packet | DamagedPacket] = []
+    for packet in reversed(found):
+        if isinstance(packet, Packet):
+            whole = encode_packet(protocol, *packet)
+            at = data.rfind(whole)
+            ends = (data.startswith(whole[-count:]) for count in range(1, len(whole)))
+            if at < 0 and not any(ends):
+                continue
+            data = data[: max(0, at)]
+        elif heard:
+            continue
+        heard.insert(0, packet)
+    return heard
 
 
 def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:
     if baud_rate is None:
         return True
     return abs(baud_rate - servo.baud_rate) < _BAUD_TOLERANCE * servo.baud_rate
+
+
+def _answers(
+    packet: Packet | DamagedPacket, protocol: int, servos: Sequence[SimulatedServo], now: int
+) -> Iterator[Answer]:
+    """Yield what servos that hear a packet send.
+
+    In a group read each waits until the one before it in the list has answered. So if one of them
+    is missing, those behind it say nothing (as users of real servos report, DynamixelSDK issue
+    331).
+    """
+    if isinstance(packet, Packet) and packet.id == BROADCAST_ID:
+        if packet.code == Instruction.PING and protocol == 2:
+            for turn, servo_id in enumerate(sorted({servo.id for servo in servos})):
+                for servo in servos:
+                    status = servo.answer_ping(now) if servo.id == servo_id else None
+                    if status is not None:
+                        delay = servo.return_delay + _PING_SLOT
+                        yield Answer(encode_status(protocol, status), delay, turn)
+            return
+        reads = _group_reads(packet, protocol)
+        if reads is not None:
+            yield from _read_in_turn(packet.code, reads, protocol, servos, now)
+            return
+    for servo in servos:
+        delay = servo.return_delay  # a new one holds from the next packet on
+        if isinstance(packet, DamagedPacket):
+            status, complaint = servo.complain(packet, now), True
+        else:
+            status, complaint = servo.execute(packet, now), False
+        if status is not None:
+            yield Answer(encode_status(protocol, status), delay, complaint=complaint)
+
+
+def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | None:
+    """Return id, address and length of each read in a packet; None if it is no group read."""
+    code, data = packet.code, packet.parameters
+    if protocol == 1:
+        if code != Instruction.BULK_READ:
+            return None
+        shares = data[1:]
+        if not shares or len(shares) % 3 or data[0] != 0:
+            return []
+        return [(shares[at + 1], shares[at + 2], shares[at]) for at in range(0, len(shares), 3)]
+
+    def word(at: int) -> int:
+        return int.from_bytes(data[at : at + 2], "little")
+
+    if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
+        return [(servo_id, word(0), word(2)) for servo_id in data[4:]]
+    if code in (Instruction.BULK_READ, Instruction.FAST_BULK_READ):
+        starts = range(0, len(data), 5) if len(data) % 5 == 0 else ()
+        return [(data[at], word(at + 1), word(at + 3)) for at in starts]
+    return None
+
+
+def _read_in_turn(
+    code: int,
+    reads: Sequence[tuple[int, int, int]],
+    protocol: int,
+    servos: Sequence[SimulatedServo],
+    now: int,
+) -> Iterator[Answer]:
+    fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+    able = [s for s in servos if _takes_part(s, fast)]
+    shares: list[Status] = []
+    first_delay = 0
+    for turn, (servo_id, address, length) in enumerate(reads):
+        there = False
+        for servo in able:
+            status = servo.answer_read(address, length, now) if servo.id == servo_id else None
+            if status is None:
+                continue
+            if not fast:
+                yield Answer(encode_status(protocol, status), servo.return_delay, turn)
+            elif not there:
+                first_delay = first_delay or servo.return_delay
+                shares.append(status)
+            there = True
+        if not there:
+            break
+    size = sum(length + 4 for _, _, length in reads)
+    if shares and size <= LONGEST[2]:  # a longer one is not a packet any more
+        yield Answer(joint_status(shares, [length for _, _, length in reads]), first_delay)
+
+
+def _takes_part(servo: SimulatedServo, fast: bool) -> bool:
+    if servo.model.protocol == 1:
+        return servo.model.bulk_read
+    first = servo.model.fast_sync_read
+    return not fast or (first is not None and servo.register("Firmware Version") >= first)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from enum import Enum
 from random import Random
 from typing import Final
 
-from head_tracking.simulation.answer import Answer
-from head_tracking.simulation.bus import SimulatedBus
-from head_tracking.simulation.protocol1 import StatusPacket
-from head_tracking.simulation.protocol2 import StatusPacket2
+from head_tracking.dynamixel.protocol import MAX_ID, Status, encode_status, find_status
+from head_tracking.simulation.bus import Answer, SimulatedBus
 from head_tracking.simulation.servo import SimulatedServo
 
 
@@ -21,8 +20,9 @@ class Fault(Enum):
     DROP = "an answer is lost"
     CORRUPT = "a byte of an answer is changed"
     TRUNCATE = "the end of an answer is lost"
-    DELAY = "an answer comes late, after others"
-    STALL = "an answer comes late, and all after it"
+    DELAY = "the adapter hands an answer on late, after others"
+    STALL = "a servo answers late, while others may talk"
+    DUPLICATE = "an answer comes twice"
     FOREIGN = "the answer of another servo comes before"
     GARBAGE = "noise comes before an answer"
     ECHO = "what was sent comes back"
@@ -35,8 +35,8 @@ class Fault(Enum):
 
 
 LINE_FAULTS: Final = (
-    Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.STALL, Fault.FOREIGN,
-    Fault.GARBAGE,
+    Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.STALL, Fault.DUPLICATE,
+    Fault.FOREIGN, Fault.GARBAGE,
 )  # fmt: skip
 """Faults of answers."""
 
@@ -48,10 +48,7 @@ SERVO_FAULTS: Final = (Fault.POWER_LOSS, Fault.LOW_VOLTAGE, Fault.OVERLOAD, Faul
 
 
 class Faults:
-    """Strikes a simulated bus at random; pass `line` and the object itself to `SimulatedBus`.
-
-        faults = Faults(Random(1), 0.05)
-        bus = SimulatedBus(servos, faults.line, misfortune=faults)
+    """Strikes a simulated bus at random: `SimulatedBus(servos, faults=Faults(Random(1), 0.05))`.
 
     Args:
         random: Draws when what goes wrong.
@@ -91,16 +88,16 @@ class Faults:
         """Whether a servo's trouble has still to end."""
         return bool(self._repairs)
 
-    def line(self, answer: Answer) -> Iterable[Answer]:
-        """Return what becomes of an answer."""
+    def answer(self, answer: Answer) -> Iterable[Answer]:
+        """Return what becomes of an answer; see `FaultInjection`."""
         if not self._of_answers or self._random.random() >= self.rate:
             return (answer,)
         kind = self._random.choice(self._of_answers)
         self._note(kind)
         return self._spoil(answer, kind)
 
-    def befall(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
-        """Let something happen to what the master sends, or to a servo; see `Misfortune`."""
+    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        """Let something happen to what the master sends, or to a servo; see `FaultInjection`."""
         self._now = now
         self._repair(now)
         if not self._of_sending or not data or self._random.random() >= self.rate:
@@ -111,7 +108,7 @@ class Faults:
             return data, []
         self._note(kind)
         if kind is Fault.ECHO:
-            return data, [Answer(data, 0)]
+            return data, [Answer(data, 0, echo=True)]
         return (b"" if kind is Fault.DEAFNESS else self._changed(data)), []
 
     def _note(self, kind: Fault) -> None:
@@ -119,23 +116,25 @@ class Faults:
         self.last = max(self.last, self._now)
 
     def _spoil(self, answer: Answer, kind: Fault) -> tuple[Answer, ...]:
-        data, delay, follows = answer.data, answer.delay, answer.follows
+        data = answer.data
         match kind:
             case Fault.DROP:
                 return ()
             case Fault.CORRUPT:
-                return (Answer(self._changed(data), delay, follows),)
+                data = self._changed(data)
             case Fault.TRUNCATE:
-                return (Answer(data[: self._random.randrange(len(data))], delay, follows),)
+                data = data[: self._random.randrange(len(data))]
             case Fault.DELAY:
-                return (Answer(data, delay, follows, self._time(self._late)),)
+                return (replace(answer, late=self._time(self._late)),)
             case Fault.STALL:
-                return (Answer(data, delay + self._time(self._late), follows),)
+                return (replace(answer, stalled=self._time(self._late)),)
+            case Fault.DUPLICATE:
+                data += data
             case Fault.FOREIGN:
-                return (Answer(self._foreign(data) + data, delay, follows),)
+                data = self._foreign(data) + data
             case _:
-                noise = self._random.randbytes(self._random.randrange(1, 12))
-                return (Answer(noise + data, delay, follows),)
+                data = self._random.randbytes(self._random.randrange(1, 12)) + data
+        return (replace(answer, data=data),)
 
     def _changed(self, data: bytes) -> bytes:
         changed = bytearray(data)
@@ -144,14 +143,11 @@ class Faults:
 
     def _foreign(self, data: bytes) -> bytes:
         """Return a sound answer of another servo, with as much data."""
-        one, two = StatusPacket.decode(data), StatusPacket2.decode(data)
-        if two is not None:
-            return StatusPacket2(
-                (two.id + 1) % 253, 0, self._random.randbytes(len(two.data))
-            ).encode()
-        if one is not None:
-            noise = self._random.randbytes(len(one.data))
-            return StatusPacket((one.id + 1) % 253, data=noise).encode()
+        for protocol in (2, 1):
+            own = find_status(protocol, data).status
+            if own is not None:
+                noise = self._random.randbytes(len(own.data))
+                return encode_status(protocol, Status((own.id + 1) % MAX_ID[2], 0, noise))
         return b""
 
     def _time(self, bounds: tuple[float, float]) -> int:

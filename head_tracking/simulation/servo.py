@@ -1,26 +1,104 @@
-"""A simulated servo: registers, instructions, motion."""
+"""A simulated servo: what it does about packets, its alarms, its watchdog, its motion."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from random import Random
+from typing import Final
 
+from head_tracking.dynamixel.control_table import Memory
 from head_tracking.dynamixel.models import AX_12, ServoModel
-from head_tracking.dynamixel.protocol1 import BROADCAST_ID
-from head_tracking.simulation.alarms import OVERLOAD_TIME
+from head_tracking.dynamixel.protocol import (
+    ALERT,
+    BROADCAST_ID,
+    CLEAR_MULTI_TURN,
+    DamagedPacket,
+    ErrorBits,
+    Instruction,
+    Packet,
+    Status,
+    StatusCode,
+)
 from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.instructions1 import Protocol1
-from head_tracking.simulation.instructions2 import Protocol2
-from head_tracking.simulation.protocol1 import DamagedPacket, InstructionPacket, StatusPacket
-from head_tracking.simulation.protocol2 import DamagedPacket2, InstructionPacket2, StatusPacket2
-from head_tracking.simulation.servo_body import Nature, ServoBody
+from head_tracking.simulation.motion import Drive
+from head_tracking.simulation.registers import (
+    WATCHDOG_TRIPPED,
+    JointRegisters,
+    Refusal,
+    Registers,
+    XRegisters,
+)
+from head_tracking.simulation.write_log import WriteLog
 
-Packet = InstructionPacket | InstructionPacket2
-Damaged = DamagedPacket | DamagedPacket2
-Status = StatusPacket | StatusPacket2
+OVERLOAD_TIME: Final = 1_000_000_000
+"""Time for which a servo bears a load that it cannot move, ns (ours)."""
+
+_FIRMWARE: Final = {1: 24, 2: 50}
+_WATCHDOG_UNIT: Final = 20_000_000  # ns
+_LOOK: Final = 20_000_000  # ns between looks for errors while something moves
+
+_ERRORS: Final[dict[int, dict[Refusal | None, int]]] = {
+    1: {None: 0, Refusal.LIMIT: ErrorBits.ANGLE_LIMIT, Refusal.INSTRUCTION: ErrorBits.INSTRUCTION},
+    2: {
+        None: StatusCode.OK,
+        Refusal.INSTRUCTION: StatusCode.INSTRUCTION,
+        Refusal.FAILED: StatusCode.RESULT_FAIL,
+        Refusal.RESERVED: StatusCode.ACCESS,
+        Refusal.READ_ONLY: StatusCode.ACCESS,
+        Refusal.LOCKED: StatusCode.ACCESS,
+        Refusal.LENGTH: StatusCode.DATA_LENGTH,
+        Refusal.RANGE: StatusCode.DATA_RANGE,
+        Refusal.LIMIT: StatusCode.DATA_LIMIT,
+    },
+}
+"""Error bytes by protocol; what protocol 1.0 has no bit for is RANGE."""
+
+_RESETS: Final = {b"\xff": (), b"\x01": ("ID",), b"\x02": ("ID", "Baud Rate")}
+"""What a factory reset of protocol 2.0 leaves alone."""
 
 
-class SimulatedServo(ServoBody):
+class Alarms:
+    """The error bits of a servo.
+
+    Protocol 1.0: voltage and temperature errors are there as long as their cause is. An overload
+    that shuts the servo down stays until Torque Limit is written. Protocol 2.0: whatever shuts the
+    servo down stays until it is rebooted.
+
+    Attributes:
+        active: The bits (`ServoModel.errors`) that every answer tells of.
+        forced: Bits that somebody else wants to be there, such as ENCODER.
+    """
+
+    def __init__(self, model: ServoModel) -> None:
+        errors = model.errors
+        self._voltage = int(errors["INPUT_VOLTAGE"])
+        self._heat = int(errors["OVERHEATING"])
+        self._overload = int(errors["OVERLOAD"])
+        self._lasting = self._overload if model.protocol == 1 else 0xFF
+        self._latched = 0
+        self.active = 0
+        self.forced = 0
+
+    def look(self, registers: Registers, volts: float, celsius: float, strain: int) -> int:
+        """Return the bits that shut the servo down now; `strain` is in ns, see `Drive`."""
+        errors = self.forced
+        supply = round(volts * 10.0)
+        if not registers["Min Voltage Limit"] <= supply <= registers["Max Voltage Limit"]:
+            errors |= self._voltage
+        if celsius > registers["Temperature Limit"]:
+            errors |= self._heat
+        if strain > OVERLOAD_TIME:
+            errors |= self._overload
+        fatal = errors & registers["Shutdown"]
+        self._latched |= fatal & self._lasting
+        self.active = errors | self._latched
+        return fatal | self._latched
+
+    def clear(self) -> None:
+        """Forget what has been and is no more."""
+        self._latched = self.active = 0
+
+
+class SimulatedServo:
     """A servo of any model behind its protocol. Time is passed in, as integer ns that never fall.
 
     The shaft's true angle is known exactly as `true_position`, in rad, counter-clockwise, 0 at the
@@ -35,7 +113,7 @@ class SimulatedServo(ServoBody):
             a Moving Speed are seen to do.
         supply_voltage: V; None: what the model is made for.
         ambient_temperature: Degrees Celsius.
-        firmware: Version of the firmware.
+        firmware: Version of the firmware; its registers are those of that version.
         start_delay: Time from a goal to the begin of the motion, s; 17 to 50 ms were measured.
         position_noise: Standard deviation of the encoder, ticks.
         eeprom_time: Time the servo is deaf for each byte written to EEPROM, s; 6 ms were measured.
@@ -43,9 +121,10 @@ class SimulatedServo(ServoBody):
         random: Draws the noise.
 
     Attributes:
+        model: Its model.
         supply_voltage: V; may be changed at any time.
         alarms: Its error bits; to some, `alarms.forced`, others may add.
-        oracle: What is told of every goal and speed that it takes.
+        write_log: What is told of every goal, speed and switch that it takes.
     """
 
     def __init__(
@@ -70,25 +149,67 @@ class SimulatedServo(ServoBody):
                 f"servo {servo_id} cannot stand at tick {position}; allowed are 0 to "
                 f"{model.ticks - 1}"
             )
-        nature = Nature(
-            torque_on_write=torque_on_write,
-            ambient_temperature=ambient_temperature,
-            firmware=firmware,
-            start_delay=start_delay,
-            position_noise=position_noise,
-            eeprom_time=eeprom_time,
-            boot_time=boot_time,
+        self.model = model
+        self.supply_voltage = model.nominal_voltage if supply_voltage is None else supply_voltage
+        self.alarms = Alarms(model)
+        self.write_log: WriteLog | None = None
+        self._torque_on_write = torque_on_write
+        self._position_noise = position_noise
+        self._eeprom_time, self._boot_time = eeprom_time, boot_time
+        self._random = random or Random(servo_id)
+        kind = JointRegisters if model.sign_magnitude else XRegisters
+        self._registers = kind(model, firmware or _FIRMWARE[model.protocol])
+        self._registers["ID"] = servo_id
+        self._registers.start(ticks)
+        self._measured = self._registers.first_measured
+        self._drive = Drive(
+            model,
+            (ticks - model.center) * model.radians_per_tick,
+            self._registers.settings(),
+            ambient_temperature,
+            round(start_delay * 1e9),
         )
-        volts = model.nominal_voltage if supply_voltage is None else supply_voltage
-        super().__init__(servo_id, model, ticks, volts, nature, random or Random(servo_id))
-        self._dialect = Protocol1() if model.protocol == 1 else Protocol2()
+        self._waiting: tuple[int, bytes] | None = None
+        self._powered = True
+        self._now = self._heard = self._deaf_until = 0
 
     # What a test or a simulation may look at and do
 
     @property
+    def id(self) -> int:
+        """The id it answers to."""
+        return self._registers["ID"]
+
+    @property
+    def true_position(self) -> float:
+        """Angle of the shaft, rad, counter-clockwise, 0 in the middle; not quantised."""
+        return self._drive.angle
+
+    @property
+    def true_ticks(self) -> float:
+        """Angle of the shaft in ticks as the servo counts them; not quantised."""
+        return self._registers.ticks(self._drive.angle)
+
+    @property
     def true_velocity(self) -> float:
         """Speed of the shaft, rad/s, counter-clockwise."""
-        return self._drive.shaft.speed
+        return self._drive.speed
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing will move until somebody does something."""
+        return self._drive.at_rest and self._watchdog_trip is None
+
+    @property
+    def return_delay(self) -> int:
+        """Time between an instruction and the answer, ns."""
+        return self._registers["Return Delay Time"] * 2_000
+
+    @property
+    def baud_rate(self) -> int:
+        """Bits per second at which it listens and talks."""
+        code = self._registers["Baud Rate"]
+        return self.model.baud_rates.get(code) or 2_000_000 // (code + 1)
 
     @property
     def temperature(self) -> float:
@@ -102,12 +223,27 @@ class SimulatedServo(ServoBody):
     @property
     def inertia(self) -> float:
         """Of the rotor with its gear and all that they turn, at the output shaft, kg m^2."""
-        return self._drive.shaft.mechanics.inertia
+        return self._drive.inertia
 
     @inertia.setter
     def inertia(self, inertia: float) -> None:
-        shaft = self._drive.shaft
-        shaft.mechanics = replace(shaft.mechanics, inertia=inertia)
+        self._drive.inertia = inertia
+
+    def register(self, name: str) -> int:
+        """Return a register as a read would find it; raises UnknownRegisterError."""
+        self._measure()
+        return self._registers[self._registers.table[name].name]
+
+    def set_register(self, name: str, value: int) -> None:
+        """Set a register as the servo's former owner left it: no check, no torque.
+
+        Raises:
+            UnknownRegisterError: There is no such register.
+            RangeError: The value does not fit into its bytes.
+        """
+        self._registers.table[name].bytes_of(value)
+        self._registers[name] = value
+        self._configure()
 
     def push(self, torque: float) -> None:
         """Load the shaft from outside until the next call, N m, counter-clockwise."""
@@ -121,7 +257,7 @@ class SimulatedServo(ServoBody):
             duration: Time for the way, s, from the last `advance` on.
             strength: Highest torque of the hand, N m.
         """
-        way = self._controls.ticks(self._memory, 1.0) - self._controls.ticks(self._memory, 0.0)
+        way = self._registers.ticks(1.0) - self._registers.ticks(0.0)
         angle = self.true_position + (ticks - self.true_ticks) / way
         self._drive.lead(angle, duration, strength)
 
@@ -133,7 +269,7 @@ class SimulatedServo(ServoBody):
     def power_off(self) -> None:
         """Take the supply away: torque goes, nothing is answered, RAM is lost."""
         self._powered = False
-        self._memory["Torque Enable"] = 0
+        self._registers["Torque Enable"] = 0
         self._configure()
 
     def power_on(self) -> None:
@@ -141,49 +277,270 @@ class SimulatedServo(ServoBody):
         self._powered = True
         self._start()
 
+    # Time
+
+    def advance(self, now: int) -> None:
+        """Let time pass up to `now`, ns; time at rest costs nothing."""
+        trip = self._watchdog_trip
+        if trip is not None and now > trip:
+            self._pass(trip)
+            if self._watchdog_trip == trip and isinstance(self._registers, XRegisters):
+                self._registers.hold(self._drive)
+                self._configure()
+        self._pass(now)
+
+    def _pass(self, now: int) -> None:
+        voltage = self.supply_voltage / self.model.nominal_voltage
+        drive = self._drive
+        while self._now + _LOOK < now and (
+            not drive.at_rest or 0 < drive.strain <= OVERLOAD_TIME  # an error may come up
+        ):
+            self._now += _LOOK
+            drive.advance(self._now, voltage)
+            self._look()
+        self._now = max(self._now, now)
+        drive.advance(now, voltage)
+        self._look()
+
+    @property
+    def _watchdog_trip(self) -> int | None:
+        """When the Bus Watchdog stops the servo if nothing comes, ns; None: it is not watching."""
+        armed = self._registers.get("Bus Watchdog")
+        if not 0 < armed < WATCHDOG_TRIPPED or not self._registers["Torque Enable"]:
+            return None
+        return self._heard + armed * _WATCHDOG_UNIT
+
+    def _look(self) -> None:
+        """Look for errors, and shut down if one of them is to do so."""
+        if not self._powered:
+            return
+        registers, drive = self._registers, self._drive
+        celsius = drive.temperature.celsius
+        fatal = self.alarms.look(registers, self.supply_voltage, celsius, drive.strain)
+        if fatal and registers.shut_down():
+            self._configure()
+        if "Hardware Error Status" in registers:
+            registers["Hardware Error Status"] = self.alarms.active
+
+    def _measure(self) -> None:
+        """Write what the servo measures into its registers."""
+        registers, deviation = self._registers, self._position_noise
+        registers.measure(self._drive, self._random.gauss(0.0, deviation) if deviation else 0.0)
+        volts = max(0, min(255, round(self.supply_voltage * 10.0)))
+        wide = "Present Input Voltage" in registers
+        registers["Present Input Voltage" if wide else "Present Voltage"] = volts
+        registers["Present Temperature"] = max(0, min(255, round(self.temperature)))
+        if "Realtime Tick" in registers:
+            registers["Realtime Tick"] = self._now // 1_000_000 % 32_768
+
+    def _configure(self) -> None:
+        self._drive.configure(self._registers.settings())
+
+    def _start(self) -> None:
+        registers = self._registers
+        registers.load_initial_values(Memory.RAM)
+        registers.fold(self._drive)
+        registers.start(self.true_ticks)
+        self._waiting = None
+        self._drive.strain = 0
+        self.alarms.clear()
+        self._be_deaf(self._boot_time)
+        self._configure()
+
+    def _be_deaf(self, seconds: float) -> None:
+        self._deaf_until = max(self._deaf_until, self._now + round(seconds * 1e9))
+
     # Packets
 
-    def hears(self, now: int) -> bool:
-        """Return whether a packet that comes now reaches it, and take note that one came."""
-        if not self._powered or now < self._deaf_until:
-            return False
-        self._heard = now
-        return True
-
     def execute(self, packet: Packet, now: int) -> Status | None:
-        """Carry out an instruction if it is for this servo; return its answer, if it gives one."""
-        if packet.id not in (self.id, BROADCAST_ID, self._second_id) or not self.hears(now):
+        """Carry out a packet of its protocol if it is for this servo; return its answer, if any."""
+        servo_id = self.id  # the answer to a change of the id still carries the old one
+        if packet.id not in (servo_id, BROADCAST_ID, self._registers.get("Secondary ID", -1)):
             return None
-        self.advance(now)
-        if isinstance(packet, InstructionPacket):
-            if isinstance(self._dialect, Protocol1):
-                return self._dialect.execute(self, packet)
-        elif isinstance(self._dialect, Protocol2):
-            return self._dialect.execute(self, packet)
-        return None
+        silent = packet.id != servo_id
+        if silent and packet.code in (Instruction.PING, Instruction.READ):
+            return None  # a ping of all is the bus's business: their order matters
+        if not self._hears(now):
+            return None
+        answers = self._answers(packet.code)
+        refusal, data = self._carry_out(packet)
+        if silent or not (answers and self._answers(packet.code)):
+            return None
+        return self._status(refusal, data, servo_id)
 
-    def complain(self, packet: Damaged, now: int) -> Status | None:
+    def complain(self, packet: DamagedPacket, now: int) -> Status | None:
         """Return the answer to a packet with a wrong checksum, if it is for this servo."""
-        if packet.id != self.id or not self.hears(now):
+        if packet.id != self.id or not self._hears(now) or not self._answers(Instruction.WRITE):
             return None
-        self.advance(now)
-        if isinstance(packet, DamagedPacket):
-            if isinstance(self._dialect, Protocol1):
-                return self._dialect.complain(self, packet)
-        elif isinstance(self._dialect, Protocol2):
-            return self._dialect.complain(self, packet)
-        return None
+        checksum = ErrorBits.CHECKSUM if self.model.protocol == 1 else StatusCode.CRC
+        return Status(self.id, checksum | self._state)
 
-    def answer_ping(self, now: int) -> StatusPacket2 | None:
+    def answer_ping(self, now: int) -> Status | None:
         """Return the answer to a ping of all (protocol 2.0)."""
-        if not isinstance(self._dialect, Protocol2) or not self.hears(now):
-            return None
-        self.advance(now)
-        return self._dialect.ping(self)
+        return self._status(None, self._ping()) if self._hears(now) else None
 
     def answer_read(self, address: int, length: int, now: int) -> Status | None:
         """Return the answer to a share of a sync or bulk read, if it gives one."""
-        if not self.hears(now) or self.status_return_level < 1:
+        if not self._hears(now) or not self._answers(Instruction.READ):
             return None
+        return self._status(*self._read(address, length))
+
+    def _hears(self, now: int) -> bool:
+        """Return whether a packet that comes now reaches it, and take note that one came."""
         self.advance(now)
-        return self._dialect.read(self, address, length)
+        if not self._powered or now < self._deaf_until:
+            return False
+        self._heard = max(self._heard, now)
+        return True
+
+    def _answers(self, code: int) -> bool:
+        """Return whether it answers an instruction, by its Status Return Level."""
+        if code == Instruction.PING:
+            return True
+        return self._registers["Status Return Level"] >= (1 if code == Instruction.READ else 2)
+
+    @property
+    def _state(self) -> int:
+        """What every answer tells: the errors (protocol 1.0), or that there are some (2.0)."""
+        if self.model.protocol == 1:
+            return self.alarms.active
+        return ALERT if self.alarms.active else 0
+
+    def _status(self, refusal: Refusal | None, data: bytes, servo_id: int | None = None) -> Status:
+        error = _ERRORS[self.model.protocol].get(refusal, int(ErrorBits.RANGE))
+        return Status(self.id if servo_id is None else servo_id, error | self._state, data)
+
+    def _carry_out(self, packet: Packet) -> tuple[Refusal | None, bytes]:
+        parameters, width = packet.parameters, self.model.protocol  # bytes of an address
+        broadcast, two = packet.id == BROADCAST_ID, width == 2
+        address, data = int.from_bytes(parameters[:width], "little"), parameters[width:]
+        malformed = Refusal.LENGTH if two else Refusal.INSTRUCTION
+        refusal: Refusal | None = None
+        match packet.code:
+            case Instruction.PING:
+                return None, self._ping()
+            case Instruction.READ:
+                if len(data) != width:
+                    return malformed, b""
+                return self._read(address, int.from_bytes(data, "little"))
+            case Instruction.WRITE | Instruction.REG_WRITE if len(parameters) < width:
+                refusal = malformed
+            case Instruction.WRITE:
+                refusal = self._write(address, data)
+            case Instruction.REG_WRITE:
+                refusal = self._keep(address, data)
+            case Instruction.ACTION:
+                refusal = self._act()
+            case Instruction.FACTORY_RESET:
+                refusal = self._reset(packet)
+            case Instruction.REBOOT if two:
+                self._start()
+            case Instruction.CLEAR if two:
+                refusal = Refusal.RANGE if parameters != CLEAR_MULTI_TURN else self._clear_turns()
+            case Instruction.SYNC_WRITE if broadcast:
+                share = _sync_share(data, width, self.id)
+                refusal = None if share is None else self._write(address, share)
+            case Instruction.BULK_WRITE if broadcast and two:
+                bulk_share = _bulk_share(parameters, self.id)
+                refusal = None if bulk_share is None else self._write(*bulk_share)
+            case _:
+                refusal = Refusal.INSTRUCTION
+        return refusal, b""
+
+    def _ping(self) -> bytes:
+        if self.model.protocol == 1:
+            return b""
+        number = self._registers["Model Number"].to_bytes(2, "little")
+        return number + bytes((self._registers["Firmware Version"],))
+
+    def _read(self, address: int, length: int) -> tuple[Refusal | None, bytes]:
+        if address + length > self._measured:
+            self._measure()
+        data = self._registers.read(address, length)
+        return (Refusal.RESERVED, b"") if data is None else (None, data)
+
+    def _write(self, address: int, data: bytes) -> Refusal | None:
+        registers = self._registers
+        changes = registers.changes(address, data)
+        if isinstance(changes, Refusal):
+            return changes
+        before = {name: registers[name] for name in changes}
+        for name, value in changes.items():
+            registers[name] = value
+        if self._torque_on_write and registers.stiffens(changes):
+            before.setdefault("Torque Enable", registers["Torque Enable"])
+            registers["Torque Enable"] = 1
+        if before.get("Torque Limit") == 0 and registers["Torque Limit"]:
+            self.alarms.clear()
+            self._drive.strain = 0
+        if any(registers[name] != value for name, value in before.items()):
+            registers.written(before, self._drive)
+            self._configure()
+        if self._eeprom_time:
+            written = (registers.table[name] for name in changes)
+            slow = sum(register.size for register in written if register.memory is Memory.EEPROM)
+            self._be_deaf(slow * self._eeprom_time)
+        if self.write_log is not None:
+            self.write_log.note(self._now, self.id, registers, before)
+        return None
+
+    def _keep(self, address: int, data: bytes) -> Refusal | None:
+        changes = self._registers.changes(address, data)
+        if isinstance(changes, Refusal):
+            return changes
+        self._waiting = (address, data)
+        self._registers.set_registered(1)
+        return None
+
+    def _act(self) -> Refusal | None:
+        if self._waiting is None:
+            return Refusal.INSTRUCTION
+        waiting, self._waiting = self._waiting, None
+        self._registers.set_registered(0)
+        self._write(*waiting)
+        return None
+
+    def _reset(self, packet: Packet) -> Refusal | None:
+        spared: tuple[str, ...] = ()
+        if self.model.protocol == 2:
+            if packet.parameters not in _RESETS:
+                return Refusal.RANGE
+            spared = _RESETS[packet.parameters]
+            if not spared and packet.id == BROADCAST_ID:
+                return Refusal.FAILED  # newer firmware ignores it, so that ids stay apart
+        self._registers.load_initial_values(Memory.EEPROM, but=spared)
+        if self.model.protocol == 2:
+            self._start()
+        self._configure()
+        return None
+
+    def _clear_turns(self) -> Refusal | None:
+        if self._drive.speed != 0.0 or not isinstance(self._registers, XRegisters):
+            return Refusal.FAILED
+        self._registers.fold(self._drive)
+        return None
+
+
+def _sync_share(data: bytes, width: int, servo_id: int) -> bytes | None:
+    """Return what a sync write holds for a servo, of what follows its address; None: nothing."""
+    length, shares = int.from_bytes(data[:width], "little"), data[width:]
+    if length == 0 or len(shares) % (length + 1):
+        return None
+    for start in range(0, len(shares), length + 1):
+        if shares[start] == servo_id:
+            return shares[start + 1 : start + 1 + length]
+    return None
+
+
+def _bulk_share(parameters: bytes, servo_id: int) -> tuple[int, bytes] | None:
+    """Return address and data that a bulk write holds for a servo; None if there are none."""
+    start = 0
+    while start + 5 < len(parameters):
+        address = int.from_bytes(parameters[start + 1 : start + 3], "little")
+        end = start + 5 + int.from_bytes(parameters[start + 3 : start + 5], "little")
+        if end > len(parameters):
+            return None
+        if parameters[start] == servo_id:
+            return address, parameters[start + 5 : end]
+        start = end
+    return None

@@ -11,6 +11,7 @@ _RESPONSE = 25.0  # 1/s: how fast a deviation from what is wanted is made up
 _BRAKING = 0.6  # share of the acceleration used to plan where to brake
 _LEAST_BRAKING = 0.05
 _NEED_TIME = 0.3  # s
+_COPIED = 0.4  # of the acceleration: with less to spare than this a motion is copied in part
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ class JointMotion:
         self.velocity = velocity
         self._acceleration = 0.0
         self._wanted_velocity = velocity
+        self._asked_velocity = velocity
         self._need = 0.0
 
     def advance(self, dt: float) -> None:
@@ -57,7 +59,7 @@ class JointMotion:
     def rest_at(self, position: float) -> None:
         """The joint stands still [rad]."""
         self.position = position
-        self.velocity = self._acceleration = self._wanted_velocity = 0.0
+        self.velocity = self._acceleration = self._wanted_velocity = self._asked_velocity = 0.0
 
     def steer(
         self, wanted: float, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits
@@ -77,8 +79,12 @@ class JointMotion:
         damping = (3.0 - 2.0 * remaining - remaining**2) / (2.0 * dt)
         error = wanted - self.position
         share = min(1.0, dt / _NEED_TIME)
-        self._need += share * (abs(velocity - self._wanted_velocity) / dt - self._need)
-        closing = self._closing_speed(error, stiffness / damping, limits)
+        self._need += share * (abs(velocity - self._asked_velocity) / dt - self._need)
+        self._asked_velocity = velocity
+        # what the joint cannot follow it does not copy: it goes where the target is, as it can
+        copied = min(max((1.0 - self._need / limits.acceleration) / _COPIED, 0.0), 1.0)
+        closing = self._closing_speed(error, stiffness / damping, copied * self._need, limits)
+        velocity *= copied
         needed = (velocity - self._wanted_velocity) / dt
         asked = needed
         asked += damping * (closing + self._wanted_velocity - self.velocity)
@@ -93,9 +99,9 @@ class JointMotion:
         self._acceleration = (chosen - self.velocity) / dt
         self.velocity = chosen
 
-    def _closing_speed(self, error: float, gain: float, limits: MotionLimits) -> float:
+    def _closing_speed(self, error: float, gain: float, need: float, limits: MotionLimits) -> float:
         """The speed at which to make up an error: proportional, but one that can be braked."""
-        spare = limits.acceleration - min(self._need, limits.acceleration)
+        spare = limits.acceleration - min(need, limits.acceleration)
         braking = max(_BRAKING * spare, _LEAST_BRAKING * limits.acceleration)
         linear = braking / gain**2  # where the two meet with the same slope
         if abs(error) <= linear:

@@ -21,8 +21,8 @@ STILL = 10.0
 """Random walk of the still model [1/s]."""
 
 CALM, WALKING, RESTLESS = 3e1, 1e3, 3e5
-"""White acceleration of the models of nearly constant velocity [1/s^3]; the one that walks takes the
-target to go straight on, so that its bearing turns faster the nearer it comes."""
+"""White acceleration of the models of nearly constant velocity [1/s^3]; the one that walks takes
+the target to go straight on, so that its bearing turns faster the nearer it comes."""
 
 OSCILLATORS = (1e3, 5e6)
 """White jerk of the two harmonic oscillators [1/s^5]."""

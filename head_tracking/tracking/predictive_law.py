@@ -46,6 +46,7 @@ class PredictiveLaw:
         self._period = period
         self._drives: tuple[JointDrive, JointDrive] | None = None
         self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
+        self._known_accelerations = (math.inf, math.inf)
         self._mean_delay = _USUAL_DELAY
         self._stepped = 0.0
         self._path: _Path | None = None
@@ -118,11 +119,17 @@ class PredictiveLaw:
                 self._drive(joints, 0, delays[0], head.pan_limits),
                 self._drive(joints, 1, delays[1], head.tilt_limits),
             )
+            for drive, known in zip(self._drives, self._known_accelerations, strict=True):
+                drive.servo.acceleration = known
         for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
             drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
             drive.servo.delay = delay
             drive.measured(joints.stamp, position, elapsed)
         self._mean_delay = 0.5 * sum(self.delays)
+        self._known_accelerations = (
+            self._drives[0].servo.acceleration,
+            self._drives[1].servo.acceleration,
+        )
         self._stepped = now
         return self._drives
 

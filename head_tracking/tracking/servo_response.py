@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -139,13 +140,9 @@ class ServoResponse:
         self._readings.append((stamp, position))
         while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
-        saturated = self._learn_acceleration(stamp - last_stamp)
+        follows = self._learn_acceleration(stamp - last_stamp)
         self._unread += 1
-        if saturated and self.learning:
-            # what the shaft could not follow tells no delay
-            self.delay = min(self.delay, self._first_delay)
-            self._squares = self._expected_squares()
-        if self.learning and not saturated and self._unread >= _LEARNED_EVERY:
+        if self.learning and follows and self._unread >= _LEARNED_EVERY:
             self._unread = 0
             self._learn_delay()
 
@@ -209,7 +206,7 @@ class ServoResponse:
     def _learn_acceleration(self, elapsed: float) -> bool:
         """How hard the shaft accelerates while it is slower, or faster, than it was told to be.
 
-        Whether it gives all it can now.
+        Whether it follows what it is told; else its motion tells no delay.
         """
         if self.acceleration < math.inf:
             self.acceleration *= math.exp(elapsed / _RECOVERY)
@@ -220,32 +217,30 @@ class ServoResponse:
             *(self._reading_before(end - spans * _SPAN) for spans in (3, 2, 1, 0)), strict=True
         )
         if len(set(stamps)) < 4:
-            return False
-        told = [self._sum(stamp - self.delay) for stamp in stamps]
-        times = [later - earlier for earlier, later in pairwise(stamps)]
-        first, second, third = (
-            (later - earlier) / time
-            for (earlier, later), time in zip(pairwise(positions), times, strict=True)
-        )
-        behind = [
-            (later - earlier) / time
-            for (earlier, later), time in zip(pairwise(told), times, strict=True)
-        ]
-        behind = [told - shown for told, shown in zip(behind, (first, second, third), strict=True)]
-        self.velocity = third
+            return True
+        told = _speeds(stamps, [self._sum(stamp - self.delay) for stamp in stamps])
+        shown = _speeds(stamps, positions)
+        self.velocity = shown[2]
+        behind = [told[span] - shown[span] for span in range(3)]
         if min(behind) < _BEHIND and max(behind) > -_BEHIND:
-            return False
-        gained, gained_before = third - second, second - first
-        if gained * behind[-1] <= 0.0 or abs(gained) < max(_GAINED, _STEADY * abs(gained_before)):
-            return True  # at its top speed, or held
-        shown = max(2.0 * abs(gained) / (times[1] + times[2]), _SLOWEST_START)
-        if shown < self.acceleration:
-            self.acceleration = (
-                shown
-                if self.acceleration == math.inf
-                else self.acceleration + _SHARE * (shown - self.acceleration)
-            )
-        return True
+            return True
+        gained, before, asked = shown[2] - shown[1], shown[1] - shown[0], told[2] - told[1]
+        if gained * asked > 0.0 and abs(gained) > _STEADY * abs(asked) > _STEADY * _GAINED:
+            return True  # it comes after
+        if gained * behind[2] > 0.0 and abs(gained) > max(_GAINED, _STEADY * abs(before)):
+            self._limited(max(2.0 * abs(gained) / (end - stamps[1]), _SLOWEST_START))
+        return False
+
+    def _limited(self, acceleration: float) -> None:
+        """The shaft has accelerated no harder although it was told to."""
+        if acceleration >= self.acceleration:
+            return
+        if self.acceleration == math.inf:
+            self.acceleration = acceleration
+            # what it could not follow before tells no delay
+            self.delay = min(self.delay, self._first_delay)
+            self._squares = self._expected_squares()
+        self.acceleration += _SHARE * (acceleration - self.acceleration)
 
     def _knots(self) -> tuple[Array, Array]:
         """The setpoint as a polyline: times [s] and positions [rad]."""
@@ -277,3 +272,13 @@ def _least(squares: Array) -> float:
     bend = before - 2.0 * here + after
     shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
     return float(_DELAYS[least] + shift * (_DELAYS[1] - _DELAYS[0]))
+
+
+def _speeds(stamps: Sequence[float], positions: Sequence[float]) -> list[float]:
+    """Between positions [rad], one after the other [rad/s]."""
+    return [
+        (position - before) / (stamp - earlier)
+        for (earlier, stamp), (before, position) in zip(
+            pairwise(stamps), pairwise(positions), strict=True
+        )
+    ]

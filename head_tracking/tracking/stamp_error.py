@@ -1,9 +1,9 @@
-"""By how much the stamps of a camera that moves with the head are wrong.
+"""By how much the stamps of a camera that moves with the head are wrong, and whether it swings.
 
 A point of such a camera is placed with the joints as they were at its stamp. If the stamp is wrong,
 the head's own motion is mistaken for the target's, and a head that follows it swings by itself. The
 points tell: placed as if each stamp error in turn were the true one, they make the smoothest path
-for the error that is.
+for the error that is. And if the head moves in a rhythm that no such path has, it swings by itself.
 """
 
 from __future__ import annotations
@@ -27,9 +27,16 @@ _FEWEST, _MOST = 9, 24  # points in it
 _EVERY = 3  # points
 _MEMORY = 2.0  # s
 _HISTORY = 2.0  # s of readings and points
-_DEGREES = (2, 4)  # of the polynomials that paths are compared with
-_ROUGHER = (2.5, 1.4)  # times the smoothest path: so rough must the present one be to be given up
+_DEGREES = (1, 2, 4)  # of the polynomials that paths are compared with: the first to see swings
+_ROUGHER = (2.5, 1.4)  # times the smoothest path: so rough is the present one to be given up
 _TELLING = 0.004  # rad; rougher than noise
+_SAME, _ELSE = 0.004, 0.03  # s; errors that differ by less, and by more
+_OWN = 0.3  # of the head's motion; a target that moves less has not made the head move like this
+_LOST = 0.8  # of the head's motion; a target off by more is not followed by it
+_SWING = 0.01  # rad beside a straight line; less is no swing
+_SWINGING = 1.2  # s
+_TURN = 0.03  # rad; so far a joint must have come back for it to have turned round
+_TURNS, _TURNING = 4, 4.0  # so often in so many s: no way to a target, a swing
 
 
 class StampError:
@@ -47,17 +54,40 @@ class StampError:
         self._readings: deque[tuple[float, float]] = deque()
         self._points: deque[tuple[float, Sight]] = deque()
         self._roughness = np.zeros((len(_DEGREES), len(_ERRORS)))
+        self._own = self._off = 0.0
         self._weight = 0.0
         self._judged = -math.inf
+        self._swinging_since: float | None = None
+        self._turns = (_Turns(), _Turns())
 
     def reset(self) -> None:
         """Everything starts anew."""
         self.__init__()  # type: ignore[misc]
 
+    @property
+    def swings(self) -> bool:
+        """Whether the head swings by itself."""
+        since = self._swinging_since
+        return since is not None and self._judged - since > _SWINGING
+
+    def calm_down(self) -> None:
+        """What the head did until now is no swing any more."""
+        self._swinging_since = None
+        self._turns = (_Turns(), _Turns())
+        self._roughness[:] = self._own = self._off = self._weight = 0.0
+        self._points.clear()
+
+    def new_target(self) -> None:
+        """The points that come from now on are another target's."""
+        self._points.clear()
+        self._swinging_since = None
+
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as measured at `stamp` [s]; stamps rise."""
         self._times.append(stamp)
         self._readings.append(positions)
+        for turns, position in zip(self._turns, positions, strict=True):
+            turns.take(stamp, position)
         while self._times[0] < stamp - _HISTORY:
             self._times.popleft()
             self._readings.popleft()
@@ -67,8 +97,14 @@ class StampError:
         then, now = self._at(stamp), self._at(stamp - (self.value if error is None else error))
         return Sight(sight.pan + now[0] - then[0], sight.tilt + now[1] - then[1], sight.distance)
 
-    def point_seen(self, stamp: float, sight: Sight) -> bool:
-        """Takes a point as placed by its stamp [s]; whether another error is believed now."""
+    def point_seen(self, stamp: float, sight: Sight, *, moving: bool) -> bool:
+        """Takes a point as placed by its stamp [s]; whether another error is believed now.
+
+        Args:
+            stamp: of the point [s].
+            sight: as it was placed.
+            moving: whether the camera moves with the head; else no stamp error moves the point.
+        """
         if self._points and stamp <= self._points[-1][0]:
             return False
         self._points.append((stamp, sight))
@@ -85,36 +121,58 @@ class StampError:
             return False
         elapsed = known[-1][0] - max(self._judged, known[0][0])
         self._judged = known[-1][0]
-        self._judge(window, math.exp(-elapsed / _MEMORY))
-        return self._decide()
+        self._judge(window, math.exp(-elapsed / _MEMORY), moving)
+        self._watch(moving)
+        return moving and self._decide()
 
-    def _judge(self, window: list[tuple[float, Sight]], kept: float) -> None:
-        """How rough the path is for every error: what a parabola leaves of it."""
+    def _judge(self, window: list[tuple[float, Sight]], kept: float, moving: bool) -> None:
+        """How rough the path is for every error, and the head's: what polynomials leave of it."""
         stamps = np.array([stamp for stamp, _ in window])
         times = np.array(self._times)
         placed = stamps[:, None] - _ERRORS
         centred = (stamps - stamps.mean()) / (stamps[-1] - stamps[0])
         basis = np.linalg.qr(np.vander(centred, max(_DEGREES) + 1, increasing=True))[0]
-        rough = np.zeros(self._roughness.shape)
+        rough, own, off = np.zeros(self._roughness.shape), 0.0, 0.0
         for joint in (0, 1):
             angles = np.array([reading[joint] for reading in self._readings])
             seen = np.array([sight[joint] for _, sight in window])
-            seen -= np.interp(stamps, times, angles)
-            paths = seen[:, None] + np.interp(placed, times, angles)
+            head = np.interp(stamps, times, angles)
+            paths = np.repeat(seen[:, None], len(_ERRORS), axis=1)
+            if moving:
+                paths += np.interp(placed, times, angles) - head[:, None]
+            own += _beside_line(head, basis)
+            off += _beside_line(seen - head, basis)
             shares = np.cumsum((basis.T @ paths) ** 2, axis=0)
             rough += (paths * paths).sum(axis=0) - shares[list(_DEGREES)]
         self._roughness = kept * self._roughness + rough
+        self._own = kept * self._own + own
+        self._off = kept * self._off + off
         self._weight = kept * self._weight + len(window)
 
+    def _watch(self, moving: bool) -> None:
+        """Whether the head turns to and fro as no target does, or as if there were none."""
+        swings = self._own > self._weight * _SWING**2
+        swings = swings and any(turns.often(self._times[-1]) for turns in self._turns)
+        alone = float(self._roughness[0].min()) < _OWN * self._own
+        if not swings or not (alone or (moving and self._off > _LOST * self._own)):
+            self._swinging_since = None
+        elif self._swinging_since is None:
+            self._swinging_since = self._judged
+
     def _decide(self) -> bool:
-        for rough, rougher in zip(self._roughness, _ROUGHER, strict=True):
+        for rough, rougher in zip(self._roughness[1:], _ROUGHER, strict=True):
             present = float(np.interp(self.value, _ERRORS, rough))
             least = int(rough.argmin())
             if present < rougher * rough[least]:
                 continue
             if present - rough[least] < self._weight * _TELLING**2:
                 continue
-            self.value = _minimum(rough, least)
+            error = _minimum(rough, least)
+            if abs(error - self.value) < _SAME:
+                return False
+            if abs(error - self.value) > _ELSE:
+                self._swinging_since = None
+            self.value = error
             return True
         return False
 
@@ -132,6 +190,35 @@ class StampError:
             before[0] + share * (after[0] - before[0]),
             before[1] + share * (after[1] - before[1]),
         )
+
+
+def _beside_line(angles: Array, basis: Array) -> float:
+    """What a straight line leaves of angles, squared and summed up [rad^2]."""
+    return float(angles @ angles - ((basis[:, :2].T @ angles) ** 2).sum())
+
+
+class _Turns:
+    """How often a joint turns round."""
+
+    def __init__(self) -> None:
+        self._lowest, self._highest = math.inf, -math.inf
+        self._side = 0
+        self._stamps: deque[float] = deque(maxlen=_TURNS)
+
+    def take(self, stamp: float, position: float) -> None:
+        """Takes a position [rad] as measured at `stamp` [s]."""
+        self._lowest, self._highest = min(self._lowest, position), max(self._highest, position)
+        side = (position > self._lowest + _TURN) - (position < self._highest - _TURN)
+        if side in (0, self._side):
+            return
+        if self._side:
+            self._stamps.append(stamp)
+        self._side = side
+        self._lowest = self._highest = position
+
+    def often(self, now: float) -> bool:
+        """Whether it has turned round so often lately that it swings."""
+        return len(self._stamps) == _TURNS and now - self._stamps[0] < _TURNING
 
 
 def _minimum(rough: Array, least: int) -> float:

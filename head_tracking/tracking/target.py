@@ -132,9 +132,10 @@ class TargetPlacer:
                     reason = str(error)
                     if target.stamp > self._known_until(target.frame_id):
                         hopeless[target.frame_id] = target.stamp, reason
-            if now - came < self._timeout:
+            waited = now - came
+            if 0.0 <= waited < self._timeout:  # (not if it came before the clock jumped back)
                 self._waiting.append((target, came))
-            if now - came >= min(self._timeout, _TOLD_AFTER):
+            if not 0.0 <= waited < min(self._timeout, _TOLD_AFTER):
                 self._refusals = [Refusal(target, reason)]
         return placed
 

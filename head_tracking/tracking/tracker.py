@@ -15,6 +15,8 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.law import JointReading, TrackingLaw
+from head_tracking.tracking.position_law import PositionLaw
+from head_tracking.tracking.predictive_law import PredictiveLaw
 from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
@@ -27,6 +29,8 @@ from head_tracking.transforms import Rotation, Vector3
 _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
 _INSTANT = 1e-3  # s
+_CAUTIOUS_SPEED = 0.3  # rad/s
+_FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
 _AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
 _STALL_TIME = 0.8  # s
 _STALLED = 0.2  # of the way that was commanded
@@ -105,6 +109,8 @@ class Tracker:
         self.stamp_error = StampError()
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
+        self._cautious = PositionLaw(head, 0.02, law.parameters)
+        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -161,13 +167,14 @@ class Tracker:
         if sight is None:
             verdict = Verdict.TOO_CLOSE
         else:
-            if moving:
-                sight = self._unerring(stamp, sight)
-                stamp -= self.stamp_error.value
+            sight = self._unerring(stamp, sight, moving)
+            stamp -= self.stamp_error.value if moving else 0.0
             verdict = self.estimator.add(stamp, sight, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
+            if new:
+                self.stamp_error.new_target()
             self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
@@ -178,18 +185,38 @@ class Tracker:
             self.machine.refused(verdict, now)
         return verdict
 
-    def _unerring(self, stamp: float, sight: Sight) -> Sight:
-        """A point of a camera on the head as it is without its stamp's error."""
+    def _unerring(self, stamp: float, sight: Sight, moving: bool) -> Sight:
+        """The point as it is without its stamp's error, if it is of a camera on the head."""
         error = self.stamp_error
         self._seen.append((stamp, sight))
         while self._seen[0][0] < stamp - 1.0:
             self._seen.popleft()
-        if error.point_seen(stamp, sight):
-            earlier = sorted(self._seen)[:-1]
-            self.estimator.replay(
-                [(then - error.value, error.corrected(then, seen)) for then, seen in earlier]
-            )
-        return error.corrected(stamp, sight)
+        if error.point_seen(stamp, sight, moving=moving):
+            self.estimator.reset()
+            for then, seen in sorted(self._seen)[:-1]:
+                then_corrected = then - error.value
+                self.estimator.add(then_corrected, error.corrected(then, seen), then_corrected)
+        return error.corrected(stamp, sight) if moving else sight
+
+    def _steering(self, now: float) -> TrackingLaw:
+        """The law that steers: a cautious one for a while if the head has swung by itself."""
+        if self.stamp_error.swings and isinstance(self.law, PredictiveLaw):
+            self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
+            self._cautious_until = now + self._pause
+            self.stamp_error.calm_down()
+        cautious = now < self._cautious_until
+        if cautious:
+            limits = replace(self.law.parameters.limits, max_joint_speed=_CAUTIOUS_SPEED)
+            self._cautious.parameters = replace(self.law.parameters, limits=limits)
+        elif now > self._cautious_until + 2.0 * self._pause:
+            self._pause = _FIRST_PAUSE
+        self.machine.swung = (
+            f"the head swung by itself: law position at {_CAUTIOUS_SPEED:g} rad/s for "
+            f"{self._pause:.0f} s (wrong stamps or servo_delay, or a heavy head?)"
+            if cautious
+            else ""
+        )
+        return self._cautious if cautious else self.law
 
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
@@ -202,7 +229,7 @@ class Tracker:
             target = self._from_base(estimate, now)
             if target is None:
                 return TrackingStep()
-            command, gaze = self.law.follow(target, joints, now)
+            command, gaze = self._steering(now).follow(target, joints, now)
             there = self.head.point(target.sight_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
@@ -250,6 +277,7 @@ class Tracker:
         self._came = None
         self._seen.clear()
         self.stamp_error.reset()
+        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None

@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from head_tracking.dynamixel import JointConfiguration
+from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand
-from head_tracking.simulation import (
-    InstructionPacket,
-    SimulatedBus,
-    SimulatedServo,
-    StatusPacket,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 _BYTE = 10_000  # ns at 1 Mbit/s
 _ADAPTER = 100_000  # ns for a packet to get onto the wire
@@ -58,12 +54,12 @@ class SimulatedHead:
         time, stamps, positions = now, [], []
         for joint in self._joints:
             register = joint.model.control_table["Present Position"]
-            sent = InstructionPacket.read(joint.id, register.address, register.size).encode()
+            sent = read_packet(1, joint.id, register.address, register.size)
             asked = time
             time += _ADAPTER + len(sent) * _BYTE
             (answer,) = self._bus.receive(sent, time)
             time += answer.delay + len(answer.data) * _BYTE + _ANSWERED
-            status = StatusPacket.decode(answer.data)
+            status = find_status(1, answer.data).status
             assert status is not None
             stamps.append((asked + time) // 2)
             positions.append(joint.position(int.from_bytes(status.data, "little")))
@@ -88,6 +84,6 @@ class SimulatedHead:
             joint.id: block.encode(tick, speed)
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
         }
-        packet = InstructionPacket.sync_write(block.address, shares).encode()
+        packet = sync_write_packet(1, block.address, shares)
         self._bus.receive(packet, now + len(packet) * _BYTE)
         self.goals = ticks

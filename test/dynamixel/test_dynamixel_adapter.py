@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from head_tracking.dynamixel import DynamixelPort, PortMissingError, dynamixel_port
+from head_tracking.dynamixel import DynamixelPort, PortMissingError
+from head_tracking.dynamixel import port as port_module
 from head_tracking.dynamixel.adapter import Adapter, prepare_adapter, stable_name
 
 
@@ -126,7 +127,7 @@ def test_adapter_that_got_another_name_is_found_by_its_serial_number(
         opened.append(name)
         return Device()
 
-    monkeypatch.setattr(dynamixel_port, "stable_name", lambda name: "/dev/serial/by-id/mine")
+    monkeypatch.setattr(port_module, "stable_name", lambda name: "/dev/serial/by-id/mine")
     port = DynamixelPort("/dev/ttyUSB0", open_device=open_device)  # type: ignore[arg-type]
     port.open()
     port.close()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, FakeServo, Packet, writes
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     BusEvent,
@@ -29,6 +30,7 @@ from head_tracking.dynamixel import (
     TorqueError,
     WrongModelError,
 )
+from head_tracking.simulation import SimulatedServo
 
 JOINTS = (PAN, TILT)
 
@@ -237,15 +239,18 @@ def test_reading_has_si_units() -> None:
     assert (state.torque, state.goal) == (False, None)
 
 
-def test_stamp_is_the_middle_of_the_transaction() -> None:
-    port = FakePort()
-    bus, clock = connected(port)
-    clock.tick = 100
-    start = clock.now
+def test_stamp_is_when_the_servo_had_heard_the_request() -> None:
+    bench = Bench([SimulatedServo(1), SimulatedServo(2)])
+    bus = ServoBus(bench.port, JOINTS, bench.now, monotonic=bench.now)
+    bus.connect()
+    bench.pass_time(0.02)
+    start = bench.now()
     reading = bus.step()
-    assert reading.stamp == start + 100
-    assert reading.states["head_pan_joint"].stamp == start + 250  # between 200 and 300
-    assert reading.states["head_tilt_joint"].stamp == start + 450
+    assert reading.stamp == start
+    request, reply = 8 * 10_000, 14 * 10_000 + 500_000  # with the default return delay
+    pan, tilt = (reading.states[joint.joint_name].stamp - start for joint in JOINTS)
+    assert pan == pytest.approx(request, abs=2000)
+    assert tilt == pytest.approx(2 * request + reply, abs=20_000)
 
 
 def test_failed_read_is_repeated_at_once() -> None:
@@ -286,7 +291,7 @@ def test_silent_servo_gets_no_second_try_once_it_has_failed() -> None:
     bus.step()
     port.take_log()
     bus.step()
-    assert port.log == [feedback(1), feedback(2)]
+    assert port.log == [feedback(2), feedback(1)]  # and does not delay the other
 
 
 @pytest.mark.parametrize("register", ["Present Position", "Present Speed", "Present Load"])
@@ -419,8 +424,6 @@ def test_returned_servo_takes_commands_again() -> None:
     clock.pass_time(0.6)
     bus.step()
     bus.command({"head_pan_joint": Goal(0.1)})
-    bus.step()  # is read first
-    assert port.servos[1]["Torque Enable"] == 0
     bus.step()
     assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
 

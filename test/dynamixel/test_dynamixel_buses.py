@@ -39,7 +39,8 @@ def test_command_reaches_the_bus_of_each_joint() -> None:
     assert set(result.positions) == {"head_pan_joint", "head_tilt_joint"}
     assert set(result.clamped) == {"head_tilt_joint"}
     for bus, _ in buses.threads:
-        bus.step()
+        for _ in range(10):
+            bus.step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
     assert ports[1].servos[2]["Goal Position"] == 800
     buses.stop()
@@ -59,7 +60,8 @@ def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
     buses, ports = make(PAN, TILT)
     with pytest.raises(GoalError, match="head_tilt_joint: goal position 9"):
         buses.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(9.0)})
-    buses.threads[0][0].step()
+    for _ in range(10):
+        buses.threads[0][0].step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
     buses.stop()
 

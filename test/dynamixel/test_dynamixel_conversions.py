@@ -6,14 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.dynamixel import ErrorBits, RangeError, describe_errors
-from head_tracking.dynamixel.conversions import (
+from head_tracking.dynamixel import ErrorBits, RangeError, ServoCalibration, describe_errors
+from head_tracking.dynamixel.control_table import (
     decode_sign_magnitude,
     encode_sign_magnitude,
     encode_unsigned,
-    radians_to_ticks,
-    speed_to_register,
-    ticks_to_radians,
 )
 
 
@@ -57,27 +54,31 @@ def test_magnitude_that_does_not_fit_is_refused(value: int) -> None:
 
 @given(st.integers(0, 1023), st.integers(0, 1023))
 def test_ticks_round_trip(tick: int, zero: int) -> None:
-    unit = math.radians(300 / 1024)
-    assert round(radians_to_ticks(ticks_to_radians(tick, zero, unit), zero, unit)) == tick
+    for calibration in (
+        ServoCalibration("joint", 1, zero, 0, 1023),
+        ServoCalibration("joint", 1, zero, 1023, 0),
+    ):
+        assert calibration.ticks(calibration.position(tick)) == tick
 
 
 @pytest.mark.parametrize("angle", [math.nan, math.inf, -math.inf])
 def test_no_tick_for_what_is_no_number(angle: float) -> None:
     with pytest.raises(RangeError, match="finite"):
-        radians_to_ticks(angle, 512, 0.005)
+        ServoCalibration("joint", 1, 512, 0, 1023).ticks(angle)
 
 
 @pytest.mark.parametrize(
     ("speed", "register"), [(1e-9, 1), (0.0116239, 1), (0.02, 2), (2.0, 172), (100.0, 1023)]
 )
 def test_speed_register_is_never_zero(speed: float, register: int) -> None:
-    assert speed_to_register(speed, 0.0116239, 1023) == register
+    calibration = ServoCalibration("joint", 1, 512, 0, 1023)
+    assert calibration.speed_ticks(speed, 100.0) == register
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_speed_is_refused(speed: float) -> None:
     with pytest.raises(RangeError, match="above 0"):
-        speed_to_register(speed, 0.0116, 1023)
+        ServoCalibration("joint", 1, 512, 0, 1023).speed_ticks(speed, 6.0)
 
 
 def test_error_bits_in_words() -> None:

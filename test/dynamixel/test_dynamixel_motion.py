@@ -54,10 +54,10 @@ def test_first_command_pins_the_servo_before_it_moves() -> None:
     assert port.log == []
     bus.step()
     assert port.log == [
-        *pin(1, 450),
         ("read", 1, 36, 8),
-        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0))}),
         ("read", 2, 36, 8),
+        *pin(1, 450),
+        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0))}),
     ]
     assert bus.torque("head_pan_joint") is Torque.ON
     assert bus.torque("head_tilt_joint") is Torque.OFF_UNTIL_COMMANDED
@@ -120,7 +120,7 @@ def test_relaxing_is_verified() -> None:
     bus.step()
     port.take_log()
     bus.set_torque(["head_pan_joint"], False)
-    assert port.log == [("write", 1, TORQUE, OFF), ("read", 1, TORQUE, 1)]
+    assert port.log == [("sync", TORQUE, {1: OFF}), ("read", 1, TORQUE, 1)]
     assert bus.step().states["head_pan_joint"].torque is False
 
 
@@ -210,7 +210,7 @@ def test_torque_of_a_lost_servo() -> None:
     port.take_log()
     with pytest.raises(TorqueError, match="does not answer"):
         bus.set_torque(["head_pan_joint"], False)
-    assert port.log == [("write", 1, TORQUE, OFF)]  # tried all the same
+    assert port.log == [("sync", TORQUE, {1: OFF})]  # tried all the same
 
 
 def test_torque_of_an_unknown_joint_switches_nothing() -> None:
@@ -239,7 +239,7 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
     )
     assert writes(port.take_log())[-1] == expected
     bus.step()
-    assert port.log == [("read", 1, 36, 8), expected, ("read", 2, 36, 8)]
+    assert port.log == [("read", 1, 36, 8), ("read", 2, 36, 8), expected]
 
 
 def test_newest_goal_wins() -> None:
@@ -469,8 +469,7 @@ def test_close_holds_then_relaxes_then_closes() -> None:
     assert bus.close() == ()
     assert writes(port.log) == [
         ("sync", GOAL, {1: goal_bytes(530, PAN.speed_ticks(2.0))}),
-        ("write", 1, TORQUE, OFF),
-        ("write", 2, TORQUE, OFF),
+        ("sync", TORQUE, {1: OFF, 2: OFF}),
     ]
     assert not port.opened
 

@@ -21,8 +21,8 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ReplyTimeoutError,
     ServoBus,
+    ServoCalibration,
     ServoError,
-    ServoMount,
     Torque,
     TorqueError,
     servo_model,
@@ -215,7 +215,7 @@ def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_
     rig.port.take_log()
     assert rig.events(3) == [EventKind.TORQUE_LOST]
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
-    assert {packet[2] for packet in writes(rig.port.log)} == {TORQUE}
+    assert {packet[1] for packet in writes(rig.port.log)} == {TORQUE}
     assert rig.pan["Torque Enable"] == 0
 
 
@@ -352,7 +352,7 @@ def test_impossible_limits_change_nothing() -> None:
 
 
 def test_two_servos_of_a_joint_move_together_and_hold_together() -> None:
-    second = ServoMount("head_pan_joint", 2, 512, 1023, 0)
+    second = ServoCalibration("head_pan_joint", 2, 512, 1023, 0)
     rig = Rig(replace(PAN, second=second))
     rig.port.servos[2]["Present Load"] = 1024 + 200
     rig.pan["Present Load"] = 100

@@ -35,7 +35,8 @@ from head_tracking.dynamixel import (
     ReplyTimeoutError,
     serial_ports,
 )
-from head_tracking.dynamixel.port_diagnosis import port_error
+from head_tracking.dynamixel.port import Failed, Retried
+from head_tracking.dynamixel.serial_port import port_error
 
 READ = "FF FF 01 04 02 24 02 D2"
 POSITION_512 = "FF FF 01 04 00 00 02 F8"
@@ -192,7 +193,8 @@ def test_golden_packets(
     peer: Peer, port: DynamixelPort, call: Call, sent: str, reply: str, result: object
 ) -> None:
     peer.answer((len(bytes.fromhex(sent)), reply))
-    assert call(port) == result
+    told = call(port)
+    assert (told._replace(stamp=0.0) if isinstance(told, Reply) else told) == result
     assert peer.finish() == [sent]
 
 
@@ -360,7 +362,7 @@ def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: Dynamixel
 
 
 def test_packet_that_is_too_long_is_refused(port: DynamixelPort) -> None:
-    with pytest.raises(CommunicationError, match="Incorrect instruction packet"):
+    with pytest.raises(CommunicationError, match="too long"):
         port.sync_write(30, {servo_id: bytes(4) for servo_id in range(60)})
 
 
@@ -445,7 +447,7 @@ def test_no_bytes_make_a_group_read_crash(answer: bytes, group: ReadGroup) -> No
     replies = list(canned_port(answer).read_group(group))
     assert len(replies) == len(group.ids)
     for reply in replies:
-        assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
+        assert isinstance(reply, Failed | Retried) or len(reply.data) == group.length
 
 
 def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:

@@ -190,3 +190,29 @@ def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
     head.errors.clear()
     wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.03)
     assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
+
+
+def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monkeypatch):
+    head = make(fixed_frame="odom")
+    head.until_state("idle: no target has come yet")
+    buffer, driven = head.buffer.core, 0
+
+    def drive():
+        nonlocal driven
+        driven += 1
+        pose = Transform((0.1 * driven, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, 0.1))
+        buffer.set_transform(round(head.now * 1e9) + driven, "odom", "base_link", pose)
+
+    drive()
+    lookup_transform = buffer.lookup_transform
+
+    def lookup_on_the_way(*frames, **options):
+        drive()
+        return lookup_transform(*frames, **options)
+
+    monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
+    carried = {
+        frame: head.node._interface.moves_with_head(frame)
+        for frame in ("odom", "base_link", "camera_link", "nowhere")
+    }
+    assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}

@@ -16,7 +16,7 @@ from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus,
 PATIENCE = 30
 MODULES = {
     "head_tracking": "head_tracking",
-    "simulated_bus": "head_tracking.simulated_bus",
+    "simulated_bus": "head_tracking.tools.simulated_bus",
     "servo_bus": "head_tracking.nodes.servo_bus",
     "relax": "head_tracking.nodes.relax",
     "robot_state_publisher": "head_tracking.nodes.robot_state_publisher",
@@ -260,12 +260,39 @@ def test_the_simulated_bus_takes_any_ids(start, tmp_path):
     bus = start("simulated_bus", "--ids", "3", "--link", str(tmp_path / "one"))
     port = bus.read_until("one").strip()
     three = JointConfiguration("joint", "controller", 3)
-    assert ServoBus(DynamixelPort(port, 1_000_000), [three]).connect() == "1 AX-12 servo: id 3"
+    driver = ServoBus(DynamixelPort(port, 1_000_000), [three])
+    assert driver.connect() == "1 AX-12 servo: id 3"
+    driver.close()
     four = JointConfiguration("joint", "controller", 4)
     with pytest.raises(ServoNotFoundError, match="4"):
         ServoBus(DynamixelPort(port, 57_600), [four]).connect()
     assert bus.end(signal.SIGINT) == 0
     assert not Path(port).is_symlink()
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM])
+def test_the_servo_bus_ends_well_whoever_ends_it(start, port, number):
+    node = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    node.read_until("relaxed until a command comes")
+    assert node.end(number) == 0, node.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
+def test_a_run_whose_terminal_is_closed_ends_well(start, number):
+    run = start("head_tracking", "--sim")
+    run.read_until("| error")
+    assert run.end(number) == 0, run.output
+
+
+def test_a_servo_bus_whose_adapter_has_gone_ends_with_1(start, tmp_path):
+    bus = start("simulated_bus", "--link", str(tmp_path / "one"))
+    port = bus.read_until("one").strip()
+    node = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    node.read_until("relaxed until a command comes")
+    bus.end(signal.SIGINT)
+    node.read_until("check the cable")
+    assert node.end(signal.SIGINT) == 1, node.output
+    assert "did not confirm that it is relaxed" in node.output
 
 
 def test_relax_without_a_servo_bus_says_so(start):

@@ -16,10 +16,10 @@ from head_tracking.dynamixel import (
     ServoState,
     ServoStatistics,
 )
-from head_tracking.dynamixel.command import Torque
+from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
-from head_tracking.nodes.joint_watch import JointWatch
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.nodes.viewer_robot import JointWatch
 from head_tracking.viewer import robot
 from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.health_table import COLUMNS, health_table

@@ -59,7 +59,7 @@ class TestRustypot:
         controller.sync_write_raw_goal_position([1, 2], [1500, 2500])
         assert eventually(lambda: abs(xl330.true_ticks(2) - 2500) < 8)
         assert eventually(lambda: abs(xl330.true_ticks(1) - 1500) < 8)
-        goals = xl330.use(lambda bus: [bus.oracle.goals(i)[-1] for i in (1, 2)])
+        goals = xl330.use(lambda bus: [bus.write_log.goals(i)[-1] for i in (1, 2)])
         assert goals == [1500, 2500]
         controller.close()
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from simulated_packets import InstructionPacket
 
 from head_tracking.dynamixel import ErrorBits
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.simulation import InstructionPacket, Oracle, SimulatedServo, StatusPacket
+from head_tracking.simulation import SimulatedServo, WriteLog
 
 Packet = InstructionPacket
 MS = 1_000_000
@@ -17,7 +18,7 @@ def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> ErrorBi
     register = servo.model.control_table[name]
     data = value.to_bytes(register.size, "little")
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
-    assert isinstance(status, StatusPacket)
+    assert status is not None
     return status.error
 
 
@@ -104,16 +105,16 @@ def test_power_cycle_clears_the_lock_and_the_torque() -> None:
     assert servo.register("Torque Limit") == 1023
 
 
-def test_oracle_keeps_what_a_servo_took_and_not_what_it_refused() -> None:
+def test_write_log_keeps_what_a_servo_took_and_not_what_it_refused() -> None:
     servo = SimulatedServo(3)
-    servo.oracle = Oracle()
+    servo.write_log = WriteLog()
     servo.execute(Packet.write(3, 30, bytes.fromhex("F4 01 64 00")), 5)
     write(servo, "LED", 1)
     write(servo, "CW Angle Limit", 400)
     servo.execute(Packet.write(3, 30, bytes.fromhex("2C 01")), 6)  # below the limit
     write(servo, "Torque Enable", 0, 7)
-    assert servo.oracle.goals(3) == [500]
-    taken = servo.oracle.taken
+    assert servo.write_log.goals(3) == [500]
+    taken = servo.write_log.writes
     assert [(t.time, t.goal, t.speed, t.torque) for t in taken] == [
         (5, 500, 100, True),
         (7, 500, 100, False),

@@ -4,15 +4,14 @@ from collections.abc import Iterable
 
 import pytest
 from simulated_golden_vectors import INSTRUCTIONS, STATUSES
+from simulated_packets import InstructionPacket, StatusPacket
 
 from head_tracking.dynamixel import ErrorBits
 from head_tracking.simulation import (
     Answer,
-    InstructionPacket,
     SimulatedBus,
     SimulatedServo,
     SimulationError,
-    StatusPacket,
     UnknownServoError,
 )
 
@@ -98,14 +97,6 @@ def test_wrong_checksum_is_not_answered_below_status_return_level_2(level: int) 
     data = bytearray(golden("read position"))
     data[-1] ^= 1
     assert b.receive(bytes(data), 0) == []
-
-
-def test_servos_with_one_id_talk_at_the_same_time() -> None:
-    b = SimulatedBus([SimulatedServo(1, position=500), SimulatedServo(1, position=600)])
-    assert [a.data for a in b.receive(golden("ping 1"), 0)] == [StatusPacket(1).encode()]
-    (garbled,) = b.receive(golden("read position"), 0)
-    assert StatusPacket.decode(garbled.data) is None
-    assert len(garbled.data) == 8
 
 
 def test_every_answer_passes_the_line() -> None:

@@ -10,14 +10,9 @@ from pathlib import Path
 
 import pytest
 import serial
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking import simulated_bus
-from head_tracking.simulation import (
-    InstructionPacket,
-    InstructionPacket2,
-    StatusPacket,
-    StatusPacket2,
-)
+from head_tracking.tools import simulated_bus
 
 PATIENCE = 20.0
 PING = InstructionPacket.ping(1).encode()
@@ -27,7 +22,7 @@ PONG = StatusPacket(1).encode()
 class Program:
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "head_tracking.simulated_bus", *options],
+            [sys.executable, "-m", "head_tracking.tools.simulated_bus", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -78,6 +73,14 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     )
 
 
+def test_firmware_can_be_an_old_one(start) -> None:
+    program = start("--servo", "XM430-W350:3", "--firmware", "37")
+    answer = StatusPacket2.decode(ask(program.port, InstructionPacket2.ping(3).encode(), 14))
+    assert answer is not None and answer.data[2] == 37
+    watchdog = InstructionPacket2.write(3, 98, b"\x05").encode()
+    assert StatusPacket2.decode(ask(program.port, watchdog, 11)) == StatusPacket2(3, 7)
+
+
 def test_servos_keep_to_their_baud_rate(start) -> None:
     program = start("--ids", "1", "--baud", "57600", "--return-delay", "0", "--paced")
     assert ask(program.port, PING, 6, 57_600) == PONG
@@ -93,6 +96,33 @@ def test_faults_are_told_at_the_end(start) -> None:
     program = start("--faults", "100", "--kinds", "drop", "--seed", "5")
     assert ask(program.port, PING, 0) == b""
     assert "faults: drop 1" in program.stop()[1]
+
+
+def test_a_second_one_leaves_the_link_of_a_live_one_alone(start, tmp_path: Path) -> None:
+    link = str(tmp_path / "servos")
+    first = start("--link", link)
+    second = start("--link", link)
+    assert second.process.wait(PATIENCE) == 1
+    assert "in use" in second.process.stderr.read()
+    assert ask(link, PING, 6) == PONG
+    first.process.kill()
+    first.process.wait(PATIENCE)
+    assert ask(start("--link", link).port, PING, 6) == PONG
+
+
+def test_a_fast_sync_read_of_65535_bytes_kills_nobody(start) -> None:
+    program = start("--servo", "XL430-W250:1")
+    packet = InstructionPacket2.sync_read(0, 65_535, (1, 2), fast=True).encode()
+    assert ask(program.port, packet, 0) == b""
+    assert ask(program.port, InstructionPacket2.ping(1).encode(), 14)
+    assert program.stop()[0] == 0
+
+
+def test_two_speakers_are_told_at_the_end(start) -> None:
+    program = start("--servo", "AX-12:1", "--servo", "AX-18A:1")
+    read = InstructionPacket.read(1, 0, 2).encode()
+    assert StatusPacket.decode(ask(program.port, read, 8)) is None
+    assert "two speakers at once: servos with the same id 1" in program.stop()[1]
 
 
 def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
@@ -13,11 +14,8 @@ from head_tracking.simulation import (
     Answer,
     Fault,
     Faults,
-    InstructionPacket,
-    InstructionPacket2,
     SimulatedBus,
     SimulatedServo,
-    StatusPacket,
 )
 
 MS = 1_000_000
@@ -31,7 +29,7 @@ def one(kind: Fault, **options) -> Faults:
 
 
 def spoilt(kind: Fault) -> list[Answer]:
-    return list(one(kind).line(ANSWER))
+    return list(one(kind).answer(ANSWER))
 
 
 def test_answers_are_lost_changed_cut_and_late() -> None:
@@ -43,7 +41,9 @@ def test_answers_are_lost_changed_cut_and_late() -> None:
     (late,) = spoilt(Fault.DELAY)
     assert late.data == ANSWER.data and 10 * MS <= late.late <= 100 * MS
     (stalled,) = spoilt(Fault.STALL)
-    assert stalled.delay >= ANSWER.delay + 10 * MS
+    assert stalled.delay == ANSWER.delay and 10 * MS <= stalled.stalled <= 100 * MS
+    (twice,) = spoilt(Fault.DUPLICATE)
+    assert twice.data == 2 * ANSWER.data
 
 
 def test_foreign_answers_and_garbage_come_before() -> None:
@@ -58,7 +58,7 @@ def test_foreign_answers_and_garbage_come_before() -> None:
 def test_what_is_sent_comes_back_is_lost_or_is_changed() -> None:
     def answers(kind: Fault) -> list[bytes]:
         faults = one(kind)
-        bus = SimulatedBus([SimulatedServo(1)], misfortune=faults)
+        bus = SimulatedBus([SimulatedServo(1)], faults=faults)
         return [answer.data for answer in bus.receive(READ, 0)]
 
     assert answers(Fault.ECHO) == [READ, ANSWER.data]
@@ -68,7 +68,7 @@ def test_what_is_sent_comes_back_is_lost_or_is_changed() -> None:
 
 def test_servo_loses_its_supply_and_gets_it_back() -> None:
     faults = one(Fault.POWER_LOSS, pause=(0.5, 0.5))
-    bus = SimulatedBus([SimulatedServo(1, boot_time=0.1)], faults.line, misfortune=faults)
+    bus = SimulatedBus([SimulatedServo(1, boot_time=0.1)], faults=faults)
     assert bus.receive(READ, 0) == []
     faults.rate = 0.0
     assert faults.trouble
@@ -83,7 +83,7 @@ def test_servo_loses_its_supply_and_gets_it_back() -> None:
 def test_servo_has_an_error(kind: Fault, model: str) -> None:
     faults = one(kind, pause=(0.5, 0.5))
     servo = SimulatedServo(1, servo_model(model))
-    bus = SimulatedBus([servo], misfortune=faults)
+    bus = SimulatedBus([servo], faults=faults)
     packet = InstructionPacket if servo.model.protocol == 1 else InstructionPacket2
     bus.receive(packet.ping(1).encode(), 0)
     assert servo.alarms.active
@@ -98,10 +98,10 @@ def test_servo_has_an_error(kind: Fault, model: str) -> None:
 def test_same_seed_same_faults_and_all_kinds_occur() -> None:
     def run(seed: int) -> tuple[Faults, list[bytes]]:
         faults = Faults(Random(seed), 0.3)
-        bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults.line, misfortune=faults)
+        bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=faults)
         seen = []
         for number in range(3000):
-            seen += [answer.data for answer in bus.receive(READ, number * MS)]
+            seen += [answer.data for answer in bus.receive(READ, number * 10 * MS)]
         return faults, seen
 
     first, seen = run(1)
@@ -112,15 +112,15 @@ def test_same_seed_same_faults_and_all_kinds_occur() -> None:
 
 def test_rate_0_is_peace() -> None:
     faults = Faults(Random(1), 0.0)
-    assert list(faults.line(ANSWER)) == [ANSWER]
-    bus = SimulatedBus([SimulatedServo(1)], faults.line, misfortune=faults)
+    assert list(faults.answer(ANSWER)) == [ANSWER]
+    bus = SimulatedBus([SimulatedServo(1)], faults=faults)
     assert [answer.data for answer in bus.receive(READ, 0)] == [ANSWER.data]
     assert not faults.counts
 
 
 def test_rate_is_kept() -> None:
     faults = Faults(Random(3), 0.05, LINE_FAULTS)
-    spoilt = sum(list(faults.line(ANSWER)) != [ANSWER] for _ in range(20_000))
+    spoilt = sum(list(faults.answer(ANSWER)) != [ANSWER] for _ in range(20_000))
     assert spoilt == pytest.approx(1000, rel=0.15)
     assert faults.counts.total() == pytest.approx(spoilt, abs=3)
 

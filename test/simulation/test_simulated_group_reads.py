@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol2 import ALERT, crc16
-from head_tracking.simulation import (
-    Answer,
-    InstructionPacket,
-    InstructionPacket2,
-    SimulatedBus,
-    SimulatedServo,
-    StatusPacket,
-    StatusPacket2,
-)
+from head_tracking.dynamixel.protocol import ALERT, crc16
+from head_tracking.simulation import Answer, SimulatedBus, SimulatedServo
 
 Packet = InstructionPacket2
 XM430 = servo_model("XM430-W350")
@@ -38,7 +32,7 @@ def position(servo_id: int, error: int = 0) -> StatusPacket2:
 def test_sync_read_is_answered_in_the_order_of_the_list() -> None:
     answers = bus().receive(Packet.sync_read(132, 4, (2, 1)).encode(), 0)
     assert statuses(answers) == [position(2), position(1)]
-    assert [answer.follows for answer in answers] == [False, True]
+    assert [answer.turn for answer in answers] == [0, 1]
     golden = bytes.fromhex(INSTRUCTIONS_2["sync read position"][0])
     assert statuses(bus().receive(golden, 0)) == [position(1), position(2)]
 
@@ -94,6 +88,16 @@ def test_fast_bulk_read_is_one_packet() -> None:
     assert len(data) == 8 + (2 + 4 + 2) + (2 + 1 + 2)
     assert data[17:19] == bytes((2, 30))
     assert int.from_bytes(data[5:7], "little") == len(data) - 7
+
+
+@pytest.mark.parametrize("length", [1024, 32_768, 65_535])
+def test_fast_reads_that_are_longer_than_a_packet_are_not_answered(length: int) -> None:
+    b = bus()
+    assert b.receive(Packet.sync_read(0, length, (1, 2), fast=True).encode(), 0) == []
+    reads = {1: (0, length), 2: (0, length)}
+    assert b.receive(Packet.bulk_read(reads, fast=True).encode(), 0) == []
+    answers = b.receive(Packet.sync_read(0, length, (1, 2)).encode(), 0)
+    assert [status.error for status in statuses(answers) if status] == [7, 7]
 
 
 def test_ping_of_all_is_answered_in_the_order_of_ids() -> None:

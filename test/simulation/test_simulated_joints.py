@@ -7,7 +7,7 @@ from head_tracking.dynamixel import (
     Goal,
     JointConfiguration,
     ServoBus,
-    ServoMount,
+    ServoCalibration,
 )
 from head_tracking.simulation import SimulatedJoints
 
@@ -47,7 +47,7 @@ def test_a_hand_leads_a_joint():
 
 
 def test_two_servos_on_a_joint_are_both_there_and_led_together():
-    second = ServoMount("lift", 8, 500, 900, 100)
+    second = ServoCalibration("lift", 8, 500, 900, 100)
     with SimulatedJoints(
         [JointConfiguration("lift", "lift_controller", 7, second=second)]
     ) as joints:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from random import Random
+
 import pytest
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
     Answer,
-    InstructionPacket,
-    InstructionPacket2,
+    Fault,
+    Faults,
+    Overlap,
+    SerialLine,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
     SimulatedServo,
-    StatusPacket,
-    Wire,
 )
 
 READ_1 = InstructionPacket.read(1, 36, 8).encode()
@@ -63,7 +67,7 @@ def test_two_axs_need_620_us_for_a_cycle() -> None:
 
 def test_answers_of_a_sync_read_follow_each_other() -> None:
     made = [SimulatedServo(i, servo_model("XL430-W250")) for i in (1, 2)]
-    wire = Wire(SimulatedBus(made), paced=True)
+    wire = SerialLine(SimulatedBus(made), paced=True)
     wire.send(InstructionPacket2.sync_read(132, 4, (1, 2)).encode(), 0, 1_000_000)
     first = 160 * US + 500 * US + 150 * US  # question, return delay, answer
     assert wire.due == first
@@ -92,7 +96,7 @@ def test_late_answers_are_there_later_and_stop_nobody() -> None:
 
     def line_fault(answer: Answer) -> tuple[Answer, ...]:
         if slow.pop() if slow else False:
-            return (Answer(answer.data, answer.delay, answer.follows, 30_000 * US),)
+            return (replace(answer, late=30_000 * US),)
         return (answer,)
 
     clock = SimulatedClock()
@@ -144,3 +148,168 @@ def test_echoing_adapter_sends_back_what_it_is_sent() -> None:
     line.write(ping)
     clock.now += 1000 * US
     assert line.read(100, 1.0) == ping + StatusPacket(1).encode()
+
+
+# Two speakers
+
+
+def line_of(*made: SimulatedServo, **options) -> tuple[SimulatedLine, SimulatedClock]:
+    clock = SimulatedClock(1)
+    return SimulatedLine(SimulatedBus(made), clock, **options), clock
+
+
+def at(clock: SimulatedClock, line: SimulatedLine, microseconds: int, data: bytes) -> None:
+    clock.now = 1 + microseconds * US
+    line.write(data)
+
+
+def everything(line: SimulatedLine, clock: SimulatedClock) -> bytes:
+    heard = b""
+    while more := line.read(1000, clock() + 0.1):
+        heard += more
+    return heard
+
+
+def test_a_master_that_waits_never_talks_over_anybody() -> None:
+    line, clock = line_of(*servos(500))
+    for _ in range(20):
+        for question in (READ_1, READ_2):
+            assert len(transaction(line, clock, question)[0]) == 14
+    assert not line.overlaps
+
+
+def test_a_request_over_a_status_packet_spoils_both() -> None:
+    line, clock = line_of(*servos())
+    line.write(READ_1)  # heard at 80 us, answered until 220 us
+    at(clock, line, 150, READ_2)
+    heard = everything(line, clock)
+    assert line.overlaps == {Overlap.REQUEST: 1}
+    assert len(heard) == 14 and StatusPacket.decode(heard) is None
+
+
+def test_bytes_before_the_overlap_stay_whole() -> None:
+    line, clock = line_of(*servos())
+    whole, _ = transaction(line, clock, READ_1)
+    clock.now = 10_000 * US
+    line.write(READ_1)
+    clock.now += 150 * US
+    line.write(READ_2)
+    assert everything(line, clock)[:7] == whole[:7]
+
+
+def test_requests_in_one_write_overlap_what_comes_between() -> None:
+    line, clock = line_of(*servos())
+    line.write(READ_1 + READ_2)
+    everything(line, clock)
+    assert line.overlaps == {Overlap.REQUEST: 1}
+
+
+def test_two_status_packets_at_once_spoil_each_other() -> None:
+    made = servos(500)
+    made[1].set_register("Return Delay Time", 150)
+    line, clock = line_of(*made)
+    line.write(READ_1)  # answered from 580 to 720 us
+    at(clock, line, 300, READ_2)  # answered from 680 to 820 us
+    heard = everything(line, clock)
+    assert line.overlaps == {Overlap.STATUS: 1}
+    assert StatusPacket.decode(heard[:14]) is None and StatusPacket.decode(heard[-14:]) is None
+
+
+def test_silence_between_two_status_packets_is_enough() -> None:
+    line, clock = line_of(*servos(500))
+    line.write(READ_1)
+    at(clock, line, 300, READ_2)
+    assert len(everything(line, clock)) == 28
+    assert not line.overlaps
+
+
+@pytest.mark.parametrize("paced", [True, False])
+def test_servos_with_one_id_are_understood_while_they_say_the_same(paced: bool) -> None:
+    line, clock = line_of(
+        SimulatedServo(1, position=500), SimulatedServo(1, position=600), paced=paced
+    )
+    line.write(InstructionPacket.ping(1).encode())
+    assert everything(line, clock) == StatusPacket(1).encode()
+    assert not line.overlaps
+    line.write(READ_1)
+    garbled = everything(line, clock)
+    assert len(garbled) == 14 and StatusPacket.decode(garbled) is None
+    assert line.overlaps == {Overlap.TWINS: 1}
+
+
+@pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("delay", [10, 5, 33])
+def test_servos_with_one_id_that_answer_one_after_the_other_garble(paced: bool, delay: int) -> None:
+    made = [SimulatedServo(1), SimulatedServo(1)]
+    for servo, counts in zip(made, (0, delay), strict=True):
+        servo.set_register("Return Delay Time", counts)
+    line, clock = line_of(*made, paced=paced)
+    line.write(InstructionPacket.ping(1).encode())
+    heard = everything(line, clock)
+    if 2 * delay < 60:
+        assert line.overlaps == {Overlap.TWINS: 1}
+        assert StatusPacket.decode(heard) is None
+    else:
+        assert heard == 2 * StatusPacket(1).encode()
+
+
+def test_twins_in_a_sync_read_garble_and_the_next_servo_waits_for_both() -> None:
+    model = servo_model("XL430-W250")
+    made = [SimulatedServo(i, model, position=p) for i, p in ((1, 1000), (1, 3000), (2, 2000))]
+    made[1].set_register("Return Delay Time", 0)
+    line, clock = line_of(*made)
+    line.write(InstructionPacket2.sync_read(132, 4, (1, 2)).encode())
+    heard = everything(line, clock)
+    assert heard.endswith(StatusPacket2(2, 0, (2000).to_bytes(4, "little")).encode())
+    assert not line.overlaps  # 500 us apart: two whole packets of id 1
+
+
+def test_a_servo_that_is_late_talks_into_what_others_say() -> None:
+    faults = Faults(Random(1), 1.0, [Fault.STALL], late=(0.01, 0.01))
+    clock = SimulatedClock(1)
+    line = SimulatedLine(SimulatedBus(servos(), faults=faults), clock)
+    line.write(READ_1)
+    assert line.read(100, clock() + 0.005) == b""
+    faults.rate = 0.0
+    at(clock, line, 10_000, READ_2)  # heard while servo 1 answers at last, at 10080 us
+    everything(line, clock)
+    assert set(line.overlaps) == {Overlap.FAULT}
+
+
+def test_an_armed_watchdog_that_was_forgotten_can_be_seen() -> None:
+    model = servo_model("XM430-W350")
+    bus = SimulatedBus([SimulatedServo(1, model)])
+    clock = SimulatedClock(1)
+    line = SimulatedLine(bus, clock)
+    for address, value in ((98, 5), (64, 1)):
+        line.write(InstructionPacket2.write(1, address, bytes((value,))).encode())
+        assert line.read(100, clock() + 0.1)
+    assert [w.names for w in bus.write_log.writes] == [("Bus Watchdog",), ("Torque Enable",)]
+    clock.now += 10_000_000 * US
+    line.write(InstructionPacket2.read(1, 98, 1).encode())
+    status = StatusPacket2.decode(line.read(100, clock() + 0.1))
+    assert status is not None and status.data == b"\xff"
+
+
+def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() -> None:
+    line, clock = line_of(*servos())
+    swallowing = bytearray(READ_1)
+    swallowing[3] = 30
+    line.write(bytes(swallowing))
+    for _ in range(4):
+        clock.now += 1000 * US
+        line.write(READ_2)
+    assert len(everything(line, clock)) in (0, 14)
+    assert not line.overlaps
+    clock.now += 200_000 * US
+    assert len(transaction(line, clock, READ_2)[0]) == 14
+
+
+@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (2_000, False)])
+def test_servos_of_protocol_2_forget_what_is_interrupted(pause: int, answered: bool) -> None:
+    line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
+    ping = InstructionPacket2.ping(1).encode()
+    line.write(ping[:6])
+    clock.now += pause * US
+    assert bool(transaction(line, clock, ping[6:])[0]) == answered
+    assert transaction(line, clock, ping)[0]

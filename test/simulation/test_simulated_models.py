@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.models import MODELS, ServoModel
-from head_tracking.dynamixel.protocol1 import REFUSALS
-from head_tracking.dynamixel.protocol2 import StatusCode
-from head_tracking.simulation import (
-    InstructionPacket,
-    InstructionPacket2,
-    SimulatedServo,
-    StatusPacket,
-    StatusPacket2,
-)
+from head_tracking.dynamixel.protocol import REFUSALS, StatusCode
+from head_tracking.simulation import SimulatedServo
 
 MODEL = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 OWN = {

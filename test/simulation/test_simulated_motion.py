@@ -7,11 +7,11 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
+from simulated_packets import InstructionPacket
 
 from head_tracking.dynamixel import JointConfiguration, servo_model
-from head_tracking.simulation import InstructionPacket, SimulatedServo
-from head_tracking.simulation.compliance import slope_ticks
-from head_tracking.simulation.motion import Hand, Temperature
+from head_tracking.simulation import SimulatedServo
+from head_tracking.simulation.motion import Hand, Temperature, compliance_law
 
 AX_12 = servo_model("AX-12")
 TICK = AX_12.radians_per_tick
@@ -156,7 +156,8 @@ def test_every_slope_arrives(slope: int, goal: int) -> None:
      (254, 128)],
 )  # fmt: skip
 def test_slope_register_has_seven_steps(register: int, band: int) -> None:
-    assert slope_ticks(register) == band
+    law = compliance_law(1.0, (1, 1), (register, 8), 0.0, 1.0)
+    assert (law.cw_slope, law.ccw_slope) == (band, 8)
 
 
 def test_no_drive_within_the_margin() -> None:

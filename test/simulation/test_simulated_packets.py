@@ -1,168 +1,180 @@
+"""Packets of both protocols, and the parser by which servos hear them, on the vendor's vectors."""
+
 from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_golden_vectors import INSTRUCTIONS, STATUSES
+from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2, STATUSES, STATUSES_2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking.dynamixel import ErrorBits
-from head_tracking.simulation import (
-    DamagedPacket,
-    InstructionPacket,
-    InstructionParser,
-    SimulationError,
-    StatusPacket,
+from head_tracking.dynamixel import CommunicationError
+from head_tracking.dynamixel.protocol import DamagedPacket, PacketParser, crc16, joint_status
+
+MAX_GAP = 100_000_000
+KINDS = {1: InstructionPacket, 2: InstructionPacket2}
+TRICKY = st.lists(
+    st.sampled_from((b"\xff", b"\xfd", b"\xff\xff\xfd", b"\x00", b"\xfe")), max_size=20
+).map(b"".join)
+"""Bytes full of headers and half headers."""
+PARAMETERS = st.one_of(st.binary(max_size=60), TRICKY)
+IDS = st.one_of(st.integers(0, 252), st.just(254))
+both = pytest.mark.parametrize("kind", KINDS.values(), ids=("1.0", "2.0"))
+golden = pytest.mark.parametrize(
+    ("text", "packet"),
+    [*INSTRUCTIONS.values(), *INSTRUCTIONS_2.values()],
+    ids=[*INSTRUCTIONS, *(f"2.0: {name}" for name in INSTRUCTIONS_2)],
 )
-from head_tracking.simulation.stream_parser import MAX_GAP
-
-PING = InstructionPacket.ping(1)
-READ = InstructionPacket.read(1, 36, 8)
-instructions = st.builds(
-    InstructionPacket,
-    id=st.integers(0, 254),
-    instruction=st.integers(0, 255),
-    parameters=st.binary(max_size=60),
-)
 
 
-@pytest.mark.parametrize(("text", "packet"), INSTRUCTIONS.values(), ids=INSTRUCTIONS)
+def parser(kind: type[InstructionPacket], **options: int) -> PacketParser:
+    return PacketParser(kind.PROTOCOL, **options)
+
+
+def damaged(packet: InstructionPacket) -> bytes:
+    data = bytearray(packet.encode())
+    data[-1] ^= 0x40
+    return bytes(data)
+
+
+@golden
 def test_instruction_has_the_vendors_bytes(text: str, packet: InstructionPacket) -> None:
     assert packet.encode() == bytes.fromhex(text)
-    assert InstructionPacket.decode(bytes.fromhex(text)) == packet
+    assert type(packet).decode(bytes.fromhex(text)) == packet
 
 
-@pytest.mark.parametrize(("text", "packet"), STATUSES.values(), ids=STATUSES)
+@pytest.mark.parametrize(("text", "packet"), [*STATUSES.values(), *STATUSES_2.values()])
 def test_status_has_the_vendors_bytes(text: str, packet: StatusPacket) -> None:
     assert packet.encode() == bytes.fromhex(text)
-    assert StatusPacket.decode(bytes.fromhex(text)) == packet
+    assert type(packet).decode(bytes.fromhex(text)) == packet
 
 
-@pytest.mark.parametrize(("text", "packet"), INSTRUCTIONS.values(), ids=INSTRUCTIONS)
+def test_joint_status_has_the_vendors_layout() -> None:
+    shares = [StatusPacket2(i, 0, bytes((i, 0, 0, 0))) for i in (3, 7, 4)]
+    packet = joint_status(shares, (4, 4, 4))
+    assert packet[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")
+    for number, share in enumerate(shares):
+        start = 8 + 8 * number
+        assert packet[start : start + 6] == bytes((0, share.id)) + share.data
+        assert crc16(packet[: start + 6]).to_bytes(2, "little") == packet[start + 6 : start + 8]
+
+
+@golden
 def test_parser_finds_the_packet_at_every_split(text: str, packet: InstructionPacket) -> None:
     data = bytes.fromhex(text)
     for split in range(len(data) + 1):
-        parser = InstructionParser()
-        assert parser.feed(data[:split], 0) + parser.feed(data[split:], 1) == [packet]
-        assert parser.pending == 0
+        found = parser(type(packet))
+        assert found.feed(data[:split], 0) + found.feed(data[split:], 1) == [packet]
+        assert found.pending == 0
 
 
-def test_parser_finds_the_packet_byte_by_byte() -> None:
-    parser = InstructionParser()
-    found = [parser.feed(bytes((byte,)), 0) for byte in READ.encode()]
-    assert found[-1] == [READ]
-    assert not any(found[:-1])
-
-
-def test_several_packets_in_one_read() -> None:
-    assert InstructionParser().feed(PING.encode() + READ.encode(), 0) == [PING, READ]
-
-
+@both
 @pytest.mark.parametrize(
     "garbage",
-    ["00", "FF", "FF 00", "01 02 03", "FF FF FF", "FF FF 01 00", "FF FF 01 01", "FF FF 01 FF"],
-)
-def test_garbage_before_a_packet_is_skipped(garbage: str) -> None:
-    assert InstructionParser().feed(bytes.fromhex(garbage) + READ.encode(), 0) == [READ]
+    ["00", "FF", "FF FF", "FF 00", "01 02 03", "FF FF FF", "FF FF 01 00", "FF FF 01 01",
+     "FF FF 01 FF", "FF FF FD", "FF FF FD FD", "01 FF FF 02"],
+)  # fmt: skip
+def test_garbage_before_a_packet_is_skipped(kind: type[InstructionPacket], garbage: str) -> None:
+    ping, noise = kind.ping(1), bytes.fromhex(garbage)
+    assert parser(kind).feed(noise + ping.encode(), 0) == [ping]
 
 
 def test_header_within_the_data_does_not_mislead() -> None:
     packet = InstructionPacket.write(1, 30, bytes.fromhex("FF FF 01 02"))
-    assert InstructionParser().feed(packet.encode() + PING.encode(), 0) == [packet, PING]
+    ping = InstructionPacket.ping(1)
+    assert PacketParser(1).feed(packet.encode() + ping.encode(), 0) == [packet, ping]
+    stuffed = InstructionPacket2.write(1, 116, b"\xff\xff\xfd\x00\x01\x03\x00\x01\x19\x4e")
+    assert stuffed.encode().count(b"\xff\xff\xfd\x00") == 1
+    assert PacketParser(2).feed(stuffed.encode(), 0) == [stuffed]
 
 
-def test_damaged_packet_is_reported_once_and_the_next_one_is_found() -> None:
-    damaged = bytearray(READ.encode())
-    damaged[-1] ^= 0x40
-    found = InstructionParser().feed(bytes(damaged) + PING.encode(), 0)
-    assert found == [DamagedPacket(1), PING]
+@both
+def test_damaged_packet_is_told_once_and_the_next_one_found(kind: type[InstructionPacket]) -> None:
+    ping = kind.ping(1)
+    found = parser(kind).feed(damaged(kind.read(7, 36, 2)) + ping.encode(), 0)
+    assert found == [DamagedPacket(7), ping]
 
 
-def test_packet_behind_a_truncated_one_is_found() -> None:
-    found = InstructionParser().feed(READ.encode()[:6] + PING.encode() + READ.encode(), 0)
-    assert [packet for packet in found if isinstance(packet, InstructionPacket)] == [PING, READ]
+@both
+def test_packet_behind_a_truncated_one_is_found(kind: type[InstructionPacket]) -> None:
+    ping, read = kind.ping(1), kind.read(1, 36, 8)
+    found = parser(kind).feed(read.encode()[:-2] + ping.encode() + read.encode(), 0)
+    assert [packet for packet in found if not isinstance(packet, DamagedPacket)] == [ping, read]
 
 
-def test_beginning_of_a_packet_is_dropped_after_the_gap() -> None:
-    parser = InstructionParser()
-    data = READ.encode()
-    parser.feed(data[:5], 0)
-    assert parser.feed(data[5:], MAX_GAP + 1) == []
-    assert parser.feed(PING.encode(), MAX_GAP + 2) == [PING]
+@pytest.mark.parametrize("length", [0, 2, 2000])
+def test_impossible_length_is_no_packet(length: int) -> None:
+    data = b"\xff\xff\xfd\x00\x01" + length.to_bytes(2, "little") + b"\x01"
+    ping = InstructionPacket2.ping(1)
+    assert PacketParser(2).feed(data + ping.encode(), 0) == [ping]
 
 
-def test_beginning_of_a_packet_is_kept_within_the_gap() -> None:
-    parser = InstructionParser()
-    data = READ.encode()
-    parser.feed(data[:5], 0)
-    assert parser.feed(data[5:], MAX_GAP) == [READ]
+@pytest.mark.parametrize("servo_id", [253, 255])
+def test_no_servo_has_that_id(servo_id: int) -> None:
+    data = InstructionPacket2(servo_id, 1).encode()
+    ping = InstructionPacket2.ping(1)
+    assert PacketParser(2).feed(data + ping.encode(), 0) == [ping]
 
 
+@both
+def test_beginning_of_a_packet_is_kept_within_the_gap(kind: type[InstructionPacket]) -> None:
+    data = kind.read(1, 36, 8).encode()
+    for gap, found in ((1_500_000, [kind.read(1, 36, 8)]), (1_500_001, [])):
+        heard = parser(kind, max_gap=1_500_000)
+        assert heard.feed(data[:5], 0) == []
+        assert heard.feed(data[5:], gap) == found
+        assert heard.feed(kind.ping(1).encode(), 2 * gap + 1) == [kind.ping(1)]
+
+
+@both
 @settings(deadline=None)
-@given(st.lists(st.binary(max_size=40), max_size=20))
-def test_parser_never_raises_and_keeps_little(chunks: list[bytes]) -> None:
-    parser = InstructionParser()
-    for chunk in chunks:
-        parser.feed(chunk, 0)
-        assert parser.pending < 250
-
-
-@settings(deadline=None)
-@given(st.lists(st.binary(max_size=40), max_size=10))
-def test_parser_recovers_from_anything_after_a_gap(chunks: list[bytes]) -> None:
-    parser = InstructionParser()
-    for chunk in chunks:
-        parser.feed(chunk, 0)
-    assert parser.feed(READ.encode(), MAX_GAP + 1) == [READ]
-
-
-@settings(deadline=None)
-@given(st.lists(instructions, max_size=6), st.data())
-def test_parser_finds_all_packets_however_they_are_cut(
-    packets: list[InstructionPacket], data: st.DataObject
+@given(st.lists(PARAMETERS, max_size=8))
+def test_parser_never_raises_keeps_little_and_recovers(
+    kind: type[InstructionPacket], chunks: list[bytes]
 ) -> None:
+    heard = parser(kind)
+    for chunk in chunks:
+        heard.feed(chunk, 0)
+        assert heard.pending <= 1100
+    assert heard.feed(kind.ping(1).encode(), MAX_GAP + 1) == [kind.ping(1)]
+
+
+@both
+@settings(deadline=None)
+@given(st.data())
+def test_parser_finds_all_packets_however_they_are_cut(
+    kind: type[InstructionPacket], data: st.DataObject
+) -> None:
+    codes = st.integers(0, 255)
+    packets = data.draw(st.lists(st.builds(kind, IDS, codes, PARAMETERS), max_size=5))
     stream = b"".join(packet.encode() for packet in packets)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=10)))
-    parser = InstructionParser()
-    found: list[InstructionPacket | DamagedPacket] = []
+    heard = parser(kind)
+    found = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
-        found += parser.feed(stream[start:end], 0)
+        found += heard.feed(stream[start:end], 0)
     assert found == packets
 
 
-@settings(deadline=None)
-@given(instructions)
-def test_decoding_mirrors_encoding(packet: InstructionPacket) -> None:
-    assert InstructionPacket.decode(packet.encode()) == packet
+@both
+@given(IDS, st.integers(0, 255), PARAMETERS)
+def test_decoding_mirrors_encoding(
+    kind: type[InstructionPacket], servo_id: int, code: int, parameters: bytes
+) -> None:
+    packet = kind(servo_id, code, parameters)
+    assert kind.decode(packet.encode()) == packet
 
 
-@settings(deadline=None)
-@given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=100))
-def test_status_decoding_mirrors_encoding(servo_id: int, error: int, data: bytes) -> None:
-    packet = StatusPacket(servo_id, ErrorBits(error), data)
-    assert StatusPacket.decode(packet.encode()) == packet
+@pytest.mark.parametrize("kind", [StatusPacket, StatusPacket2], ids=("1.0", "2.0"))
+@given(st.integers(0, 252), st.integers(0, 127), PARAMETERS)
+def test_status_decoding_mirrors_encoding(
+    kind: type[StatusPacket], servo_id: int, error: int, data: bytes
+) -> None:
+    packet = kind(servo_id, error, data)
+    assert kind.decode(packet.encode()) == packet
 
 
-@settings(deadline=None)
-@given(st.binary(max_size=60))
-def test_decoders_never_raise(data: bytes) -> None:
-    packet = InstructionPacket.decode(data)
-    assert packet is None or packet.encode() == data
-    status = StatusPacket.decode(data)
-    assert status is None or status.encode() == data
-
-
-def test_too_many_parameters_are_refused() -> None:
-    with pytest.raises(SimulationError, match="244"):
-        InstructionPacket.write(1, 0, bytes(244)).encode()
-
-
-def test_sync_write_gives_each_servo_its_share() -> None:
-    packet = InstructionPacket.sync_write(30, {1: b"\x01\x02", 2: b"\x03\x04"})
-    assert packet.sync_write_share(1) == (30, b"\x01\x02")
-    assert packet.sync_write_share(2) == (30, b"\x03\x04")
-    assert packet.sync_write_share(3) is None
-
-
-@pytest.mark.parametrize("parameters", ["", "1E", "1E 00", "1E 02 01 02", "1E 02 01 02 03 02"])
-def test_malformed_sync_write_has_no_shares(parameters: str) -> None:
-    assert InstructionPacket(254, 0x83, bytes.fromhex(parameters)).sync_write_share(1) is None
+@both
+def test_too_many_parameters_are_refused(kind: type[InstructionPacket]) -> None:
+    with pytest.raises(CommunicationError, match="too long"):
+        kind.write(1, 0, bytes(1100)).encode()

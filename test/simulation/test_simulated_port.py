@@ -13,16 +13,17 @@ from pathlib import Path
 
 import pytest
 import serial
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
-    InstructionPacket,
-    InstructionPacket2,
+    Answer,
+    Overlap,
     PortLinkError,
+    SimulatedBus,
     SimulatedPort,
     SimulatedServo,
-    StatusPacket,
     UnknownServoError,
 )
 
@@ -176,6 +177,40 @@ def test_link_of_another_simulator_is_left_alone(tmp_path: Path) -> None:
     assert os.readlink(link) == "/dev/null"
 
 
+def test_link_of_a_live_simulator_is_not_taken(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    with SimulatedPort([SimulatedServo(1)], link=link):
+        for _ in range(2):
+            with pytest.raises(PortLinkError, match="in use"):
+                SimulatedPort([SimulatedServo(2)], link=link).open()
+            client = Client(str(link))
+            assert client.ask(PING, 6) == PONG
+            client.close()
+    with SimulatedPort([SimulatedServo(1)], link=link) as port:
+        assert port.port_name == str(link)
+
+
+def test_link_to_a_terminal_that_no_simulator_serves_is_replaced(tmp_path: Path) -> None:
+    """Its number may have been given to anybody since a simulator was killed."""
+    link = tmp_path / "ttyHead"
+    descriptors = os.openpty()
+    link.symlink_to(os.ttyname(descriptors[1]))
+    with SimulatedPort([SimulatedServo(1)], link=link):
+        client = Client(str(link))
+        assert client.ask(PING, 6) == PONG
+        client.close()
+    for descriptor in descriptors:
+        os.close(descriptor)
+
+
+def test_link_to_something_else_is_not_taken(tmp_path: Path) -> None:
+    link = tmp_path / "ttyHead"
+    link.symlink_to("/dev/null")
+    with pytest.raises(PortLinkError, match="/dev/null"):
+        SimulatedPort([SimulatedServo(1)], link=link).open()
+    assert os.readlink(link) == "/dev/null"
+
+
 def test_link_never_replaces_a_file(tmp_path: Path) -> None:
     file = tmp_path / "precious"
     file.write_text("data")
@@ -269,3 +304,41 @@ def test_simulated_bus_survives_random_bytes() -> None:
                 pass
         assert client.ask(PING, 6) == PONG
         client.close()
+
+
+def test_overlaps_garble_and_are_counted_on_a_paced_pty() -> None:
+    servos = [SimulatedServo(1), SimulatedServo(2)]
+    for servo in servos:
+        servo.set_register("Return Delay Time", 0)
+    reads = [InstructionPacket.read(i, 36, 8).encode() for i in (1, 2)]
+    with SimulatedPort(servos, paced=True) as port:
+        device = serial.Serial(port.port_name, 9_600, timeout=PATIENCE)
+        for read in reads:
+            device.write(read)
+            assert StatusPacket.decode(device.read(14)) is not None
+        assert not port.overlaps
+        device.write(reads[0] + reads[1])  # the second is sent while the first is answered
+        assert StatusPacket.decode(device.read(14)) is None
+        assert port.overlaps == {Overlap.REQUEST: 1}
+        device.close()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_simulator_that_fails_says_so_and_its_port_vanishes() -> None:
+    failed = threading.Event()
+
+    def fail(answer: Answer) -> tuple[Answer, ...]:
+        raise ZeroDivisionError("a defect of the simulator")
+
+    bus = SimulatedBus([SimulatedServo(1)], fail)
+    with SimulatedPort(bus, on_failure=failed.set) as port:
+        client = Client(port.port_name)
+        os.write(client.descriptor, PING)
+        assert failed.wait(PATIENCE)
+        assert isinstance(port.failure, ZeroDivisionError)
+        assert port.port_name == ""
+        with pytest.raises(OSError):
+            os.write(client.descriptor, PING)
+        client.close()
+        port.unplug()
+        port.replug()

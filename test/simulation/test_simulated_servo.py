@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulated_packets import InstructionPacket, StatusPacket
 
 from head_tracking.dynamixel import (
     ErrorBits,
@@ -13,13 +14,8 @@ from head_tracking.dynamixel import (
     UnknownRegisterError,
     servo_model,
 )
-from head_tracking.dynamixel.protocol1 import REFUSALS
-from head_tracking.simulation import (
-    InstructionPacket,
-    SimulatedServo,
-    SimulationError,
-    StatusPacket,
-)
+from head_tracking.dynamixel.protocol import REFUSALS
+from head_tracking.simulation import SimulatedServo, SimulationError
 
 Packet = InstructionPacket
 TABLE = servo_model("AX-12").control_table
@@ -104,7 +100,7 @@ def test_packets_for_others_are_ignored() -> None:
         Packet(254, 0x92, bytes.fromhex("00 02 01 1E 02 02 24")),
         Packet(254, 0x55),
     ],
-    ids=lambda packet: f"0x{packet.instruction:02X}",
+    ids=lambda packet: f"0x{packet.code:02X}",
 )
 def test_broadcasts_are_not_answered(packet: InstructionPacket) -> None:
     assert SimulatedServo(1).execute(packet, 0) is None

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_golden_vectors import INSTRUCTIONS_2, STATUSES_2
+from simulated_packets import InstructionPacket2, StatusPacket2
 
-from head_tracking.dynamixel.hardware_errors import HardwareErrors, XL320Errors
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol2 import ALERT, Instruction2, StatusCode
-from head_tracking.simulation import InstructionPacket2, SimulatedServo, StatusPacket2
+from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
+from head_tracking.dynamixel.protocol import Instruction as Instruction2
+from head_tracking.simulation import SimulatedServo
 
 Packet = InstructionPacket2
 MS = 1_000_000
@@ -30,7 +31,7 @@ def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
     register = servo.model.control_table[name]
     data = value.to_bytes(register.size, "little", signed=value < 0)
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
-    assert isinstance(status, StatusPacket2)
+    assert status is not None
     return status.error
 
 
@@ -143,6 +144,25 @@ def test_indirect_data_stands_for_other_registers() -> None:
     assert s.execute(Packet.write(1, 226, b"\1"), 0) == StatusPacket2(1, StatusCode.ACCESS)
 
 
+@pytest.mark.parametrize(
+    ("firmware", "data", "last"), [(None, 208, 20), (52, 208, 20), (53, 224, 28)]
+)
+def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
+    firmware, data, last
+) -> None:
+    s = servo(servo_model("XL330-M288"), position=1000, firmware=firmware)
+    for number, address in ((1, 132), (2, 133), (last, 146)):
+        place = 168 + 2 * (number - 1)
+        assert s.execute(Packet.write(1, place, bytes((address, 0))), 0) == StatusPacket2(1)
+    status = s.execute(Packet.read(1, data, 2), 0)
+    assert status is not None and status.data == b"\xe8\x03"
+    status = s.execute(Packet.read(1, data + last - 1, 1), 0)
+    assert status is not None and status.data == bytes((30,))
+    assert s.execute(Packet.read(1, data + last, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
+    reported = s.execute(Packet.ping(1), 0)
+    assert reported is not None and reported.data[2] == (firmware or 50)
+
+
 def test_secondary_id_is_obeyed_and_not_answered() -> None:
     s = servo()
     write(s, "Secondary ID", 9)
@@ -243,6 +263,38 @@ def test_bus_watchdog_is_content_with_any_packet() -> None:
         s.advance(now)
         s.execute(Packet.ping(1), now)
     assert s.register("Bus Watchdog") == 5
+
+
+def test_bus_watchdog_trips_when_it_should_though_nobody_looks() -> None:
+    """In simulated time the next packet is the first thing that happens."""
+    s, watched = servo(), servo()
+    for one in (s, watched):
+        write(one, "Torque Enable", 1)
+        write(one, "Profile Velocity", 50)
+        write(one, "Goal Position", 3500)
+        write(one, "Bus Watchdog", 5)
+    for now in range(0, 3 * SECOND, 10 * MS):
+        watched.advance(now)
+    assert write(s, "Goal Position", 100, 3 * SECOND) == StatusCode.DATA_RANGE
+    assert s.register("Bus Watchdog") == 255
+    assert s.true_ticks == pytest.approx(watched.true_ticks, abs=2)
+
+
+def test_bus_watchdog_does_not_watch_a_relaxed_servo() -> None:
+    s = servo()
+    write(s, "Bus Watchdog", 1)
+    assert write(s, "LED", 1, SECOND) == 0
+    assert s.register("Bus Watchdog") == 1
+
+
+def test_old_firmware_has_no_bus_watchdog() -> None:
+    s = servo(firmware=37)
+    assert write(s, "Torque Enable", 1) == 0
+    assert s.execute(Packet.write(1, 98, b"\x05"), 0) == StatusPacket2(1, StatusCode.ACCESS)
+    assert s.execute(Packet.read(1, 98, 1), 0) == StatusPacket2(1, 0, b"\0")
+    s.advance(SECOND)
+    assert s.register("Torque Enable") == 1
+    assert servo(firmware=38).execute(Packet.write(1, 98, b"\x05"), 0) == StatusPacket2(1)
 
 
 # Operating modes

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping
-from itertools import chain
+from collections import Counter, defaultdict, deque
+from collections.abc import Mapping
 
 from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
+    CorruptReplyError,
     JointConfiguration,
     NotConnectedError,
     PortLostError,
@@ -19,6 +19,7 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
+from head_tracking.dynamixel.port import Failed, Retried
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
@@ -44,7 +45,7 @@ class FakeServo:
         for register in model.control_table:
             self[register.name] = register.initial or 0
         self["ID"] = servo_id
-        self["Firmware Version"] = 24
+        self["Firmware Version"] = 24 if model.protocol == 1 else 44
         self["Goal Position"] = model.center + 388  # an old goal that nobody wants any more
         self["Present Position"] = model.center
         for name in ("Present Voltage", "Present Input Voltage"):
@@ -81,11 +82,11 @@ class FakeServo:
 
 
 class FakePort:
-    """A `ServoPort` that keeps a log of all packets.
+    """Takes the place of a `DynamixelPort` and keeps a log of all packets.
 
     Attributes:
         log: ("ping", id), ("read", id, address, length), ("write", id, address, bytes) and
-            ("sync", address, {id: bytes}), in order; a sync write where it is held.
+            ("sync", address, {id: bytes}), in order.
         failures: Exceptions to raise for the next transactions with an id, None for none.
         gone: Whether the adapter has been unplugged.
         methods: How groups were read.
@@ -96,6 +97,7 @@ class FakePort:
     adapter = Adapter()
 
     def __init__(self, *ids: int, model: ServoModel = AX_12) -> None:
+        self.surplus: Counter[int] = Counter()
         self.servos = {servo_id: FakeServo(servo_id, model) for servo_id in ids or (1, 2)}
         self.log: list[Packet] = []
         self.failures: dict[int, deque[Exception | None]] = defaultdict(deque)
@@ -105,6 +107,9 @@ class FakePort:
         self.times_tried = 0
         self.methods: list[tuple[object, ...]] = []
         self.comes_back = True
+
+    def clock(self) -> float:
+        return 0.0
 
     @property
     def is_open(self) -> bool:
@@ -129,16 +134,22 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return Reply(bytes(servo.bytes[address : address + length]), servo.error)
 
-    def read_group(self, group: ReadGroup) -> Iterator[Reply | CommunicationError]:
+    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Retried | Failed]:
         self.methods.append((group.method, group.ids))
-        first, *others = group.ids
-        return chain([self._ask(group, first)], (self._ask(group, each) for each in others))
+        return [self._ask(group, each, retries) for each in group.ids]
 
-    def _ask(self, group: ReadGroup, servo_id: int) -> Reply | CommunicationError:
-        try:
-            return self.read(servo_id, group.address, group.length, group.protocol)
-        except CommunicationError as failure:
-            return failure
+    def _ask(self, group: ReadGroup, servo_id: int, retries: int) -> Reply | Retried | Failed:
+        causes: list[CommunicationError] = []
+        while len(causes) <= retries:
+            try:
+                reply = self.read(servo_id, group.address, group.length, group.protocol)
+                if group.plausible is not None and not group.plausible(reply.data):
+                    raise CorruptReplyError("impossible")
+            except CommunicationError as failure:
+                causes.append(failure)
+            else:
+                return Retried(reply, tuple(causes)) if causes else reply
+        return Failed(tuple(causes))
 
     def write(
         self,
@@ -162,17 +173,11 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return servo.error
 
-    def sync_write(
-        self, address: int, data: Mapping[int, bytes], protocol: int = 1, *, hold: bool = False
-    ) -> None:
+    def sync_write(self, address: int, data: Mapping[int, bytes], protocol: int = 1) -> None:
         self._note(("sync", address, dict(data)))
         for servo_id, share in data.items():
             if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:
                 self.servos[servo_id].write(address, share)
-
-    def flush(self) -> None:
-        if not self.opened:
-            raise NotConnectedError(self.name)
 
     def reboot(self, servo_id: int) -> None:
         self._servo(("reboot", servo_id), servo_id, 2).reboot()

@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from head_tracking.dynamixel import Adapter, DynamixelPort
-from head_tracking.simulation import (
-    SimulatedBus,
-    SimulatedClock,
-    SimulatedLine,
-    SimulatedServo,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 
 class SimulatedDevice:

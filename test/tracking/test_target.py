@@ -120,6 +120,14 @@ def test_a_target_that_cannot_be_placed_in_time_is_refused_once(placer):
     assert placer.take_refusal() is None
 
 
+def test_what_came_before_the_clock_jumped_back_does_not_wait_for_ever(placer):
+    placer.offer(ahead(99 * SECOND), 500.0)
+    assert placer.place(3.0, {}) == []
+    assert placer.take_refusal() is not None
+    assert placer.place(3.1, {}) == []
+    assert placer.take_refusal() is None
+
+
 def test_an_unknown_frame_is_named(placer):
     placer.offer(ahead(0, "gripper"), 0.0)
     placer.place(2.0, {})

@@ -1,0 +1,1220 @@
+"""The servo bus: all servos of one port, read and written in one cycle.
+
+    read     one request for each kind of servo, or one for each servo
+    steps    of what takes longer (torque on, a servo that returns, recovery, EEPROM), if there is
+             any: as many as leave the cycle within twice its usual time
+    write    goals and speeds, one sync write for each protocol
+
+What is known before a cycle is computed before it: the plan of the requests is made anew only when
+a servo falls silent or returns, and a cycle without trouble takes one branch past all that deals
+with trouble.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from typing import Any, Final, NamedTuple, TypeVar
+
+from head_tracking.dynamixel.adapter import Adapter
+from head_tracking.dynamixel.configuration import (
+    BusSettings,
+    EepromSettings,
+    JointConfiguration,
+    check_configuration,
+)
+from head_tracking.dynamixel.exceptions import (
+    BusStoppedError,
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    DynamixelError,
+    GoalError,
+    NotConnectedError,
+    PortError,
+    PortLostError,
+    ReplyTimeoutError,
+    ServoError,
+    ServoNotFoundError,
+    TorqueError,
+)
+from head_tracking.dynamixel.joint import Joint, release
+from head_tracking.dynamixel.port import (
+    DynamixelPort,
+    Failed,
+    ReadGroup,
+    ReadMethod,
+    Reply,
+    Retried,
+)
+from head_tracking.dynamixel.protection import Protection
+from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.servo import Servo, ServoIdentity, Steps, answering, run, summary
+from head_tracking.dynamixel.state import (
+    BusEvent,
+    BusReading,
+    BusStatistics,
+    CommandResult,
+    EventKind,
+    Goal,
+    ServoState,
+    Torque,
+    check_speed,
+)
+
+_T = TypeVar("_T")
+
+_SHARE: Final = 10
+"""Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
+_LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
+_CONVINCED: Final = 3  # times that a servo must seem unusable
+_STEADY: Final = 10_000_000_000
+"""ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
+_BRAKING: Final = 0.6  # s that a joint may take to stop
+_STANDS: Final = 0.1  # rad/s
+_MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
+_GAIN: Final = 0.05
+
+
+class _Task(NamedTuple):
+    """Steps that are taken between the work of cycles.
+
+    Attributes:
+        steps: What is left of them.
+        future: What came of them, for whoever waits; cancelled if nobody does any more.
+    """
+
+    steps: Steps[Any]
+    future: Future[Any]
+
+
+class _Part(NamedTuple):
+    """One request of a cycle and whom it reads."""
+
+    group: ReadGroup
+    members: list[tuple[Joint, Servo]]
+    retries: int
+
+
+class ServoBus:
+    """Reads and drives the servos of one port.
+
+    One thread owns the bus: it calls `connect`, `step`, everything that talks to servos, and
+    `close` (`BusThread` is that thread). Any thread may call `command`, `set_speed`, and what only
+    looks.
+
+    Servos start relaxed. The first command to a joint switches its torque on; after
+    `set_torque(..., False)` commands are refused until `set_torque(..., True)`. Goals outside the
+    limits never reach the wire, nor does a moving speed of 0, nor a goal for a relaxed servo.
+
+    Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
+    with what is there and looks for the rest.
+
+    What takes several transactions exists twice: `recover` does it at once, `recovering` returns
+    the steps for `submit`, which spreads them over the cycles.
+
+    Args:
+        port: Where the servos are.
+        joints: The joints to drive.
+        clock: Time for the stamps of measurements, ns.
+        monotonic: Time that never jumps, ns.
+        settings: How to deal with silence, faults and heat.
+        pause: Waits so many seconds, outside the cycle.
+
+    Raises:
+        ConfigurationError: The joints contradict each other.
+    """
+
+    def __init__(
+        self,
+        port: DynamixelPort,
+        joints: Iterable[JointConfiguration],
+        clock: Callable[[], int] = time.time_ns,
+        *,
+        monotonic: Callable[[], int] = time.monotonic_ns,
+        settings: BusSettings | None = None,
+        pause: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self._settings = settings = settings or BusSettings()
+        self._port = port
+        self._clock = clock
+        self._monotonic = monotonic
+        self._pause = pause
+        self._joints = {
+            joint.joint_name: Joint(joint, port, settings.watchdog)
+            for joint in check_configuration(joints)
+        }
+        self._all = tuple(self._joints.values())
+        self._protection = Protection(self._note, self._cut, settings)
+        self._told = self._protection.told
+        self._rest = settings.rest
+        self._watchdog = round(settings.watchdog * 1e9)
+        self._connected = False
+        self._look_again_at: int | None = None  # the port has gone; ns
+        self._port_losses = 0
+        self._cycles = 0
+        self._last_cycle = 0
+        self._usual = 0.0  # ns that a cycle without steps and without trouble takes
+        self._plan: list[_Part] | None = None
+        self._lost: tuple[str, ...] = ()
+        self._missing = True  # some servo may be lost
+        self._watched = False
+        self._tasks: deque[_Task] = deque()
+        self._waiting: dict[int, int] = {}  # until when, ns, by the task's future
+        self._events: list[BusEvent] = []
+        self._lock = threading.Lock()
+        self._inbox: dict[str, Goal] = {}
+        self._refused = self._clamped = 0
+        self._problems: dict[int, tuple[str, int]] = {}
+
+    # Any thread
+
+    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+        """Set the goals of some joints, all or none; the newest goal of a joint wins.
+
+        The goals are written in the owner's next cycle. Speeds above a joint's `speed_limit` are
+        reduced to it.
+
+        Args:
+            goals: Goal by joint name.
+            clamp: Move positions outside the limits to the limit instead of refusing them. One
+                tick of excess always counts as being on the limit.
+
+        Raises:
+            GoalError: A joint is unknown or takes no commands now, a position is not finite or
+                outside the limits, a speed is not finite or not above 0, or no joint of the
+                command answers. Nothing has changed.
+            NotConnectedError: `connect` has not been called.
+        """
+        if not self._connected:
+            self._require_connection()
+        positions: dict[str, float] = {}
+        clamped: dict[str, float] = {}
+        admitted: dict[str, Goal] = {}
+        lost: tuple[str, ...] = ()
+        try:
+            for name, goal in goals.items():
+                joint = self._joints.get(name) or self._joint(name)
+                position = joint.admit(goal, clamp)
+                if self._lost and name in self._lost:
+                    lost += (name,)
+                    continue
+                positions[name] = position
+                if position == goal.position:
+                    admitted[name] = goal
+                    continue
+                admitted[name] = Goal(position, goal.speed)
+                if abs(position - goal.position) > joint.configuration.resolution:
+                    clamped[name] = position - goal.position
+            if lost and not positions:
+                raise GoalError(
+                    f"command refused: the servo of {', '.join(lost)} does not answer; it is asked "
+                    "again all the time and can be commanded once it answers"
+                )
+        except GoalError:
+            self._refused += 1
+            raise
+        with self._lock:
+            self._inbox.update(admitted)
+        if clamped:
+            self._clamped += 1
+        return CommandResult(positions, clamped, lost)
+
+    def set_speed(self, joint: str, speed: float) -> None:
+        """Set the speed, rad/s, for commands that give none, also for one under way.
+
+        Raises:
+            GoalError: The joint is unknown, or the speed not finite or not above 0.
+        """
+        check_speed(joint, speed)
+        self._joint(joint).set_default_speed(speed)
+
+    def speed(self, joint: str) -> float:
+        """Return the speed for commands that give none, rad/s; raises GoalError if unknown."""
+        return self._joint(joint).default_speed
+
+    def torque(self, joint: str) -> Torque:
+        """Return the torque of a joint; raises GoalError if it is unknown."""
+        return self._joint(joint).torque
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Return lowest and highest position, rad, that configuration and servo allow.
+
+        Raises:
+            GoalError: The joint is unknown.
+        """
+        return self._joint(joint).limits
+
+    def check_limits(
+        self,
+        joint: str,
+        *,
+        lowest: int | None = None,
+        highest: int | None = None,
+        max_speed: float | None = None,
+    ) -> None:
+        """Refuse what `set_limits` would refuse; changes nothing."""
+        self._joint(joint).check(lowest, highest, max_speed)
+
+    @property
+    def port_name(self) -> str:
+        """Device that the servos are on."""
+        return self._port.name
+
+    @property
+    def adapter(self) -> Adapter:
+        """What is known about the device since it was opened."""
+        return self._port.adapter
+
+    @property
+    def joints(self) -> tuple[JointConfiguration, ...]:
+        """The configured joints."""
+        return tuple(joint.configuration for joint in self._all)
+
+    @property
+    def servos(self) -> tuple[ServoIdentity, ...]:
+        """What was found on the bus; empty before `connect`."""
+        found = (servo.identity for _, servo in self._each_servo())
+        return tuple(identity for identity in found if identity is not None)
+
+    @property
+    def summary(self) -> str:
+        """A line that says what was found, such as "2 AX-12 servos: ids 1, 2"."""
+        return summary(list(self.servos))
+
+    def statistics(self) -> BusStatistics:
+        """Return the counters."""
+        return BusStatistics(
+            self._cycles,
+            self._refused,
+            self._clamped,
+            tuple(
+                servo.statistics(joint.torque, joint.stopped) for joint, servo in self._each_servo()
+            ),
+            self._connected and self._look_again_at is None,
+            self._port_losses,
+            self._port.adapter,
+        )
+
+    # Owner's thread: connecting and closing
+
+    def connect(self, *, allow_missing: bool = False) -> str:
+        """Open the port, find all servos, relax them, and return a line that says what is there.
+
+        Args:
+            allow_missing: Go on without the servos that do not answer, and look for them.
+
+        Returns:
+            A summary such as "2 AX-12 servos: ids 1, 2".
+
+        Raises:
+            PortError: The port cannot be opened.
+            ServoNotFoundError: A configured id does not answer.
+            ServoError: A servo is another model, in wheel mode, silent, or does not relax.
+            ConfigurationError: A servo's own angle limits leave a joint no range.
+            CommunicationError: A servo answers pings, but then fails.
+        """
+        servos = [servo for _, servo in self._each_servo()]
+        self._port.open()
+        try:
+            found = answering(iter(servos))
+            if len(found) < len(servos) and not allow_missing:
+                asked = [servo.id for servo in servos]
+                raise ServoNotFoundError(asked, found, self._port.name, self._port.baud_rate)
+            for servo in servos:
+                if servo.id in found:
+                    self._identify_at_once(servo)
+                else:
+                    servo.lose(0)
+        except BaseException:
+            self._port.close()
+            raise
+        with self._lock:
+            self._inbox.clear()
+        self._look_again_at = None
+        self._connected = True
+        self._plan = None
+        self._last_cycle = self._monotonic()
+        for joint, servo in self._each_servo():
+            self._note_shortcomings(joint, servo)
+        return self.summary
+
+    def _identify_at_once(self, servo: Servo) -> None:
+        try:
+            run(servo.identify())
+            servo.read_feedback(3)
+        except CorruptReplyError as cause:
+            raise CorruptReplyError(f"{cause}; {self._advice(servo)}") from cause
+
+    def _note_shortcomings(self, joint: Joint, servo: Servo) -> None:
+        identity, first = servo.identity, servo.model.watchdog
+        if identity is None or servo.lost:
+            return
+        if identity.faulted:
+            self._note(
+                EventKind.FAULTED,
+                joint,
+                f"servo {servo.id} has shut itself down before; it takes no commands until "
+                "somebody calls recover",
+            )
+        if first is not None and self._watchdog and not servo.watched:
+            self._note(
+                EventKind.ALARM,
+                joint,
+                f"servo {servo.id} has firmware {identity.firmware_version}, which has no Bus "
+                f"Watchdog ({first} has): should this program die, it goes on to its goal",
+            )
+
+    def close(self) -> tuple[str, ...]:
+        """Brake, relax every servo, close the port. Never raises for what happens on the wire.
+
+        Returns:
+            Joints that did not confirm that they are relaxed.
+        """
+        unconfirmed: list[str] = []
+        for task in list(self._tasks):
+            self._end(task, BusStoppedError("the servo bus has stopped"))
+        try:
+            if self._connected:
+                with suppress(DynamixelError):
+                    self._brake()
+                with suppress(DynamixelError):
+                    release(self._port, [servo for _, servo in self._each_servo()])
+                for joint in self._all:
+                    joint.forget_goal()
+                    if not joint.stopped and not self._relaxed_for_good(joint):
+                        unconfirmed.append(joint.name)
+        finally:
+            self._connected = False
+            self._port.close()
+        return tuple(unconfirmed)
+
+    def _relaxed_for_good(self, joint: Joint) -> bool:
+        try:
+            problem = run(joint.confirm_relaxed())
+            for servo in joint.servos:
+                if not servo.lost:
+                    with suppress(CommunicationError, ServoError):
+                        run(servo.disarm())
+            return not problem
+        except DynamixelError:
+            return False
+
+    def _brake(self) -> None:
+        """Hold every joint where it is, and wait until it stands."""
+        self.hold()
+        moving = [joint for joint in self._all if joint.on]
+        deadline = self._monotonic() + round(_BRAKING * 1e9)
+        for _ in range(round(_BRAKING / 0.002)):
+            moving = [joint for joint in moving if not self._stands(joint)]
+            if not moving or self._monotonic() > deadline:
+                return
+            self._pause(0.002)
+
+    def _stands(self, joint: Joint) -> bool:
+        for servo in joint.servos:
+            if servo.lost:
+                continue
+            block = servo.model.feedback
+            try:
+                reply = self._port.read(servo.id, block.address, block.length, servo.model.protocol)
+            except CommunicationError:
+                return False
+            servo.take(reply, servo.stamp)
+            if abs(servo.velocity) > _STANDS:
+                return False
+        return True
+
+    def hold(self) -> None:
+        """Stop now: make the present position the goal of every joint with torque on.
+
+        Raises:
+            PortLostError: The port has gone.
+            NotConnectedError: `connect` has not been called.
+        """
+        self._require_connection()
+        with self._lock:
+            self._inbox.clear()
+        for joint in self._all:
+            joint.hold(self._settings.retries)
+        self._write_goals(also_silent=True)
+
+    # Owner's thread: the cycle
+
+    def step(self) -> BusReading:
+        """Run one cycle: read every servo, write all goals, take steps of what is under way.
+
+        Returns:
+            What was read in this cycle; joints that did not answer are absent.
+
+        Raises:
+            NotConnectedError: `connect` has not been called.
+            PortLostError: The port has gone and cannot come back under its name.
+        """
+        if not self._connected:
+            self._require_connection()
+        self._cycles += 1
+        start = self._monotonic()
+        stamp = self._clock()
+        states: dict[str, ServoState] = {}
+        failed: tuple[str, ...] = ()
+        try:
+            if (self._look_again_at is None and self._port.is_open) or self._port_is_there():
+                if self._watched and start - self._last_cycle > self._watchdog:
+                    self._stood_still(start - self._last_cycle)
+                self._last_cycle = start
+                plan = self._plan
+                troubled = plan is None
+                if plan is None:
+                    plan = self._make_plan()
+                if self._read(plan, stamp, states) or troubled:
+                    troubled = True
+                    failed = self._settle(plan, states, start)
+                spent = self._poll_one_lost() if self._missing else 0
+                if self._inbox:
+                    self._take_goals()
+                if self._tasks:
+                    troubled = True
+                    self._take_steps(spent)
+                    if self._inbox:
+                        self._take_goals()  # of a joint whose torque has come on
+                self._write_goals()
+                if not (troubled or spent):
+                    took = self._monotonic() - start
+                    self._usual += _GAIN * (took - self._usual) if self._usual else took
+        except PortLostError as cause:
+            if not self._port.comes_back:
+                raise
+            self._lose_port(str(cause))
+        events: tuple[BusEvent, ...] = ()
+        if self._events:
+            events, self._events = tuple(self._events), []
+        return BusReading(self._cycles, stamp, states, failed, self._lost, events)
+
+    def _read(self, plan: list[_Part], stamp: int, states: dict[str, ServoState]) -> bool:
+        """Read all servos into the states; return whether anything was not as usual."""
+        port, rest, told = self._port, self._rest, self._told
+        timeout = self._settings.command_timeout
+        troubled = False
+        begin = port.clock()
+        for part in plan:
+            asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
+            replies = port.read_group(part.group, part.retries)
+            for (joint, servo), reply in zip(part.members, replies, strict=True):
+                if type(reply) is Reply and not servo.failed_cycles and not servo.unseen:
+                    servo.counters.replies += 1
+                    servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+                    states[joint.name] = state = joint.state()
+                    if (
+                        reply.error
+                        or servo.errors
+                        or servo.interrupted
+                        or state.temperature >= rest
+                        or joint.resting
+                        or (told and servo.id in told)
+                        or timeout
+                    ):
+                        troubled = True
+                else:
+                    troubled = True
+                    self._take_unusual(servo, reply, stamp, begin, asked_at)
+        return troubled
+
+    def _take_unusual(
+        self,
+        servo: Servo,
+        outcome: Reply | Retried | Failed,
+        stamp: int,
+        begin: float,
+        asked_at: float,
+    ) -> None:
+        """Take note of a reply that took several tries, or did not come, or came at last."""
+        counters = servo.counters
+        causes = () if isinstance(outcome, Reply) else outcome.causes
+        for cause in causes:
+            servo.count(cause)
+        self._plan = None
+        if isinstance(outcome, Failed):
+            counters.retries += len(causes) - 1
+            now = self._monotonic()
+            if servo.failed_cycles:
+                cost = min(max(0, round((self._port.clock() - asked_at) * 1e9)), _LONGEST_WAIT)
+                servo.ask_at = now + cost * (_SHARE - 1)
+            else:
+                servo.ask_at = 0
+            servo.failed_cycles += 1
+            silent = isinstance(causes[-1], ReplyTimeoutError)
+            servo.damaged_cycles = 0 if silent else servo.damaged_cycles + 1
+            return
+        counters.retries += len(causes)
+        counters.replies += 1
+        reply = outcome.reply if isinstance(outcome, Retried) else outcome
+        servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+        servo.unseen = False
+        servo.damaged_cycles = 0
+        if servo.failed_cycles:
+            servo.failed_cycles = servo.ask_at = 0
+            servo.interrupted = True
+
+    def _settle(
+        self, plan: list[_Part], states: dict[str, ServoState], now: int
+    ) -> tuple[str, ...]:
+        """Deal with what was not as usual; return the joints that were asked in vain."""
+        asked = {servo.id for part in plan for _, servo in part.members}
+        failed: list[str] = []
+        for joint in self._all:
+            there = [s for s in joint.servos if s.id in asked and not (joint.stopped or s.lost)]
+            answered = [servo for servo in there if not servo.failed_cycles]
+            if answered:
+                for servo in answered:
+                    if servo.model.protocol == 1:
+                        servo.errors = ErrorBits(servo.error & 0x7F)
+                state = states[joint.name] = joint.state()
+                self._protection.judge(joint, state, now)
+                if self._settings.command_timeout and joint.on:
+                    self._protection.judge_command(joint, state, now)
+            else:
+                states.pop(joint.name, None)
+                if there:
+                    failed.append(joint.name)
+            for servo in there:
+                if servo.unsteady and now - (servo.lost_at or 0) > _STEADY:
+                    servo.unsteady = False
+                if servo.failed_cycles >= self._settings.lost_after:
+                    self._lose(joint, servo)
+        return tuple(failed)
+
+    def _make_plan(self) -> list[_Part]:
+        """Return the requests of a cycle: servos that can be read together, together.
+
+        A servo that did not answer last time is asked alone, and last: others would wait for its
+        turn to pass.
+        """
+        now = self._monotonic()
+        together: dict[tuple[Any, ...], list[tuple[Joint, Servo]]] = {}
+        alone: list[_Part] = []
+        settled = True
+        for joint, servo in self._each_servo():
+            if joint.stopped or servo.lost:
+                continue
+            block, model = servo.model.feedback, servo.model
+            if servo.failed_cycles or servo.unseen:
+                settled = False
+            if servo.failed_cycles:
+                if servo.ask_at <= now:
+                    group = ReadGroup(
+                        ReadMethod.EACH,
+                        model.protocol,
+                        block.address,
+                        block.length,
+                        (servo.id,),
+                        servo.plausible,
+                    )
+                    alone.append(_Part(group, [(joint, servo)], 0))
+                continue
+            method, plausible = _method(servo), servo.plausible if model.sign_magnitude else None
+            key = (method, model.protocol, block.address, block.length, model.ticks, model.endless)
+            together.setdefault((*key, plausible is not None), []).append((joint, servo))
+        parts = [
+            _Part(
+                ReadGroup(
+                    key[0] if len(members) > 1 else ReadMethod.EACH,
+                    key[1],
+                    key[2],
+                    key[3],
+                    tuple(servo.id for _, servo in members),
+                    members[0][1].plausible if key[-1] else None,
+                ),
+                members,
+                self._settings.retries,
+            )
+            for key, members in together.items()
+        ]
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        self._missing = any(servo.lost for _, servo in self._each_servo())
+        self._watched = any(servo.watched for _, servo in self._each_servo())
+        plan = [*parts, *alone]
+        if settled:
+            self._plan = plan
+        return plan
+
+    def _take_goals(self) -> None:
+        with self._lock:
+            goals, self._inbox = self._inbox, {}
+        for name, goal in goals.items():
+            joint = self._joints[name]
+            if joint.on and not joint.busy:
+                joint.aim(goal.position, goal.speed, self._last_cycle)
+                continue
+            if joint.lost or joint.torque.waits:
+                continue  # since the command was accepted
+            with self._lock:
+                self._inbox.setdefault(name, goal)  # until its torque is on
+            unseen = [s for s in joint.servos if not s.lost and (s.failed_cycles or s.unseen)]
+            if not (joint.busy or joint.awaited or unseen):  # torque needs to know where it stands
+                joint.awaited = True
+                self._enqueue(self._exclusively(joint, self._switching_on_for_goal(joint)))
+
+    def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
+        joint.awaited = False
+        problem = yield from joint.switch_on()
+        if problem:
+            self._drop_goal(joint)
+            if problem != joint.told_problem:  # commands keep coming
+                self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+            joint.told_problem = problem
+        else:
+            joint.told_problem = ""
+            self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+
+    def _write_goals(self, also_silent: bool = False) -> None:
+        packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
+        for joint in self._all:
+            if not joint.on or (joint.busy and not also_silent):
+                continue
+            if joint.stale:
+                joint.encode()
+            for servo, share in zip(joint.servos, joint.share, strict=True):
+                if servo.lost or ((servo.failed_cycles or servo.interrupted) and not also_silent):
+                    continue  # it may have been without power, and must not start by itself
+                key = servo.goal_key
+                if key in packets:
+                    packets[key][servo.id] = share
+                else:
+                    packets[key] = {servo.id: share}
+        for (protocol, address, _), shares in packets.items():
+            self._port.sync_write(address, shares, protocol)
+
+    # Owner's thread: what takes longer than one transaction
+
+    def submit(self, steps: Steps[_T], future: Future[_T] | None = None) -> Future[_T]:
+        """Take steps, the first one now and the others between the work of the next cycles.
+
+        Args:
+            steps: The steps.
+            future: Gets what comes of them; if it is cancelled, no further step is taken.
+        """
+        task = self._enqueue(steps, future)
+        self._advance(task)
+        return task.future
+
+    def _enqueue(self, steps: Steps[_T], future: Future[_T] | None = None) -> _Task:
+        """Take steps between the work of the next cycles."""
+        task = _Task(steps, future or Future())
+        self._tasks.append(task)
+        return task
+
+    def _advance(self, task: _Task) -> None:
+        """Take one step of a task."""
+        if task.future.cancelled():
+            self._end(task, None)
+            return
+        try:
+            wait = next(task.steps)
+        except StopIteration as end:
+            self._end(task, None, end.value)
+        except PortLostError as cause:
+            self._end(task, cause)
+            raise
+        except Exception as cause:
+            self._end(task, cause)
+        else:
+            if wait > 0.0:
+                self._waiting[id(task.future)] = self._monotonic() + round(wait * 1e9)
+
+    def _end(self, task: _Task, error: BaseException | None, result: Any = None) -> None:
+        self._plan = None
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        with suppress(ValueError):
+            self._tasks.remove(task)
+        self._waiting.pop(id(task.future), None)
+        task.steps.close()
+        with suppress(InvalidStateError):  # nobody waits for it any more
+            if error is None:
+                task.future.set_result(result)
+            else:
+                task.future.set_exception(error)
+
+    def _take_steps(self, spent: int) -> None:
+        """Take as many steps as leave the cycle within twice its usual time, but one at least.
+
+        Args:
+            spent: What has been taken of that time, ns; then there need not be any step.
+        """
+        now = self._monotonic()
+        begin, longest = now - spent, spent
+        if spent and 2 * spent > self._usual:
+            return
+        for _ in range(_MOST_STEPS):
+            task = self._next_task(now)
+            if task is None:
+                return
+            before = now
+            self._advance(task)
+            now = self._monotonic()
+            longest = max(longest, now - before)
+            if now - begin + longest > self._usual:
+                return
+
+    def _next_task(self, now: int) -> _Task | None:
+        for _ in range(len(self._tasks)):
+            task = self._tasks[0]
+            self._tasks.rotate(-1)
+            due = self._waiting.get(id(task.future), 0)
+            if due <= now or task.future.cancelled():
+                self._waiting.pop(id(task.future), None)
+                return task
+        return None
+
+    def _exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
+        """Take steps while nobody else takes any for this joint."""
+        while joint.busy:
+            yield 0.002
+        joint.busy = True
+        try:
+            return (yield from steps)
+        finally:
+            joint.busy = False
+
+    def _now(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
+        """Take steps at once, after those that are under way."""
+        while self._tasks:
+            self._waiting.clear()
+            self._advance(self._tasks[0])
+            self._tasks.rotate(-1)
+        self._plan = None
+        return run(steps, pause)
+
+    # Owner's thread: requests
+
+    def set_torque(self, joints: Iterable[str] | None, on: bool) -> None:
+        """Switch the torque of some joints, or of all (None).
+
+        Torque on holds the present position. Torque off drops the goal; commands are refused until
+        torque is switched on again. Of the other facts, it changes none: a servo that has shut
+        itself down needs `recover`, a stopped joint `start`, before and after.
+
+        Raises:
+            GoalError: A joint is unknown; nothing was switched.
+            TorqueError: Some joints did not confirm; the others were switched.
+            NotConnectedError: `connect` has not been called.
+        """
+        self._now(self.switching_torque(joints, on))
+
+    def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
+        """Return the steps of `set_torque`. The first switches torque off, the others confirm."""
+        return self._switching_on(joints) if on else self._relaxing(joints, stop=False)
+
+    def _relaxing(self, joints: Iterable[str] | None, stop: bool) -> Steps[None]:
+        chosen = self._require_connection(joints)
+        for joint in chosen:
+            self._drop_goal(joint)
+            if stop:
+                joint.stopped = True
+            else:
+                joint.relaxed = True
+        self._plan = None
+        gone: str = ""
+        try:
+            for joint in chosen:
+                joint.cut()
+        except (PortLostError, NotConnectedError) as cause:
+            gone = str(cause)
+        yield 0.0
+        problems: dict[str, object] = {}
+        for joint in chosen:
+            try:
+                problem = gone or (yield from joint.confirm_relaxed())
+            except (PortLostError, NotConnectedError) as cause:
+                problem = str(cause)
+            if problem and not (joint.stopped and not stop):
+                problems[joint.name] = problem
+            else:
+                kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
+                self._note(kind, joint, joint.torque.value)
+        if problems:
+            raise TorqueError(False, problems)
+
+    def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
+        chosen = self._require_connection(joints)
+        problems: dict[str, object] = {}
+        for joint in chosen:
+            if not (joint.stopped or joint.faulted or joint.resting):
+                joint.relaxed = False
+            try:
+                problem = yield from self._exclusively(joint, joint.switch_on())
+            except (PortLostError, NotConnectedError) as cause:
+                problem = str(cause)
+            if problem:
+                problems[joint.name] = problem
+            else:
+                self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+        if problems:
+            raise TorqueError(True, problems)
+
+    def recover(self, joints: Iterable[str] | None = None) -> tuple[str, ...]:
+        """Clear the faults of some joints, or of all (None), and leave them relaxed.
+
+        Protocol 1.0 servos are ready at once; others restart and are found again some cycles
+        later, which `torque` tells.
+
+        Returns:
+            The joints that had a fault.
+
+        Raises:
+            GoalError: A joint is unknown; nothing was done.
+            ServoError: A servo does not recover.
+            NotConnectedError: `connect` has not been called.
+        """
+        return self._now(self.recovering(joints))
+
+    def recovering(
+        self, joints: Iterable[str] | None = None, patience: float = 0.0
+    ) -> Steps[tuple[str, ...]]:
+        """Return the steps of `recover`.
+
+        Args:
+            joints: The joints; None for all.
+            patience: How long to wait for servos that restart, s.
+        """
+        chosen = [joint for joint in self._require_connection(joints) if joint.faulted]
+        problems: dict[str, object] = {}
+        for joint in chosen:
+            self._drop_goal(joint)
+            try:
+                problem = yield from self._exclusively(joint, joint.recover(self._monotonic()))
+            except (PortLostError, NotConnectedError) as cause:
+                problem = str(cause)
+            self._plan = None
+            if problem:
+                problems[joint.name] = problem
+            else:
+                self._note(
+                    EventKind.RECOVERED, joint, "it restarts" if joint.lost else joint.torque.value
+                )
+        if problems:
+            raise ServoError(_told(problems))
+        deadline = self._monotonic() + round(patience * 1e9)
+        while patience and (waiting := [joint.name for joint in chosen if joint.faulted]):
+            if self._monotonic() > deadline:
+                raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
+            yield 0.02
+        return tuple(joint.name for joint in chosen)
+
+    def stop(self, joints: Iterable[str] | None) -> None:
+        """Relax some joints, or all (None), and take them out of the cycle until `start`.
+
+        Raises:
+            GoalError: A joint is unknown; nothing was done.
+            TorqueError: Some did not confirm that they are relaxed; they are stopped all the same.
+            NotConnectedError: `connect` has not been called.
+        """
+        self._now(self.stopping(joints))
+
+    def stopping(self, joints: Iterable[str] | None) -> Steps[None]:
+        """Return the steps of `stop`."""
+        return self._relaxing(joints, stop=True)
+
+    def start(self, joints: Iterable[str] | None) -> None:
+        """Take stopped joints, or all (None), back into the cycle, relaxed; find them anew.
+
+        Raises:
+            GoalError: A joint is unknown; nothing was done.
+            ServoError: A servo is missing, or cannot be used; it is looked for from now on.
+            NotConnectedError: `connect` has not been called.
+        """
+        self._now(self.starting(joints))
+
+    def starting(self, joints: Iterable[str] | None) -> Steps[None]:
+        """Return the steps of `start`."""
+        problems: dict[str, object] = {}
+        for joint in self._require_connection(joints):
+            if not joint.stopped:
+                continue
+            try:
+                yield from self._exclusively(joint, joint.identify())
+            except DynamixelError as cause:
+                for servo in joint.servos:
+                    servo.lose(0)
+                problems[joint.name] = cause
+            else:
+                self._note(EventKind.STARTED, joint, joint.torque.value)
+                for servo in joint.servos:
+                    self._note_shortcomings(joint, servo)
+            joint.stopped = False
+            self._plan = None
+        if problems:
+            raise ServoError(_told(problems))
+
+    def set_limits(
+        self,
+        joint: str,
+        *,
+        lowest: int | None = None,
+        highest: int | None = None,
+        max_speed: float | None = None,
+    ) -> None:
+        """Change the limits of a joint; a goal outside moves inside. None leaves one as it is.
+
+        Args:
+            joint: The joint.
+            lowest: Its `min`, in ticks.
+            highest: Its `max`, in ticks.
+            max_speed: Highest speed, rad/s; 0 for the model's own.
+
+        Raises:
+            GoalError: The joint is unknown.
+            ConfigurationError: Its servo cannot do that, or it would turn round; nothing has
+                changed.
+        """
+        self._joint(joint).reconfigure(lowest, highest, max_speed)
+
+    def write_eeprom(
+        self,
+        joint: str,
+        settings: EepromSettings,
+        pause: Callable[[float], object] = time.sleep,
+    ) -> dict[int, dict[str, tuple[int, int]]]:
+        """Write settings into the memory of a relaxed joint's servos; takes some 0.1 s for each.
+
+        Args:
+            joint: The joint.
+            settings: What they shall keep.
+            pause: Waits so many seconds.
+
+        Returns:
+            Old and new values of what was changed, by servo id and register name.
+
+        Raises:
+            GoalError: The joint is unknown.
+            ConfigurationError: A model has no such setting; nothing was written.
+            ServoError: A servo has its torque on, or does not keep a value.
+            CommunicationError: A servo does not answer.
+            NotConnectedError: `connect` has not been called.
+        """
+        return self._now(self.writing_eeprom(joint, settings), pause)
+
+    def writing_eeprom(
+        self, joint: str, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        """Return the steps of `write_eeprom`."""
+        (chosen,) = self._require_connection((joint,))
+        return self._exclusively(chosen, self._writing_eeprom(chosen, settings))
+
+    def _writing_eeprom(
+        self, joint: Joint, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        wanted = {
+            servo.id: settings.registers(servo.model, servo.calibration.tick_range)
+            for servo in joint.servos
+        }
+        changed = {}
+        for servo in joint.servos:
+            changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
+        for servo in joint.servos:
+            if not joint.stopped and not servo.lost:
+                yield from servo.identify()
+        return changed
+
+    # Owner's thread: who goes and who comes
+
+    def _cut(self, joint: Joint) -> None:
+        """Relax a joint at once, and make sure of it in the next cycles."""
+        self._drop_goal(joint)
+        joint.cut()
+        self._plan = None
+        self._enqueue(self._confirming(joint))
+
+    def _confirming(self, joint: Joint) -> Steps[None]:
+        yield 0.0
+        problem = yield from joint.confirm_relaxed()
+        if problem:
+            self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
+
+    def _stood_still(self, gap: int) -> None:
+        """Hold the joints whose servos may have stopped by themselves since the last cycle.
+
+        A tripped watchdog answers reads and ignores goals, so that only the time tells.
+        """
+        for joint in self._all:
+            if joint.on and not joint.busy and any(servo.watched for servo in joint.servos):
+                self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
+
+    def _holding(self, joint: Joint, gap: int) -> Steps[None]:
+        problem = yield from joint.pin()
+        text = f"the bus stood still for {gap * 1e-9:.1f} s"
+        self._note(EventKind.HELD, joint, f"{text}; {problem or 'it holds where it is'}")
+
+    def _lose(self, joint: Joint, servo: Servo) -> None:
+        now = self._monotonic()
+        servo.lose(now + round(self._settings.poll_interval * 1e9))
+        self._plan = None
+        text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
+        if servo.damaged_cycles >= self._settings.lost_after:
+            text = (
+                f"damaged replies in {servo.damaged_cycles} cycles in a row; {self._advice(servo)}"
+            )
+            servo.readable = False  # it is not counted as returned before it can be read
+        before, servo.lost_at = servo.lost_at, now
+        if before is not None and now - before < _STEADY and not servo.unsteady:
+            servo.unsteady = True
+            self._note(EventKind.LOST, joint, f"{text}. It comes and goes: told once")
+        elif not servo.unsteady:
+            self._note(EventKind.LOST, joint, text)
+        if joint.lost:
+            joint.lose()
+        self._lost = tuple([each.name for each in self._all if each.lost])
+        self._missing = True
+
+    def _advice(self, servo: Servo) -> str:
+        """Say what damaged replies of a servo mean."""
+        if self._port.surplus[servo.id]:
+            return (
+                f"two servos answer as id {servo.id}, or its replies are repeated on their way: "
+                "connect one servo alone and give it another id (`servo set-id`)"
+            )
+        return (
+            f"two servos answer as id {servo.id} (connect one alone and give it another id with "
+            "`servo set-id`), or something disturbs the line"
+        )
+
+    def _poll_one_lost(self) -> int:
+        """Ask one lost servo whose time has come; return how long that took, ns.
+
+        One per cycle, because each silent servo costs the others a timeout.
+        """
+        now = self._monotonic()
+        for joint, servo in self._each_servo():
+            if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
+                servo.ask_at = now + round(self._settings.poll_interval * 1e9)
+                with suppress(CommunicationError):
+                    if servo.readable:
+                        servo.ping()
+                    else:
+                        servo.read_feedback()
+                        servo.readable = True
+                    joint.busy = True
+                    self._enqueue(self._returning(joint, servo))
+                return self._monotonic() - now
+        return 0
+
+    def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+        try:
+            yield from self._counting_in(joint, servo)
+        finally:
+            joint.busy = False
+
+    def _counting_in(self, joint: Joint, servo: Servo) -> Steps[None]:
+        try:
+            torque = yield from joint.come_back(servo)
+        except CommunicationError:
+            servo.lose(self._monotonic() + round(self._settings.poll_interval * 1e9))
+            return
+        except (ServoError, ConfigurationError) as cause:
+            servo.lose(self._monotonic() + round(self._settings.poll_interval * 1e9))
+            text, times = self._problems.get(servo.id, ("", 0))
+            times = times + 1 if text == str(cause) else 1
+            self._problems[servo.id] = (str(cause), times)
+            if times == _CONVINCED:
+                self._note(EventKind.UNUSABLE, joint, str(cause))
+            return
+        self._problems.pop(servo.id, None)
+        if servo.unsteady and self._monotonic() - (servo.lost_at or 0) < _STEADY:
+            return
+        servo.unsteady = False
+        self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
+        self._note_shortcomings(joint, servo)
+
+    def _port_is_there(self) -> bool:
+        """Look for a port that has gone; return whether there is one."""
+        if self._look_again_at is None:
+            lost = PortLostError(self._port.name, "it went between two cycles")
+            if not self._port.comes_back:
+                raise lost
+            self._lose_port(str(lost))
+        now = self._monotonic()
+        assert self._look_again_at is not None
+        if now < self._look_again_at:
+            return False
+        self._look_again_at = now + round(self._settings.reconnect_interval * 1e9)
+        try:
+            self._port.open()
+        except PortError:
+            return False
+        if not any(answering(iter((servo,)), tries=1) for _, servo in self._each_servo()):
+            self._port.close()  # it may be somebody else's by now
+            return False
+        self._look_again_at = None
+        self._last_cycle = now
+        self._note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        return True
+
+    def _lose_port(self, why: str) -> None:
+        self._port.close()
+        self._port_losses += 1
+        self._look_again_at = self._monotonic()
+        for task in list(self._tasks):
+            self._end(task, PortLostError(self._port.name, why))
+        with self._lock:
+            self._inbox.clear()
+        for joint in self._all:
+            if not joint.stopped:
+                for servo in joint.servos:
+                    servo.lose(0)
+                joint.lose()
+        self._plan = None
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        self._missing = True
+        self._note_port(EventKind.PORT_LOST, why)
+
+    # Helpers
+
+    def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
+        return ((joint, servo) for joint in self._all for servo in joint.servos)
+
+    def _drop_goal(self, joint: Joint) -> None:
+        with self._lock:
+            self._inbox.pop(joint.name, None)
+
+    def _note(self, kind: EventKind, joint: Joint, text: str) -> None:
+        servo_id = joint.servos[0].id
+        self._events.append(BusEvent(kind, joint.name, f"{joint.name} (id {servo_id}): {text}"))
+
+    def _note_port(self, kind: EventKind, text: str) -> None:
+        self._events.append(BusEvent(kind, "", text))
+
+    def _require_connection(self, joints: Iterable[str] | None = ()) -> list[Joint]:
+        """Return some joints, or all (None), of a bus that is connected."""
+        if not self._connected:
+            raise NotConnectedError(f"the bus on {self._port.name} is not connected")
+        if joints is None:
+            return list(self._all)
+        return [self._joint(name) for name in dict.fromkeys(joints)]
+
+    def _joint(self, name: str) -> Joint:
+        try:
+            return self._joints[name]
+        except KeyError:
+            raise GoalError(
+                f"no joint {name!r} on this bus; it has {', '.join(self._joints)}"
+            ) from None
+
+
+def _method(servo: Servo) -> ReadMethod:
+    model, identity = servo.model, servo.identity
+    if model.protocol == 1:
+        return ReadMethod.BULK if model.bulk_read else ReadMethod.EACH
+    knows_fast = (
+        model.fast_sync_read is not None
+        and identity is not None
+        and identity.firmware_version >= model.fast_sync_read
+    )
+    return ReadMethod.FAST_SYNC if knows_fast else ReadMethod.SYNC
+
+
+def _told(problems: Mapping[str, object]) -> str:
+    return "; ".join(f"{joint}: {problem}" for joint, problem in problems.items())

@@ -1,0 +1,446 @@
+"""A joint as the bus keeps it: its servos, its limits, its goal, and the facts about its torque.
+
+Relaxed on request, stopped, resting from heat, and shut down by itself (a fact of the servo) are
+independent: whoever sets or clears one does not touch the others. `torque` sums them up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
+from enum import IntFlag
+from functools import reduce
+
+from head_tracking.dynamixel.configuration import JointConfiguration
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    DynamixelError,
+    GoalError,
+    ServoError,
+)
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.servo import Servo, Steps
+from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
+
+_REMEDIES = {
+    Torque.OFF_ON_REQUEST: "the joint is relaxed on request; switch its torque on first "
+    "(torque_enable true on {})",
+    Torque.OFF_TO_COOL: "the joint's servo is too hot and rests; it takes commands again when it "
+    "has cooled down",
+    Torque.OFF_BY_FAULT: "the joint's servo has shut itself down; find out why, then call recover",
+    Torque.OFF_STOPPED: "the joint is stopped; start it first ({}/start)",
+}
+
+
+class Joint:
+    """State of one joint. Only the thread that owns the bus changes it; any thread may look.
+
+    Args:
+        configuration: How the joint is wired.
+        port: Where its servos are.
+        watchdog: Time without any packet after which its servos shall stop, s; 0: never.
+
+    Attributes:
+        name: The joint's name.
+        configuration: How the joint is wired.
+        servos: Its servo, or its two.
+        on: Whether its goal is written and its servos hold it.
+        relaxed: Whether somebody has relaxed it, until somebody switches its torque on.
+        stopped: Whether it takes no part in the cycle, on request.
+        resting: Whether it is relaxed to cool down.
+        default_speed: Speed for goals that give none, rad/s.
+        goal_ticks: What is written to its servos; () without a goal.
+        goal_position: The same as a position of the joint, rad.
+        commanded_at: Monotonic time, ns, of the goal; None without one, or for one that is held.
+        share: The bytes of goal position and speed for each servo.
+        stale: Whether they are to be made anew.
+        busy: Whether steps are being taken that others must wait for.
+        awaited: Whether its torque is about to come on for a goal.
+        told_problem: Why its torque did not come on for a goal, when that was told.
+    """
+
+    def __init__(
+        self, configuration: JointConfiguration, port: DynamixelPort, watchdog: float = 0.0
+    ) -> None:
+        self.configuration = configuration
+        self.name = configuration.joint_name
+        self.servos = tuple(
+            Servo(port, each.id, each.model, each, watchdog) for each in configuration.calibrations
+        )
+        self.on = self.relaxed = self.stopped = self.resting = False
+        self.default_speed = configuration.joint_speed
+        self.goal_ticks: tuple[int, ...] = ()
+        self.goal_position = 0.0
+        self.commanded_at: int | None = None
+        self.share: tuple[bytes, ...] = ()
+        self.stale = False
+        self.busy = self.awaited = False
+        self.told_problem = ""
+        self._limit_speed()
+        self._port = port
+        self._speed: float | None = None  # of the goal; None: the default, 0: the slowest
+        self._overtaken = 0  # counts who relaxed or stopped it
+        self._resumes = False  # it was on when its servo was lost, and may be so again
+
+    # What is known
+
+    @property
+    def faulted(self) -> bool:
+        """Whether a servo of it has shut itself down."""
+        return any([servo.faulted for servo in self.servos])
+
+    @property
+    def lost(self) -> bool:
+        """Whether no servo of it answers."""
+        return all([servo.lost for servo in self.servos])
+
+    @property
+    def torque(self) -> Torque:
+        """Why it holds or does not hold its position; the most pressing reason of several."""
+        if self.on:
+            return Torque.ON
+        if self.stopped:
+            return Torque.OFF_STOPPED
+        if self.faulted:
+            return Torque.OFF_BY_FAULT
+        if self.relaxed:
+            return Torque.OFF_ON_REQUEST
+        return Torque.OFF_TO_COOL if self.resting else Torque.OFF_UNTIL_COMMANDED
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest position, rad, allowed by configuration and servos."""
+        if len(self.servos) == 1:
+            return self.servos[0].limits
+        ends = [servo.limits for servo in self.servos]
+        return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
+
+    def admit(self, goal: Goal, clamp: bool) -> float:
+        """Return the position to go to, rad, or refuse the goal. Changes nothing.
+
+        Raises:
+            GoalError: The goal is no number, outside the limits, or the joint takes no commands.
+        """
+        position, speed = goal.position, goal.speed
+        if not -1e9 < position < 1e9:
+            raise GoalError(
+                f"{self.name}: goal position {position} refused; it must be a finite number of "
+                "radians"
+            )
+        if speed is not None and not 0.0 < speed < 1e9:
+            check_speed(self.name, speed)
+        if not self.on:
+            torque = self.torque
+            if torque.waits:
+                remedy = _REMEDIES[torque].format(self.configuration.controller)
+                raise GoalError(f"{self.name}: command refused, {remedy}")
+        servos = self.servos
+        lower, upper = servos[0].limits if len(servos) == 1 else self.limits
+        if lower <= position <= upper:
+            return position
+        inside = min(max(position, lower), upper)
+        if not clamp and abs(position - inside) > self.configuration.resolution:
+            raise GoalError(
+                f"{self.name}: goal position {position:.4f} rad refused; allowed are {lower:.4f} "
+                f"to {upper:.4f} rad"
+            )
+        return inside
+
+    def state(self) -> ServoState:
+        """Return the joint's state from those of its servos that answered in this cycle."""
+        servos = self.servos
+        first = servos[0]
+        load, voltage, temperature = first.load, first.voltage, first.temperature
+        errors = first.errors
+        if len(servos) > 1:
+            answered = [servo for servo in servos if not servo.failed_cycles and not servo.lost]
+            first = answered[0]
+            load = sum(servo.load for servo in answered) / len(answered)
+            voltage = min(servo.voltage for servo in answered)
+            temperature = max(servo.temperature for servo in answered)
+            errors = reduce(_both, [servo.errors for servo in answered])
+        return ServoState(
+            self.name,
+            first.id,
+            first.stamp,
+            first.position,
+            first.velocity,
+            load,
+            voltage,
+            temperature,
+            errors,
+            self.on,
+            self.goal_position if self.goal_ticks else None,
+        )
+
+    # Owner's thread. Everything that talks to servos raises PortLostError when the port has gone.
+
+    def aim(self, position: float, speed: float | None, now: int) -> None:
+        """Make this the goal that is written from now on; `now` is monotonic, ns."""
+        servos = self.servos
+        if len(servos) == 1:
+            servo = servos[0]
+            ticks = servo.goal_ticks(position)
+            self.goal_ticks = (ticks,)
+            self._speed = speed
+            self.commanded_at = now
+            self.goal_position = (ticks - servo.zero) * servo.scale
+            self.share = (servo.encode_goal(ticks, self.default_speed if speed is None else speed),)
+        else:
+            self._set_goal(tuple([servo.goal_ticks(position) for servo in servos]), speed, now)
+
+    def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
+        self.goal_ticks = ticks
+        self.commanded_at = since
+        self._speed = speed
+        self.encode()
+
+    def encode(self) -> None:
+        """Make the bytes of goal position and speed anew."""
+        self.stale = False
+        speed = self.default_speed if self._speed is None else self._speed
+        pairs = zip(self.servos, self.goal_ticks, strict=True)
+        self.share = tuple([servo.encode_goal(ticks, speed) for servo, ticks in pairs])
+        self.goal_position = self.servos[0].calibration.position(self.goal_ticks[0])
+
+    def _limit_speed(self) -> None:
+        for servo in self.servos:
+            servo.limit_speed(self.configuration.speed_limit)
+
+    def set_default_speed(self, speed: float) -> None:
+        """Set the speed for goals that give none, also for one under way."""
+        self.default_speed = speed
+        self.stale = True
+
+    def forget_goal(self) -> None:
+        """Drop the goal, so that nothing is written any more; torque is not on without one."""
+        self.on = False
+        self.goal_ticks = ()
+        self.commanded_at = None
+
+    def keep_goal(self) -> None:
+        """Hold the goal from now on, because it has been reached."""
+        self.commanded_at = None
+
+    def hold(self, retries: int) -> None:
+        """Make the present position the goal, at the speed of the previous one.
+
+        A servo that does not answer gets its last known position.
+        """
+        if not self.on:
+            return
+        ticks = list(self.goal_ticks)
+        for index, servo in enumerate(self.servos):
+            present = servo.ticks if servo.stamp else None
+            with suppress(CommunicationError):
+                if servo.failed_cycles == 0 and not servo.lost:
+                    read = servo.get("Present Position", 1 + retries)
+                    present = servo.calibration.fold(read)
+            if present is not None:
+                ticks[index] = servo.inside(present)
+        self._set_goal(tuple(ticks), self._speed, None)
+
+    def hold_last(self) -> None:
+        """Make the position that was read last the goal, at the speed of the previous one."""
+        ticks = tuple([servo.inside(servo.ticks) for servo in self.servos])
+        self._set_goal(ticks, self._speed, None)
+
+    def lose(self) -> None:
+        """Drop the goal, because nobody answers any more."""
+        self._resumes = self._resumes or self.on
+        self.forget_goal()
+
+    def cut(self) -> None:
+        """Switch the torque of all its servos off, at once and without waiting for an answer."""
+        self._overtaken += 1
+        self._resumes = False
+        self.forget_goal()
+        release(self._port, self.servos)
+
+    def confirm_relaxed(self) -> Steps[str]:
+        """Make sure that its servos are relaxed; return what went wrong, or nothing."""
+        problems: list[str] = []
+        for servo in self.servos:
+            if servo.lost:
+                problems.append("the servo does not answer")
+                continue
+            try:
+                if servo.get("Torque Enable"):
+                    yield 0.0
+                    yield from servo.switch_torque(False)
+            except (CommunicationError, ServoError) as cause:
+                problems.append(str(cause))
+            yield 0.0
+        return "; ".join(problems)
+
+    def switch_on(self) -> Steps[str]:
+        """Hold the present position with torque on; return what went wrong, or nothing."""
+        if self.on:
+            return ""
+        if self.stopped or self.faulted or self.resting or self.relaxed:
+            return str(self.torque.value)
+        if self.lost:
+            return "the servo does not answer"
+        return (yield from self.pin())
+
+    def pin(self) -> Steps[str]:
+        """Make torque on and the present position the goal; return what went wrong, or nothing."""
+        ticks: list[int] = []
+        overtaken = self._overtaken
+        try:
+            for servo in self.servos:
+                if servo.lost:
+                    ticks.append(servo.range[0])  # never written while it is lost
+                    continue
+                for wait in (steps := _Value(servo.pin())):
+                    yield wait
+                    if self._overtaken != overtaken:
+                        return "somebody has relaxed it meanwhile"
+                ticks.append(steps.value)
+                yield 0.0
+                if self._overtaken != overtaken:
+                    return "somebody has relaxed it meanwhile"
+        except GeneratorExit:  # given up; the goal alone may have switched torque on
+            with suppress(DynamixelError):
+                self.cut()
+            raise
+        except (CommunicationError, ServoError) as cause:
+            # The goal alone may have switched torque on.
+            self.cut()
+            with suppress(DynamixelError):
+                yield from self.confirm_relaxed()
+            return str(cause)
+        self._set_goal(tuple(ticks), 0.0, None)
+        self.on = True
+        self._resumes = False
+        return ""
+
+    def identify(self) -> Steps[None]:
+        """Find its servos and relax them; raises as `Servo.identify` does."""
+        for servo in self.servos:
+            servo.ping(3)
+            yield 0.0
+            yield from servo.identify()
+
+    def come_back(self, servo: Servo) -> Steps[str]:
+        """Take a servo that answers again back; return what became of the torque.
+
+        A servo that kept its torque while it was silent holds where it stands, if the joint was
+        on; else it is relaxed.
+
+        Raises:
+            CommunicationError: It does not answer.
+            ServoError: It is not what the configuration says, or cannot be used.
+            ConfigurationError: Its own angle limits leave the joint no range.
+        """
+        others = self.on
+        overtaken = self._overtaken
+        keep = others or (self._resumes and not (self.relaxed or self.resting))
+        identity = yield from servo.identify(keep_torque=keep)
+        if self._overtaken != overtaken:
+            release(self._port, (servo,))
+            return self.torque.value
+        if keep and identity.faulted:
+            self.cut()
+        elif keep and (identity.powered or others):
+            problem = yield from self.pin()
+            if problem:
+                return f"relaxed, because it does not hold: {problem}"
+            return "it kept its torque and holds where it stands"
+        self._resumes = False
+        return self.torque.value
+
+    def recover(self, now: int) -> Steps[str]:
+        """Clear the fault of its servos; return what went wrong, or nothing.
+
+        Servos that restart are lost until the bus finds them again.
+
+        Args:
+            now: Monotonic time, ns.
+        """
+        if self.lost:
+            return "the servo does not answer"
+        self.cut()
+        try:
+            for servo in self.servos:
+                if not servo.faulted or servo.lost:
+                    continue
+                yield from servo.recover()
+                if servo.model.protocol == 2:
+                    servo.lose(now)
+        except (CommunicationError, ServoError) as cause:
+            return str(cause)
+        return ""
+
+    def check(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+        """Refuse limits that cannot be set; raises as `reconfigure` does. Changes nothing."""
+        self._reconfigured(lowest, highest, max_speed)
+
+    def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+        """Take over other limits; None leaves one as it is. A goal outside moves inside.
+
+        Args:
+            lowest: `min` of the first servo, ticks.
+            highest: `max` of the first servo, ticks.
+            max_speed: Highest speed, rad/s; 0 for the model's own.
+
+        Raises:
+            ConfigurationError: The servo cannot do that; nothing has changed.
+        """
+        new = self._reconfigured(lowest, highest, max_speed)
+        self.servos[0].recalibrate(new.calibration)
+        self.configuration = new
+        self.default_speed = min(self.default_speed, new.speed_limit)
+        self._limit_speed()
+        if self.goal_ticks:
+            first, *others = self.goal_ticks
+            ticks = (self.servos[0].inside(first), *others)
+            self._set_goal(ticks, self._speed, self.commanded_at)
+
+    def _reconfigured(
+        self, lowest: int | None, highest: int | None, max_speed: float | None
+    ) -> JointConfiguration:
+        old = self.configuration
+        new = replace(
+            old,
+            min=old.min if lowest is None else lowest,
+            max=old.max if highest is None else highest,
+            joint_speed=min(old.joint_speed, max_speed or old.joint_speed),
+            max_speed=old.max_speed if max_speed is None else max_speed or None,
+        )
+        if new.calibration.reversed != old.calibration.reversed:
+            raise ConfigurationError(
+                f"{self.name}: min {new.min} and max {new.max} would turn the joint's direction "
+                f"round; with init {new.init}, min must stay "
+                f"{'above' if old.calibration.reversed else 'below'} max while the bus runs. Set "
+                "one that mounts the servo the other way round at the start"
+            )
+        self.servos[0].check_calibration(new.calibration)
+        return new
+
+
+class _Value:
+    """Steps to iterate over, and what came of them."""
+
+    def __init__(self, steps: Steps[int]) -> None:
+        self._steps = steps
+        self.value = 0
+
+    def __iter__(self) -> Steps[None]:
+        self.value = yield from self._steps
+
+
+def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
+    """Write torque off to servos, in one packet for each protocol, and wait for nothing."""
+    packets: dict[tuple[int, int], dict[int, bytes]] = {}
+    for servo in servos:
+        register = servo.model.control_table["Torque Enable"]
+        packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
+    for (protocol, address), shares in packets.items():
+        port.sync_write(address, shares, protocol)
+
+
+def _both(one: IntFlag, other: IntFlag) -> IntFlag:
+    return one | other if type(one) is type(other) else one or other

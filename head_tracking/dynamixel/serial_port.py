@@ -1,0 +1,226 @@
+"""The serial device: bytes in and out, and why it cannot be opened.
+
+dynamixel_sdk and pyserial open it; nobody else knows them. The SDK does not read: it spins while it
+waits, on a clock that can jump, with 34 ms of patience; it takes echoes and late replies for
+replies, and an error without data is an IndexError. Its packets are our own, too (`protocol`).
+
+Works with dynamixel_sdk 3.8.4 (ROS 2 Jazzy) and 4.1.0.
+"""
+
+from __future__ import annotations
+
+import errno
+import grp
+import os
+import select
+import termios
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Final, Protocol
+
+import serial
+from dynamixel_sdk import PortHandler
+from serial.tools import list_ports
+
+from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
+from head_tracking.dynamixel.exceptions import (
+    ConfigurationError,
+    PortBusyError,
+    PortError,
+    PortMissingError,
+    PortPermissionError,
+)
+
+_BABBLE: Final = 256
+_SELECTABLE: Final = 1024  # select knows no higher descriptor
+_USUAL_BAUD_RATES: Final = (
+    9_600, 19_200, 38_400, 57_600, 115_200, 200_000, 230_400, 250_000, 400_000, 460_800, 500_000,
+    576_000, 921_600, 1_000_000, 1_152_000, 2_000_000, 2_250_000, 2_500_000, 3_000_000, 3_500_000,
+    4_000_000, 4_500_000,
+)  # fmt: skip
+
+
+class Line(Protocol):
+    """Bytes in and out; `SerialLine` is the real one."""
+
+    def discard_input(self) -> None:
+        """Forget everything received so far."""
+
+    def write(self, data: bytes, timeout: float) -> None:
+        """Write all bytes, within `timeout` s."""
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        """Return some bytes, or none when the deadline, s, has passed."""
+
+
+class SerialLine:
+    """An open, non-blocking serial device. Times are those of `time.monotonic`, in s.
+
+    Args:
+        descriptor: The device, opened by somebody else who also closes it.
+
+    All methods raise OSError or termios.error when the device has gone.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._readable = select.poll()
+        self._readable.register(descriptor, select.POLLIN)
+        self._writable = select.poll()
+        self._writable.register(descriptor, select.POLLOUT)
+        self._overtime = 0
+
+    def discard_input(self) -> None:
+        """Forget everything received so far."""
+        termios.tcflush(self._descriptor, termios.TCIFLUSH)
+
+    def write(self, data: bytes, timeout: float) -> None:
+        """Write all bytes.
+
+        Raises:
+            TimeoutError: The device took no more data for `timeout` seconds.
+        """
+        self._overtime = _BABBLE
+        try:
+            written = os.write(self._descriptor, data)
+        except BlockingIOError:
+            written = 0
+        while written < len(data):
+            try:
+                written += os.write(self._descriptor, data[written:])
+            except BlockingIOError:
+                if not self._writable.poll(timeout * 1e3):
+                    raise TimeoutError(
+                        errno.ETIMEDOUT, f"it took no data for {timeout:.2f} s"
+                    ) from None
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        """Return at most `limit` bytes, waiting for the first one until the deadline.
+
+        Bytes that arrived in time count even when this thread runs only after the deadline; but
+        endless babble does not keep it here for ever: so many bytes after each write at most.
+        """
+        patience = deadline - time.monotonic()
+        if patience <= 0.0 and self._overtime <= 0:
+            return b""
+        if not self._readable.poll(int(patience * 1e3) if patience > 0.0 else 0) and (
+            patience <= 0.0 or not self._wait(deadline - time.monotonic())
+        ):
+            return b""
+        try:
+            data = os.read(self._descriptor, limit)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise OSError(errno.EIO, "the device has gone")
+        if patience <= 0.0:
+            self._overtime -= len(data)
+        return data
+
+    def _wait(self, rest: float) -> bool:
+        """Return whether there is something to read within the last fraction of a millisecond.
+
+        poll counts whole milliseconds. What is left of the time is for select, so that silence
+        costs no more than it has to.
+        """
+        if self._descriptor >= _SELECTABLE:
+            return bool(self._readable.poll(1))
+        return bool(select.select((self._descriptor,), (), (), max(0.0, rest))[0])
+
+
+class _LockingPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's port handler, on a device that no second program may open."""
+
+    def setupPort(self, cflag_baud: int) -> bool:
+        self.ser = serial.Serial(
+            port=self.port_name, baudrate=self.baudrate, timeout=0, exclusive=True
+        )
+        self.is_open = True
+        return True
+
+
+class SerialDevice:
+    """An open serial device.
+
+    Args:
+        port_name: Device, such as /dev/ttyUSB0.
+        baud_rate: Bits per second.
+
+    Attributes:
+        line: Bytes in and out.
+        adapter: What is known about it.
+
+    Raises:
+        PortMissingError: There is no such device.
+        PortBusyError: Another program holds it.
+        PortPermissionError: The user may not open it.
+        PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
+    """
+
+    def __init__(self, port_name: str, baud_rate: int) -> None:
+        self._handler = _LockingPortHandler(port_name)
+        self._handler.baudrate = baud_rate
+        try:
+            self._handler.openPort()
+            descriptor = self._handler.ser.fileno()
+            self.adapter: Adapter = prepare_adapter(port_name, descriptor)
+            self.line = SerialLine(descriptor)
+            self.line.discard_input()
+        except (OSError, ValueError, termios.error) as cause:
+            if self._handler.is_open:
+                self.close()
+            raise port_error(port_name, cause, serial_ports()) from cause
+
+    def close(self) -> None:
+        """Close the device, also one that has gone."""
+        with suppress(OSError, termios.error):
+            self._handler.closePort()
+
+
+def check_baud_rate(baud_rate: int) -> None:
+    """Refuse baud rates that the SDK cannot set.
+
+    Raises:
+        ConfigurationError: It cannot; says which it can.
+    """
+    handler = PortHandler("")
+    if handler.getCFlagBaud(baud_rate) <= 0:
+        allowed = [rate for rate in _USUAL_BAUD_RATES if handler.getCFlagBaud(rate) > 0]
+        raise ConfigurationError(
+            f"dynamixel_sdk cannot set {baud_rate} baud; allowed are "
+            f"{', '.join(str(rate) for rate in allowed)}"
+        )
+
+
+def serial_ports() -> tuple[str, ...]:
+    """Return the serial devices of this machine."""
+    return tuple(sorted(port.device for port in list_ports.comports()))
+
+
+def port_error(port_name: str, cause: Exception, existing: Sequence[str]) -> PortError:
+    """Return the error to raise.
+
+    Args:
+        port_name: The device that was to be opened.
+        cause: What the operating system said; its first argument is the error number. Or pyserial's
+            ValueError, of a device that does not know the baud rate.
+        existing: Serial devices of this machine.
+    """
+    if isinstance(cause, ValueError):
+        return PortError(port_name, f"it cannot do this baud rate: {cause}")
+    number = cause.args[0] if cause.args else None
+    if number == errno.ENOENT:
+        return PortMissingError(port_name, existing)
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return PortBusyError(port_name)
+    if number in (errno.EACCES, errno.EPERM):
+        return PortPermissionError(port_name, _group_of(port_name))
+    return PortError(port_name, f"{cause}; it must be a serial device")
+
+
+def _group_of(port_name: str) -> str:
+    try:
+        return grp.getgrgid(os.stat(port_name).st_gid).gr_name
+    except (OSError, KeyError):
+        return "dialout"

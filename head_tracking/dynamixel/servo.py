@@ -1,0 +1,782 @@
+"""One servo: what it is, its registers, how it is calibrated, its torque, what it last said.
+
+What takes several transactions is written as steps, a generator: it yields wherever the bus may do
+something else first, and says how many seconds it needs to wait. The bus spreads steps over its
+cycles; `run` takes them at once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass
+from enum import IntFlag
+from itertools import pairwise
+from typing import Final, NamedTuple, TypeVar
+
+from head_tracking.dynamixel.configuration import ServoCalibration
+from head_tracking.dynamixel.control_table import SIGN_BIT, Block, ControlTable, Register
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    RegisterRefusedError,
+    ReplyTimeoutError,
+    ServoError,
+    ServoModeError,
+    WrongModelError,
+)
+from head_tracking.dynamixel.models import MODELS, ServoModel, servo_model_by_number
+from head_tracking.dynamixel.port import DynamixelPort, Reply
+from head_tracking.dynamixel.protocol import (
+    ALERT,
+    NO_ERROR,
+    REFUSALS,
+    ErrorBits,
+    describe_errors,
+    describe_status,
+)
+from head_tracking.dynamixel.state import Health, ServoStatistics, Torque
+
+_T = TypeVar("_T")
+Steps = Generator[float, None, _T]
+"""Yields seconds to wait before the next step; 0 where none is needed."""
+
+EEPROM_PAUSE: Final = 0.025
+"""Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
+some 6 ms per byte afterwards (fact sheet, section 9)."""
+
+SLOWEST: Final = 1
+"""Lowest goal speed; 0 would be full speed."""
+
+_TRIES: Final = 3  # where a failure would leave a servo in the wrong state
+_WATCHDOG_UNIT: Final = 0.02  # s
+_MAGNITUDES: Final = 2 << SIGN_BIT
+_SIGN: Final = 1 << SIGN_BIT
+_LONGEST_READ: Final = 64  # bytes
+_LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
+_POSITION_MODE: Final = 3
+_JOINT_MODE: Final = 2  # XL-320
+_TIME_BASED: Final = 4  # bit of Drive Mode
+
+
+def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
+    """Take all steps at once and return what came of them."""
+    while True:
+        try:
+            wait = next(steps)
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]
+        if wait > 0.0:
+            pause(wait)
+
+
+@dataclass(slots=True)
+class Counters:
+    """What became of the transactions with one servo."""
+
+    replies: int = 0
+    retries: int = 0
+    timeouts: int = 0
+    corrupt: int = 0
+
+
+class Feedback(NamedTuple):
+    """One reading, in register values.
+
+    The error is the error byte: bits of state in protocol 1.0, in protocol 2.0 the alert bit.
+    """
+
+    ticks: int
+    speed: int
+    load: int
+    voltage: int
+    temperature: int
+    error: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoIdentity:
+    """A servo that answered and fits its joint.
+
+    Attributes:
+        joint_name: The joint it drives.
+        id: Servo id.
+        model: Name of the model.
+        firmware_version: Contents of its register.
+        own_range: Lowest and highest tick by the servo's own angle limits.
+        shutdown: Errors upon which the servo switches itself off.
+        temperature_limit: Above it the servo counts as overheated, degrees Celsius.
+        powered: Whether its torque was on when it was found.
+        faulted: Whether it had shut itself down when it was found.
+    """
+
+    joint_name: str
+    id: int
+    model: str
+    firmware_version: int
+    own_range: tuple[int, int]
+    shutdown: IntFlag
+    temperature_limit: float
+    powered: bool
+    faulted: bool
+
+
+class Servo:
+    """A servo on the port. Used by the thread that owns the port; any thread may look.
+
+    Args:
+        port: The port.
+        servo_id: Its id.
+        model: Its model.
+        calibration: Of its joint; None: the whole range of the servo, zero in the middle.
+        watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
+
+    Attributes:
+        id: Its id.
+        model: Its model.
+        calibration: Where its joint has its zero and which way round it turns.
+        acknowledges_writes: Whether it answers writes (Status Return Level 2).
+        counters: What became of the transactions.
+        identity: What it said about itself; None until it was found.
+        lost: Whether it does not answer and is left out of the cycle.
+        failed_cycles: Failed cycles in a row.
+        ask_at: Not before this monotonic time, ns, is it asked again.
+        interrupted: Whether it has missed a cycle since its torque was last seen.
+        unseen: Whether it has come back and has not been read since.
+        damaged_cycles: Cycles in a row whose replies were damaged.
+        readable: Whether its feedback can be read, as far as is known; pings may be answered by
+            two servos with one id.
+        unsteady: Whether it comes and goes.
+        lost_at: When it was lost last, monotonic ns.
+        faulted: Whether it has shut itself down. Only the servo itself takes that back.
+        errors: Its error state when it last told.
+        stamp: When it last answered, ns; 0: never.
+        range: Lowest and highest tick that configuration and servo allow.
+        limits: The same as positions of the joint, rad.
+        fastest: Highest goal speed, in counts.
+        goal_key: Protocol, address and length of the block that goals are written to.
+        zero: Tick of position 0.
+        scale: What one tick more is for the joint's position, rad.
+        ticks: Present position in the turn of the joint.
+        position: Present position of the joint, rad.
+        velocity: rad/s.
+        load: -1 to 1 of full torque, positive towards higher positions.
+        voltage: V.
+        temperature: Degrees Celsius.
+        error: The error byte of the last reply.
+    """
+
+    def __init__(
+        self,
+        port: DynamixelPort,
+        servo_id: int,
+        model: ServoModel,
+        calibration: ServoCalibration | None = None,
+        watchdog: float = 0.0,
+    ) -> None:
+        self.id = servo_id
+        self.model = model
+        self.calibration = calibration or ServoCalibration(
+            f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
+        )
+        self.acknowledges_writes = True
+        self.counters = Counters()
+        self.identity: ServoIdentity | None = None
+        self.lost = False
+        self.failed_cycles = 0
+        self.ask_at = 0
+        self.interrupted = False
+        self.unseen = False
+        self.damaged_cycles = 0
+        self.readable = True
+        self.unsteady = False
+        self.lost_at: int | None = None
+        self.faulted = False
+        self.errors: IntFlag = NO_ERROR
+        self.stamp = 0
+        self.ticks = 0
+        self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
+        self.error = 0
+        self.goal_key = (model.protocol, model.goal.address, model.goal.length)
+        self._port = port
+        self._protocol = model.protocol
+        self._speed_unit = model.speed_unit
+        self._unpack = model.feedback.layout.unpack
+        self._pack = model.goal.layout.pack
+        self._position_first = model.position_first
+        self.fastest = model.speed_maximum
+        self._order = model.feedback_order
+        self._magnitudes = model.sign_magnitude
+        self._wanted_watchdog = watchdog
+        self.recalibrate(self.calibration)
+
+    # Transactions. All raise CommunicationError, and PortLostError when the port has gone.
+
+    def ping(self, tries: int = 1) -> int:
+        """Ask the servo whether it is there; return its error byte."""
+        return self._try(tries, lambda: self._port.ping(self.id, self._protocol))
+
+    def read(self, block: Block, tries: int = _TRIES) -> tuple[int, ...]:
+        """Read registers and return one value for each."""
+        return block.decode(self._read(block.address, block.length, tries))
+
+    def get(self, name: str, tries: int = _TRIES) -> int:
+        """Read one register."""
+        return self.read(self.model.control_table.block(name), tries)[0]
+
+    def registers(self) -> list[tuple[Register, int]]:
+        """Read all registers."""
+        return [
+            (register, value)
+            for block in self.model.control_table.runs(_LONGEST_READ)
+            for register, value in zip(block.registers, self.read(block), strict=True)
+        ]
+
+    def read_feedback(self, tries: int = 1) -> Feedback:
+        """Read position, speed, load, voltage and temperature in one transaction."""
+        block = self.model.feedback
+
+        def attempt() -> Reply:
+            reply = self._port.read(self.id, block.address, block.length, self._protocol)
+            if not self.plausible(reply.data):
+                raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
+            return reply
+
+        reply = self._try(tries, attempt)
+        values = block.decode(reply.data)
+        a, b, c, d, e = self._order
+        return Feedback(values[a], values[b], values[c], values[d], values[e], reply.error)
+
+    def write(self, block: Block, *values: int) -> None:
+        """Write registers.
+
+        Raises:
+            RegisterRefusedError: The servo answers that it will not.
+        """
+        data, address = block.encode(*values), block.address
+        if not self.acknowledges_writes:
+            self._port.write(self.id, address, data, acknowledged=False, protocol=self._protocol)
+            return
+        error = self._try(
+            _TRIES, lambda: self._port.write(self.id, address, data, protocol=self._protocol)
+        )
+        if self._protocol == 1:
+            refusals = ErrorBits(error & REFUSALS)
+            refusal = describe_errors(refusals) if refusals else ""
+        else:
+            refusal = describe_status(error & ~ALERT) if error & ~ALERT else ""
+        if refusal:
+            pairs = zip(block.registers, values, strict=True)
+            names = ", ".join(f"{register.name} = {value}" for register, value in pairs)
+            raise RegisterRefusedError(f"servo {self.id} refused {names}: {refusal}")
+
+    def set(self, name: str, value: int) -> None:
+        """Write one register and make sure of it; raises as `verify` does."""
+        run(self.verify(self.model.control_table.block(name), value))
+
+    def set_torque(self, on: bool) -> None:
+        """Switch torque and make sure of it; raises as `verify` does."""
+        self.set("Torque Enable", int(on))
+
+    def release(self) -> None:
+        """Write torque off once and wait for nothing."""
+        block = self.model.control_table.block("Torque Enable")
+        self._port.write(self.id, block.address, b"\0", acknowledged=False, protocol=self._protocol)
+
+    def _read(self, address: int, length: int, tries: int = _TRIES) -> bytes:
+        return self._try(
+            tries, lambda: self._port.read(self.id, address, length, self._protocol)
+        ).data
+
+    def _try(self, tries: int, transaction: Callable[[], _T]) -> _T:
+        counters = self.counters
+        for left in range(tries - 1, -1, -1):
+            try:
+                result = transaction()
+            except CommunicationError as cause:
+                self.count(cause)
+                if not left:
+                    raise
+                counters.retries += 1
+            else:
+                counters.replies += 1
+                return result
+        raise ValueError(f"{tries} tries")
+
+    def count(self, cause: CommunicationError) -> None:
+        """Count a failed transaction."""
+        if isinstance(cause, ReplyTimeoutError):
+            self.counters.timeouts += 1
+        else:
+            self.counters.corrupt += 1
+
+    # Steps. All raise what their transactions raise.
+
+    def verify(self, block: Block, *values: int) -> Steps[None]:
+        """Write registers and read them back until the servo holds the values.
+
+        Raises:
+            RegisterRefusedError: The servo refuses, or answers but keeps other values.
+        """
+        kept: tuple[int, ...] = ()
+        for _ in range(_TRIES):
+            self.write(block, *values)
+            yield 0.0
+            kept = self.read(block)
+            yield 0.0
+            if kept == values:
+                return
+        names = ", ".join(register.name for register in block.registers)
+        raise RegisterRefusedError(
+            f"servo {self.id} keeps {kept} in {names} instead of {values}; it may have shut down: "
+            "look at its error bits (overload, overheating), let it cool, or cycle its power"
+        )
+
+    def switch_torque(self, on: bool) -> Steps[None]:
+        """Switch torque and make sure of it; raises as `verify` does."""
+        return self.verify(self.model.control_table.block("Torque Enable"), int(on))
+
+    def identify(self, keep_torque: bool = False) -> Steps[ServoIdentity]:
+        """Check a servo that answers pings, leave it relaxed, and count it as present.
+
+        Args:
+            keep_torque: Leave its torque as it is.
+
+        Raises:
+            ServoModeError: It does not answer reads, or does not work in positions.
+            WrongModelError: It is another model than configured.
+            RegisterRefusedError: It does not switch torque off.
+            ConfigurationError: Its own angle limits leave the joint no range.
+        """
+        memory: dict[str, int] = {}
+        joint_name, model = self.calibration.joint_name, self.model
+        for address, names, length in _spans(model):
+            try:
+                data = self._read(address, length)
+            except ReplyTimeoutError as cause:
+                level = model.control_table["Status Return Level"].address
+                raise ServoModeError(
+                    f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
+                    f"Level (register {level}) is probably 0; set it to 2, for example with "
+                    f"`servo set {self.id} 'Status Return Level' 2`"
+                ) from cause
+            for name in names:
+                register = model.control_table[name]
+                start = register.address - address
+                memory[name] = register.decode(data[start : start + register.size])
+            number = memory.get("Model Number", model.model_number)
+            if number != model.model_number:
+                raise WrongModelError(
+                    f"servo {self.id} ({joint_name}) is {model_name(number)}, but the "
+                    f"configuration says {model.name} ({model.model_number}); correct the "
+                    "configuration's model or id"
+                )
+            yield 0.0
+        self.acknowledges_writes = memory["Status Return Level"] >= 2
+        if not keep_torque:
+            yield from self.switch_torque(False)
+        lower, upper = (memory[name] for name in model.position_limits)
+        _check_mode(self, memory, lower, upper)
+        shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
+        identity = ServoIdentity(
+            joint_name,
+            self.id,
+            model.name,
+            memory["Firmware Version"],
+            (lower, upper),
+            shutdown,
+            float(memory["Temperature Limit"]),
+            memory["Torque Enable"] == 1,
+            _has_shut_down(memory, shutdown),
+        )
+        ticks = self._narrowed(self.calibration, identity)
+        self.identity = identity
+        self.faulted = identity.faulted
+        self._admit(ticks, self.calibration)
+        self.lost = self.interrupted = False
+        self.failed_cycles = self.ask_at = 0
+        return identity
+
+    def pin(self) -> Steps[int]:
+        """Switch torque on where the servo stands, without a jump; return the goal, in ticks.
+
+        The goal is written, and read back, before torque is switched on, because a servo starts
+        for its old goal at that moment. It is written together with the lowest speed, because an
+        AX servo switches torque on by itself when a goal arrives, and a relaxed servo may have
+        been moved since its position was read. A shaft outside the range creeps to its end.
+
+        Raises:
+            RegisterRefusedError: The servo does not take the goal or the torque.
+        """
+        if self.watched:
+            # One that has tripped refuses goals until it is cleared.
+            yield from self._set_watchdog(0)
+        present = self.get("Present Position")
+        yield 0.0
+        goal = self.inside(self.calibration.fold(present))
+        values = (goal, SLOWEST) if self.model.position_first else (SLOWEST, goal)
+        yield from self.verify(self.model.goal, *values)
+        yield from self.switch_torque(True)
+        if self.watched:
+            units = round(self._wanted_watchdog / _WATCHDOG_UNIT)
+            yield from self._set_watchdog(max(1, min(127, units)))
+        self.interrupted = False
+        return goal
+
+    def disarm(self) -> Steps[None]:
+        """Switch its watchdog off, if it has one."""
+        if self.watched and self.identity is not None:
+            yield from self._set_watchdog(0)
+
+    def _set_watchdog(self, value: int) -> Steps[None]:
+        return self.verify(self.model.control_table.block("Bus Watchdog"), value)
+
+    def recover(self) -> Steps[None]:
+        """Clear a shutdown.
+
+        A protocol 1.0 servo has set its Torque Limit to 0 and gets it back; others restart, do not
+        answer for a while, and are to be identified anew.
+
+        Raises:
+            RegisterRefusedError: The servo does not take its torque limit.
+        """
+        if self._protocol == 2:
+            self._try(_TRIES, lambda: self._port.reboot(self.id))
+            return
+        limit = self.get("Max Torque")
+        yield 0.0
+        yield from self.verify(self.model.control_table.block("Torque Limit"), limit)
+        self.faulted = False
+
+    def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
+        """Write settings that differ, with the pauses that servos need, and read them back.
+
+        The memory wears out: what is there already is not written again.
+
+        Args:
+            wanted: Register values by name.
+
+        Returns:
+            Old and new value of what was changed, by register name.
+
+        Raises:
+            ServoError: Its torque is on, its memory is locked, or it does not keep a value.
+        """
+        table = self.model.control_table
+        if self.get("Torque Enable"):
+            raise ServoError(
+                f"servo {self.id} has its torque on; relax it before changing its memory"
+            )
+        yield 0.0
+        if "Lock" in table and self.get("Lock"):
+            raise ServoError(
+                f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
+                "its power"
+            )
+        changed: dict[str, tuple[int, int]] = {}
+        for name, value in wanted.items():
+            yield 0.0
+            before = self.get(name)
+            if before == value:
+                continue
+            yield 0.0
+            block = table.block(name)
+            self.write(block, value)
+            if name == "Status Return Level":
+                self.acknowledges_writes = value >= 2
+            yield EEPROM_PAUSE * block.length
+            after = self.get(name)
+            if after != value:
+                raise RegisterRefusedError(
+                    f"servo {self.id} keeps {after} in {name} instead of {value}"
+                )
+            changed[name] = (before, value)
+        return changed
+
+    def look_at_errors(self) -> IntFlag:
+        """Return the error state that goes with the last error byte.
+
+        Protocol 2.0 tells only that there is one: its register is read.
+        """
+        return self.state_of(self.error)
+
+    def state_of(self, error: int) -> IntFlag:
+        """Return the error state that goes with an error byte; reads a register if needed."""
+        if self._protocol == 1:
+            return ErrorBits(error & 0x7F)
+        if not error & ALERT:
+            return self.model.errors(0)
+        return self.model.errors(self.get("Hardware Error Status") & sum(self.model.errors))
+
+    # What is known
+
+    @property
+    def watched(self) -> bool:
+        """Whether it stops by itself when it hears nothing: its firmware has a Bus Watchdog."""
+        first, known = self.model.watchdog, self.identity
+        if first is None or self._wanted_watchdog <= 0.0:
+            return False
+        return known is None or known.firmware_version >= first
+
+    @property
+    def health(self) -> Health:
+        """What is known about it."""
+        if self.identity is None:
+            return Health.UNKNOWN
+        if self.lost:
+            return Health.LOST
+        if self.failed_cycles:
+            return Health.STALE
+        return Health.FAULTED if self.faulted else Health.PRESENT
+
+    def plausible(self, data: bytes) -> bool:
+        """Return whether a servo can have said that of itself."""
+        values = self._unpack(data)
+        a, b, c = self._order[:3]
+        return not self._magnitudes or (
+            values[b] < _MAGNITUDES
+            and values[c] < _MAGNITUDES
+            and (values[a] < self.model.ticks or self.model.endless)
+        )
+
+    def take(self, reply: Reply, stamp: int) -> None:
+        """Take note of a reading of the feedback block.
+
+        Args:
+            reply: It.
+            stamp: When it was read, ns.
+        """
+        values = self._unpack(reply.data)
+        a, b, c, d, e = self._order
+        ticks, speed, load = values[a], values[b], values[c]
+        if self._magnitudes:
+            if speed >= _SIGN:
+                speed = _SIGN - speed
+            if load >= _SIGN:
+                load = _SIGN - load
+        if self._turn:
+            ticks = (ticks - self._lowest) % self._turn + self._lowest
+        self.ticks = ticks
+        self.position = (ticks - self.zero) * self.scale
+        self.velocity = speed * self._speed_scale
+        self.load = load * self._load_scale
+        self.voltage = values[d] * 0.1
+        self.temperature = float(values[e])
+        self.error = reply.error
+        self.stamp = stamp
+
+    def recalibrate(self, calibration: ServoCalibration) -> None:
+        """Take over other limits; raises ConfigurationError if the servo's own leave nothing."""
+        self._admit(self.check_calibration(calibration), calibration)
+
+    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
+        """Return the range, in ticks, that a calibration and the servo allow.
+
+        Raises:
+            ConfigurationError: They have nothing in common.
+        """
+        if self.identity is None:
+            return calibration.tick_range
+        return self._narrowed(calibration, self.identity)
+
+    def _admit(self, ticks: tuple[int, int], calibration: ServoCalibration) -> None:
+        self.calibration = calibration
+        sign = -1 if calibration.reversed else 1
+        model = self.model
+        self.zero = calibration.init
+        self.scale = sign * model.radians_per_tick
+        self._speed_scale = sign * model.speed_unit
+        self._load_scale = sign / model.load_maximum
+        self._turn = model.ticks if model.endless else 0
+        self._lowest = (calibration.min + calibration.max + 1) // 2 - model.ticks // 2
+        self.range = ticks
+        lower, upper = sorted(calibration.position(tick) for tick in ticks)
+        self.limits = (lower, upper)
+
+    def _narrowed(self, calibration: ServoCalibration, identity: ServoIdentity) -> tuple[int, int]:
+        (low, high), (lower, upper) = calibration.tick_range, identity.own_range
+        lowest, highest = max(low, lower), min(high, upper)
+        if lowest >= highest:
+            raise ConfigurationError(
+                f"{calibration.joint_name}: the configuration allows ticks {low} to {high}, "
+                f"servo {self.id} itself {lower} to {upper}: nothing in common; correct min and "
+                "max or the servo's angle limits"
+            )
+        return lowest, highest
+
+    def inside(self, ticks: int) -> int:
+        """Return the tick moved into what configuration and servo allow."""
+        lowest, highest = self.range
+        return max(lowest, min(highest, ticks))
+
+    def goal_ticks(self, position: float) -> int:
+        """Return the tick next to a position of the joint, rad, inside the range."""
+        ticks = round(self.zero + position / self.scale)
+        lowest, highest = self.range
+        return lowest if ticks < lowest else highest if ticks > highest else ticks
+
+    def encode_goal(self, ticks: int, speed: float) -> bytes:
+        """Return what to write for a goal.
+
+        Args:
+            ticks: Goal position, inside the range.
+            speed: rad/s, above 0 and at most as fast as `fastest` allows; 0 for the slowest.
+        """
+        count = round(speed / self._speed_unit)
+        if count > self.fastest:
+            count = self.fastest
+        elif count < SLOWEST:  # 0 would be full speed
+            count = SLOWEST
+        return self._pack(ticks, count) if self._position_first else self._pack(count, ticks)
+
+    def limit_speed(self, limit: float) -> None:
+        """Never encode a goal speed above a limit, rad/s."""
+        fastest = int(limit / self._speed_unit)
+        self.fastest = max(SLOWEST, min(self.model.speed_maximum, fastest))
+
+    def lose(self, ask_at: int) -> None:
+        """Leave it out of the cycle and ask it again at a time, ns."""
+        self.lost = self.unseen = True
+        self.ask_at = ask_at
+
+    def statistics(self, torque: Torque, stopped: bool) -> ServoStatistics:
+        """Return what there is to know about it.
+
+        Args:
+            torque: Its joint's.
+            stopped: Whether its joint takes no part in the cycle.
+        """
+        counters = self.counters
+        said = bool(self.stamp) and not self.lost
+        return ServoStatistics(
+            joint_name=self.calibration.joint_name,
+            id=self.id,
+            replies=counters.replies,
+            retries=counters.retries,
+            timeouts=counters.timeouts,
+            corrupt=counters.corrupt,
+            failed_cycles=self.failed_cycles,
+            lost=self.lost,
+            model=self.model.name,
+            firmware_version=None if self.identity is None else self.identity.firmware_version,
+            health=Health.STOPPED if stopped else self.health,
+            errors=self.errors,
+            last_stamp=self.stamp or None,
+            temperature=self.temperature if said else None,
+            voltage=self.voltage if said else None,
+            load=self.load if said else None,
+            torque=torque.value,
+        )
+
+
+def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
+    """Ping servos one by one and return the ids that answer.
+
+    A damaged answer counts: somebody is there.
+    """
+    found: list[int] = []
+    for servo in servos:
+        try:
+            servo.ping(tries)
+        except ReplyTimeoutError:
+            continue
+        except CorruptReplyError:
+            pass
+        found.append(servo.id)
+    return tuple(found)
+
+
+def summary(identities: list[ServoIdentity]) -> str:
+    """Return a line such as "2 AX-12 servos: ids 1, 2"."""
+    by_model: dict[str, list[int]] = {}
+    for identity in identities:
+        by_model.setdefault(identity.model, []).append(identity.id)
+    return "; ".join(
+        f"{len(ids)} {model} servo{'s' if len(ids) > 1 else ''}: "
+        f"id{'s' if len(ids) > 1 else ''} {', '.join(str(servo_id) for servo_id in ids)}"
+        for model, ids in by_model.items()
+    )
+
+
+def model_name(number: int) -> str:
+    """Return the name of the model with that Model Number, and the number."""
+    try:
+        return f"{servo_model_by_number(number).name} ({number})"
+    except ConfigurationError:
+        return f"an unknown model with number {number}"
+
+
+# What a servo is asked about itself
+
+
+def _wanted_registers(table: ControlTable, limits: tuple[str, str]) -> list[Register]:
+    names = (
+        "Model Number", "Firmware Version", "Status Return Level", "Torque Enable", *limits,
+        "Temperature Limit", "Shutdown", "Operating Mode", "Drive Mode", "Control Mode",
+        "Max Torque", "Torque Limit", "Hardware Error Status",
+    )  # fmt: skip
+    return sorted((table[n] for n in names if n in table), key=lambda register: register.address)
+
+
+def _spans_of(model: ServoModel) -> list[tuple[int, list[str], int]]:
+    spans: list[list[Register]] = []
+    for register in _wanted_registers(model.control_table, model.position_limits):
+        if spans and register.end - spans[-1][0].address <= _LONGEST_SPAN:
+            spans[-1].append(register)
+        else:
+            spans.append([register])
+    found = [
+        (span[0].address, [register.name for register in span], span[-1].end - span[0].address)
+        for span in spans
+    ]
+    # Of different lengths, so that no reply is taken for the next one.
+    assert all(one[2] != other[2] for one, other in pairwise(found)), model.name
+    return found
+
+
+_SPANS: Final = {model.name: _spans_of(model) for model in MODELS}
+
+
+def _spans(model: ServoModel) -> list[tuple[int, list[str], int]]:
+    """Return the reads that tell what a servo is: address, registers and length of each."""
+    return _SPANS.get(model.name) or _spans_of(model)
+
+
+def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
+    """Return whether a servo has shut itself down, from its own registers."""
+    if memory.get("Hardware Error Status", 0) & shutdown:
+        return True
+    return "Torque Limit" in memory and memory["Torque Limit"] == 0 < memory["Max Torque"]
+
+
+def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int) -> None:
+    """Refuse a servo that does not go to positions, or counts speeds in another way."""
+    table = servo.model.control_table
+    calibration = servo.calibration
+    who = f"servo {servo.id} ({calibration.joint_name})"
+    how = f"for example with `servo set {servo.id} REGISTER VALUE`"
+    if "Operating Mode" in table:
+        mode = memory["Operating Mode"]
+        if mode != _POSITION_MODE:
+            raise ServoModeError(
+                f"{who} is in operating mode {mode}; set Operating Mode (register "
+                f"{table['Operating Mode'].address}) to {_POSITION_MODE}, position control, {how}"
+            )
+        if memory["Drive Mode"] & _TIME_BASED:
+            raise ServoModeError(
+                f"{who} takes its profile velocity as a time; clear bit 2 of Drive Mode (register "
+                f"{table['Drive Mode'].address}), {how}"
+            )
+    elif memory.get("Control Mode", _JOINT_MODE) != _JOINT_MODE:
+        raise ServoModeError(
+            f"{who} is in wheel mode and has no positions; set Control Mode (register "
+            f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
+        )
+    elif lower == upper:
+        name = "wheel mode" if lower == 0 else "multi-turn mode"
+        raise ServoModeError(
+            f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
+            "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
+            f"{calibration.tick_range[0]} and {calibration.tick_range[1]}, {how}"
+        )

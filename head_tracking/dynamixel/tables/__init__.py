@@ -1,1 +1,0 @@
-"""The vendor's control tables, one file for each family of servos."""

@@ -1,0 +1,423 @@
+"""The one thread that owns a servo bus, and several buses that look like one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from head_tracking.dynamixel.bus import ServoBus
+from head_tracking.dynamixel.configuration import JointConfiguration
+from head_tracking.dynamixel.exceptions import BusStoppedError, ConfigurationError, GoalError
+from head_tracking.dynamixel.servo import Steps
+from head_tracking.dynamixel.state import BusReading, CommandResult, Goal, Torque
+
+_T = TypeVar("_T")
+_SECOND = 1_000_000_000
+
+
+class CycleSchedule:
+    """When cycles are due: on a fixed grid, so that they do not drift.
+
+    Args:
+        period: Time between cycles, ns.
+        start: When the first one is due, ns.
+
+    Attributes:
+        due: When the next cycle is due, ns.
+        missed: Cycles left out so far because the one before took too long.
+    """
+
+    def __init__(self, period: int, start: int) -> None:
+        self.due = start
+        self.missed = 0
+        self._period = period
+
+    def advance(self, now: int) -> None:
+        """Move on to the next cycle that is not past; those in between are left out, not made up.
+
+        Args:
+            now: End of the cycle that was due, ns.
+        """
+        self.due += self._period
+        if self.due < now:
+            late = (now - self.due) // self._period + 1
+            self.missed += late
+            self.due += late * self._period
+
+
+@dataclass(frozen=True, slots=True)
+class BusTiming:
+    """How the cycle keeps up.
+
+    Attributes:
+        update_rate: Cycles per second wanted.
+        reached_rate: Cycles per second of the last second or so; 0 before the first.
+        longest_cycle: Longest cycle so far, s.
+        missed: Cycles left out because one before took too long.
+    """
+
+    update_rate: float
+    reached_rate: float
+    longest_cycle: float
+    missed: int
+
+
+class BusThread:
+    """Runs a connected bus at a fixed rate and hands out its readings.
+
+    However the thread ends, it stops and relaxes the servos and closes the port: on `stop`, when
+    the port is lost, and when a callback raises.
+
+    Args:
+        bus: The bus; `connect` it first, then leave it to this thread.
+        update_rate: Cycles per second.
+        on_reading: Gets every reading, in this thread. It must return soon, and must not wait for
+            a future of `call`.
+        on_error: Gets the exception that ended the thread, after the servos were relaxed.
+
+    Raises:
+        ConfigurationError: The rate is not from 1 to 1000.
+    """
+
+    def __init__(
+        self,
+        bus: ServoBus,
+        update_rate: float,
+        on_reading: Callable[[BusReading], object],
+        on_error: Callable[[BaseException], object] | None = None,
+    ) -> None:
+        if not 1.0 <= update_rate <= 1000.0:
+            raise ConfigurationError(
+                f"update_rate {update_rate} is not possible; allowed are 1 to 1000 cycles/s"
+            )
+        self._bus = bus
+        self._update_rate = update_rate
+        self._on_reading = on_reading
+        self._on_error = on_error
+        self._wake = threading.Condition()
+        self._owner = threading.Lock()  # held while the bus is used
+        self._requests: deque[tuple[Callable[[ServoBus], Any], Future[Any]]] = deque()
+        self._stopping = False
+        self._ended = False
+        self._error: BaseException | None = None
+        self._unconfirmed: tuple[str, ...] = ()
+        self._longest = 0
+        self._reached = 0.0
+        self._missed = 0
+        self._thread = threading.Thread(target=self._run, name="servo bus", daemon=True)
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread runs cycles."""
+        return self._thread.is_alive() and not self._ended
+
+    @property
+    def error(self) -> BaseException | None:
+        """The exception that ended the thread, if one did."""
+        return self._error
+
+    @property
+    def unconfirmed(self) -> tuple[str, ...]:
+        """Joints that did not confirm at the end that they are relaxed."""
+        return self._unconfirmed
+
+    @property
+    def timing(self) -> BusTiming:
+        """How the cycle keeps up."""
+        return BusTiming(self._update_rate, self._reached, self._longest * 1e-9, self._missed)
+
+    def start(self) -> None:
+        """Start the cycles."""
+        self._thread.start()
+
+    def ask_to_stop(self) -> None:
+        """Ask the thread to end, without waiting for it."""
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """End the cycles, brake and relax the servos, close the port; safe to call twice.
+
+        Should the thread hang in a callback, the servos are relaxed from here.
+
+        Args:
+            timeout: How long to wait for the thread, s.
+
+        Raises:
+            BusStoppedError: The thread does not end in that time: a callback hangs (the servos have
+                been relaxed), or the port does (they have not).
+        """
+        self.ask_to_stop()
+        if self._thread.ident is None:
+            self._finish()
+        elif self._thread is not threading.current_thread():
+            self._thread.join(timeout)
+            if self._thread.is_alive():
+                if not self._owner.acquire(timeout=timeout):
+                    raise BusStoppedError(
+                        f"the servo bus on {self._bus.port_name} did not end within {timeout} s; "
+                        "its port hangs, and the servos may have torque on"
+                    )
+                self._owner.release()
+                self._finish()
+                raise BusStoppedError(
+                    f"the servo bus on {self._bus.port_name} did not end within {timeout} s; a "
+                    "callback does not return. The servos were relaxed without it"
+                )
+
+    def call(self, function: Callable[[ServoBus], Steps[_T] | _T]) -> Future[_T]:
+        """Run a function in the owner's thread between two cycles.
+
+        Steps that it returns are taken there, the first at once, the others between the work of
+        the next cycles; see `ServoBus.submit`. Cancelling the future ends them.
+
+        Args:
+            function: Gets the bus; for example `lambda bus: bus.switching_torque(None, False)`.
+
+        Returns:
+            Its result or exception; BusStoppedError if the thread does not run (any more).
+        """
+        future: Future[_T] = Future()
+        with self._wake:
+            if not self._ended and not self._stopping:
+                self._requests.append((function, future))
+                self._wake.notify()
+                return future
+        future.set_exception(BusStoppedError("the servo bus has stopped"))
+        return future
+
+    def _run(self) -> None:
+        try:
+            self._run_cycles()
+        except BaseException as error:  # kept and reported; the servos come first
+            self._error = error
+        finally:
+            self._finish()
+        if self._error is not None and self._on_error is not None:
+            self._on_error(self._error)
+
+    def _finish(self) -> None:
+        """Close the bus, once, whoever comes first."""
+        with self._owner:
+            if self._ended:
+                return
+            try:
+                self._unconfirmed = self._bus.close()
+            finally:
+                with self._wake:
+                    self._ended = True
+                    requests, self._requests = self._requests, deque()
+                for _, future in requests:
+                    if future.set_running_or_notify_cancel():
+                        future.set_exception(BusStoppedError("the servo bus has stopped"))
+
+    def _run_cycles(self) -> None:
+        schedule = CycleSchedule(round(_SECOND / self._update_rate), time.monotonic_ns())
+        window_start, window_cycles = schedule.due, 0
+        while self._wait(schedule.due):
+            begin = time.monotonic_ns()
+            with self._owner:
+                if self._ended:  # somebody has closed the bus while a callback hung
+                    return
+                reading = self._bus.step()
+            end = time.monotonic_ns()
+            self._longest = max(self._longest, end - begin)
+            window_cycles += 1
+            if end - window_start >= _SECOND:
+                self._reached = window_cycles * _SECOND / (end - window_start)
+                window_start, window_cycles = end, 0
+            self._on_reading(reading)
+            schedule.advance(time.monotonic_ns())
+            self._missed = schedule.missed
+
+    def _wait(self, due: int) -> bool:
+        """Serve requests until a time, ns; return False when the thread shall end."""
+        while True:
+            with self._wake:
+                if self._stopping:
+                    return False
+                if not self._requests:
+                    left = due - time.monotonic_ns()
+                    if left <= 0:
+                        return True
+                    self._wake.wait(left * 1e-9)
+                    continue
+                function, future = self._requests.popleft()
+            with self._owner:
+                if not self._ended:
+                    self._serve(function, future)
+            if due <= time.monotonic_ns():
+                return not self._stopping  # a stream of requests must not starve the cycle
+
+    def _serve(self, function: Callable[[ServoBus], Any], future: Future[Any]) -> None:
+        if future.cancelled():
+            return
+        try:
+            result = function(self._bus)
+            if isinstance(result, Generator):
+                self._bus.submit(result, future)
+                return
+        except Exception as error:  # of a port that has gone, the next cycle finds out, too
+            result = error
+        with suppress(InvalidStateError):  # nobody waits for it any more
+            if isinstance(result, Exception):
+                future.set_exception(result)
+            else:
+                future.set_result(result)
+
+
+class Buses:
+    """Runs each bus in a thread of its own and finds the bus of a joint.
+
+    Args:
+        buses: The buses.
+        update_rate: Cycles per second.
+        on_reading: Gets the bus and each of its readings, in its thread; see `BusThread`.
+        on_error: Gets the exception that ended a thread, in that thread.
+
+    Raises:
+        ConfigurationError: Two buses have a joint or a controller of the same name.
+    """
+
+    def __init__(
+        self,
+        buses: Sequence[ServoBus],
+        update_rate: float,
+        on_reading: Callable[[ServoBus, BusReading], object],
+        on_error: Callable[[BaseException], object],
+    ) -> None:
+        self._threads = [
+            (bus, BusThread(bus, update_rate, partial(on_reading, bus), on_error)) for bus in buses
+        ]
+        self._by_joint: dict[str, tuple[ServoBus, BusThread]] = {}
+        controllers: set[str] = set()
+        for bus, thread in self._threads:
+            for joint in bus.joints:
+                if joint.joint_name in self._by_joint or joint.controller in controllers:
+                    raise ConfigurationError(
+                        f"{joint.joint_name} ({joint.controller}) is on two buses"
+                    )
+                self._by_joint[joint.joint_name] = (bus, thread)
+                controllers.add(joint.controller)
+
+    @property
+    def threads(self) -> Sequence[tuple[ServoBus, BusThread]]:
+        """Each bus and its thread."""
+        return self._threads
+
+    @property
+    def joints(self) -> tuple[JointConfiguration, ...]:
+        """The configured joints of all buses."""
+        return tuple(joint for bus, _ in self._threads for joint in bus.joints)
+
+    def bus_of(self, joint: str) -> ServoBus:
+        """Return the bus of a joint; raises GoalError if it is unknown."""
+        return self._find(joint)[0]
+
+    def torque(self, joint: str) -> Torque:
+        """Return the torque of a joint; raises GoalError if it is unknown."""
+        return self._find(joint)[0].torque(joint)
+
+    def start(self) -> None:
+        """Start the cycles of all buses."""
+        for _, thread in self._threads:
+            thread.start()
+
+    def stop(self) -> tuple[str, ...]:
+        """End the cycles, relax the servos, close the ports of all buses, whatever one does.
+
+        Returns:
+            Joints that did not confirm that they are relaxed.
+
+        Raises:
+            BusStoppedError: A thread did not end; says which and whether its servos are relaxed.
+        """
+        for _, thread in self._threads:
+            thread.ask_to_stop()
+        failures: list[str] = []
+        for _, thread in self._threads:
+            try:
+                thread.stop()
+            except BusStoppedError as failure:
+                failures.append(str(failure))
+        if failures:
+            raise BusStoppedError("; ".join(failures))
+        return self.unconfirmed
+
+    @property
+    def unconfirmed(self) -> tuple[str, ...]:
+        """Joints that did not confirm at the end that they are relaxed."""
+        return tuple(joint for _, thread in self._threads for joint in thread.unconfirmed)
+
+    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+        """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
+
+        Raises:
+            GoalError: A joint is unknown, and nothing has changed; or a bus refuses.
+            NotConnectedError: A bus is not connected.
+        """
+        shares: dict[ServoBus, dict[str, Goal]] = {}
+        for name, goal in goals.items():
+            bus = self.bus_of(name) if len(self._threads) > 1 else self._threads[0][0]
+            shares.setdefault(bus, {})[name] = goal
+        results: list[CommandResult] = []
+        refusals: list[str] = []
+        for bus, share in shares.items():
+            try:
+                results.append(bus.command(share, clamp=clamp))
+            except GoalError as refusal:
+                refusals.append(str(refusal))
+        if refusals:
+            raise GoalError("; ".join(refusals))
+        return CommandResult(
+            {name: value for result in results for name, value in result.positions.items()},
+            {name: value for result in results for name, value in result.clamped.items()},
+            tuple(name for result in results for name in result.lost),
+        )
+
+    def call(
+        self,
+        joints: Iterable[str] | None,
+        function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
+    ) -> list[Future[_T]]:
+        """Run a function in the owner's thread of each bus that has some of these joints.
+
+        Args:
+            joints: The joints; None for all.
+            function: Gets the bus and its share of the joints.
+
+        Raises:
+            GoalError: A joint is unknown; nothing was run.
+        """
+        names = tuple(self._by_joint) if joints is None else tuple(joints)
+        shares: dict[BusThread, list[str]] = {}
+        for name in names:
+            shares.setdefault(self._find(name)[1], []).append(name)
+        return [
+            thread.call(partial(_swapped, function, tuple(share)))
+            for thread, share in shares.items()
+        ]
+
+    def _find(self, joint: str) -> tuple[ServoBus, BusThread]:
+        try:
+            return self._by_joint[joint]
+        except KeyError:
+            raise GoalError(
+                f"no joint {joint!r} on any bus; there are {', '.join(self._by_joint)}"
+            ) from None
+
+
+def _swapped(
+    function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
+    joints: tuple[str, ...],
+    bus: ServoBus,
+) -> Steps[_T] | _T:
+    return function(bus, joints)

@@ -1,0 +1,403 @@
+"""A serial port that does not exist: a simulated bus behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import os
+import select
+import struct
+import threading
+import time
+import tty
+from collections import Counter
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import Final, Self, TypeVar
+
+from head_tracking.dynamixel.configuration import JointConfiguration
+from head_tracking.simulation.bus import SimulatedBus
+from head_tracking.simulation.exceptions import PortLinkError
+from head_tracking.simulation.serial_line import Overlap, SerialLine
+from head_tracking.simulation.servo import SimulatedServo
+
+_T = TypeVar("_T")
+
+_MAX_GAP: Final = {1: 100_000_000, 2: 100_000_000}
+"""Pause within a packet, ns, by protocol: pauses of this machine are none on the wire."""
+
+_LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
+_CHUNK: Final = 4096
+_SPIN: Final = 150_000  # ns before the end of a wait
+_PR_SET_TIMERSLACK: Final = 29
+_TCGETS2: Final = 0x802C542A
+_TERMIOS2: Final = 44  # bytes of struct termios2
+_SPEED_OFFSET: Final = 40  # its c_ospeed
+
+
+class PseudoTerminal:
+    """A device that programs may open and close as often as they like.
+
+    Args:
+        link: Path of a symbolic link to the device; None for none.
+
+    Attributes:
+        descriptor: The end behind the device, non-blocking.
+        name: The device.
+
+    Raises:
+        PortLinkError: The link cannot be made.
+    """
+
+    def __init__(self, link: str | None = None) -> None:
+        # The slave stays open here too: else the master reads EIO whenever a client closes it.
+        self.descriptor, self._slave = os.openpty()
+        self.link = link
+        try:
+            tty.setraw(self._slave)
+            os.set_blocking(self.descriptor, False)
+            self.name = os.ttyname(self._slave)
+            # How another simulator knows that this one is alive; serial programs use flock.
+            fcntl.fcntl(self._slave, fcntl.F_OFD_SETLK, _lock(fcntl.F_RDLCK))
+            self._make_link()
+        except BaseException:
+            self._close()
+            raise
+
+    @property
+    def baud_rate(self) -> int:
+        """Bits per second that the program has set."""
+        settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2))
+        rate: int = struct.unpack_from("I", settings, _SPEED_OFFSET)[0]
+        return rate or 38_400
+
+    def read(self) -> bytes:
+        """Return what the program has written."""
+        with suppress(BlockingIOError):
+            return os.read(self.descriptor, _CHUNK)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Write as much as the program has room for; the rest is lost, as on a wire."""
+        with suppress(BlockingIOError):
+            os.write(self.descriptor, data)
+
+    def close(self) -> None:
+        """Remove the device: a program that has it open sees it vanish."""
+        # Only if the link is still ours: somebody may have put another one there.
+        with suppress(OSError):
+            if self.link is not None and os.readlink(self.link) == self.name:
+                os.unlink(self.link)
+        self._close()
+
+    def _close(self) -> None:
+        os.close(self.descriptor)
+        os.close(self._slave)
+
+    def _make_link(self) -> None:
+        if self.link is None:
+            return
+        if os.path.lexists(self.link) and not os.path.islink(self.link):
+            raise PortLinkError(
+                f"cannot make the link {self.link}: something else has that name; remove it or "
+                "choose another path"
+            )
+        try:
+            if os.path.islink(self.link):
+                target = os.path.realpath(self.link)
+                ours = target == self.name  # a killed one's number, given out again
+                if os.path.exists(target) and not ours and not _is_abandoned(target):
+                    raise PortLinkError(
+                        f"cannot make the link {self.link}: it leads to {target}, which is in use, "
+                        "perhaps by another simulated bus; end that one, or choose another path"
+                    )
+                os.unlink(self.link)
+            os.symlink(self.name, self.link)
+        except OSError as cause:
+            raise PortLinkError(
+                f"cannot make the link {self.link}: {cause.strerror}; choose a path in a "
+                "directory you may write to"
+            ) from cause
+
+
+def _lock(kind: int) -> bytes:
+    return struct.pack("hhqqi", kind, os.SEEK_SET, 0, 0, 0)
+
+
+def _is_abandoned(device: str) -> bool:
+    """Return whether a device is a pseudo-terminal that no simulator serves any more.
+
+    Numbers of pseudo-terminals are given out again: what a killed simulator's link leads to may be
+    anybody's terminal by now, or another simulator's.
+    """
+    if not device.startswith("/dev/pts/"):
+        return False
+    try:
+        descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _lock(fcntl.F_WRLCK))
+    finally:
+        os.close(descriptor)
+    kind: int = struct.unpack_from("h", found)[0]
+    return kind == fcntl.F_UNLCK
+
+
+class SimulatedPort:
+    """Serves a simulated bus on a pty, which any Dynamixel program can open by `port_name`.
+
+    A context manager. Programs may open and close the port as often as they like; what nobody
+    reads is lost, as on a wire. The bus belongs to the server's thread: look at it and touch it
+    through the methods here, from any thread.
+
+    Args:
+        bus: The servos, or a bus.
+        link: Path at which a symbolic link to the pty is made, so that it has a stable name, also
+            when it is unplugged and plugged in again.
+        clock: Monotonic time, ns.
+        paced: Whether bytes take the time that they take at the baud rate the program has set.
+        latency: Period at which the adapter hands on what it received, s; 0: at once.
+        match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
+        spinning: Burn a core at the end of each wait, to be exact to some microseconds.
+        on_failure: Called, in the server's thread, if the simulator itself fails.
+
+    Attributes:
+        failure: What the simulator failed of: the port has vanished then; None: it has not.
+    """
+
+    def __init__(
+        self,
+        bus: SimulatedBus | Iterable[SimulatedServo],
+        *,
+        link: str | os.PathLike[str] | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+        paced: bool = False,
+        latency: float = 0.0,
+        match_baud_rate: bool = False,
+        spinning: bool = False,
+        on_failure: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.failure: BaseException | None = None
+        self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
+        self._bus.allow_gaps(_MAX_GAP)
+        self._needs_rate = paced or match_baud_rate
+        self._line = SerialLine(
+            self._bus,
+            paced=paced,
+            latency=round(latency * 1e9),
+            match_baud_rate=match_baud_rate,
+        )
+        self._on_failure = on_failure
+        self._link = None if link is None else os.path.abspath(os.fspath(link))
+        self._clock = clock
+        self._spinning = spinning
+        self._lock = threading.RLock()
+        self._thread: threading.Thread | None = None
+        self._terminal: PseudoTerminal | None = None
+        self._wake_reader = self._wake_writer = -1
+        self._orders: SimpleQueue[tuple[PseudoTerminal | None, threading.Event]] = SimpleQueue()
+        self._stopping = False
+
+    @property
+    def port_name(self) -> str:
+        """Device to open: the link if there is one, else the pty; empty while there is none."""
+        terminal = self._terminal
+        return "" if terminal is None else terminal.link or terminal.name
+
+    def open(self) -> None:
+        """Make the pty and start to serve it.
+
+        Raises:
+            PortLinkError: The link cannot be made.
+        """
+        if self._thread is not None:
+            return
+        self._terminal = PseudoTerminal(self._link)
+        self._wake_reader, self._wake_writer = os.pipe()
+        self._stopping = False
+        with self._lock:
+            self._bus.advance(self._clock())
+        self._thread = threading.Thread(target=self._serve, name="simulated bus", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop serving and remove the pty: a program that has it open sees its port vanish."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        self._stopping = True
+        self._wake()
+        thread.join()
+        with self._lock:
+            terminal, self._terminal = self._terminal, None
+            if terminal is not None:
+                terminal.close()
+            self._line.clear()
+            for descriptor in (self._wake_reader, self._wake_writer):
+                os.close(descriptor)
+            self._wake_reader = self._wake_writer = -1
+
+    def unplug(self) -> None:
+        """Pull the adapter out: the device and the link vanish, the servos keep their supply."""
+        if self._terminal is not None:
+            self._order(None)
+
+    def replug(self) -> None:
+        """Plug the adapter in again: there is a device again, by another name, and the link.
+
+        Raises:
+            PortLinkError: The link cannot be made.
+        """
+        if self._terminal is None and self._thread is not None:
+            self._order(PseudoTerminal(self._link))
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # From any thread
+
+    def use(self, function: Callable[[SimulatedBus], _T]) -> _T:
+        """Call a function with the bus at the present time, while the server waits."""
+        with self._lock:
+            self._bus.advance(self._clock())
+            slept = self._bus.at_rest
+            result = function(self._bus)
+            if slept and not self._bus.at_rest and self._wake_writer >= 0:
+                self._wake()
+        return result
+
+    def true_ticks(self, servo_id: int) -> float:
+        """Return the true angle of a shaft, in fractions of a tick; see `SimulatedServo`."""
+        return self.use(lambda bus: bus[servo_id].true_ticks)
+
+    @property
+    def overlaps(self) -> Counter[Overlap]:
+        """How often two spoke at the same time; only a paced port can tell, but for twins."""
+        return self._line.overlaps
+
+    def push(self, servo_id: int, torque: float) -> None:
+        """Load a shaft from outside until the next call, N m, counter-clockwise."""
+        self.use(lambda bus: bus[servo_id].push(torque))
+
+    def lead(self, servo_id: int, ticks: float, duration: float, strength: float = 0.5) -> None:
+        """Let a hand lead a shaft to a tick within `duration` seconds and let go there."""
+        self.use(lambda bus: bus[servo_id].lead(ticks, duration, strength))
+
+    def _wake(self) -> None:
+        os.write(self._wake_writer, b"w")
+
+    def _order(self, terminal: PseudoTerminal | None) -> None:
+        done = threading.Event()
+        self._orders.put((terminal, done))
+        self._wake()
+        thread = self._thread
+        while thread is not None and thread.is_alive() and not done.wait(0.1):
+            pass
+
+    # Server's thread
+
+    def _serve(self) -> None:
+        with suppress(OSError, AttributeError):  # waits end in time, not up to 50 us later
+            ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
+        try:
+            while not self._stopping:
+                ready = self._wait()
+                if self._wake_reader in ready:
+                    os.read(self._wake_reader, _CHUNK)
+                    self._obey()
+                self._exchange(self._terminal, ready)
+        except BaseException as failure:
+            self.failure = failure
+            with self._lock:
+                terminal, self._terminal = self._terminal, None
+                if terminal is not None:
+                    terminal.close()
+            self._on_failure()
+            raise
+
+    def _exchange(self, terminal: PseudoTerminal | None, ready: list[int]) -> None:
+        now = self._clock()
+        with self._lock:
+            arrived = self._line.take(now)
+            if arrived and terminal is not None:
+                terminal.write(arrived)
+            if terminal is not None and terminal.descriptor in ready:
+                data = terminal.read()
+                self._line.send(data, now, terminal.baud_rate if self._needs_rate else 0)
+            elif not arrived:
+                self._bus.advance(now)
+
+    def _obey(self) -> None:
+        while not self._orders.empty():
+            terminal, done = self._orders.get()
+            old, self._terminal = self._terminal, terminal
+            if old is not None:
+                old.close()
+            with self._lock:
+                self._line.clear()
+            done.set()
+
+    def _wait(self) -> list[int]:
+        """Wait until there is something to do; return the descriptors that have something."""
+        watched = [self._wake_reader]
+        if self._terminal is not None:
+            watched.append(self._terminal.descriptor)
+        with self._lock:
+            due = self._line.due
+            if due is None and not self._bus.at_rest:
+                due = self._clock() + _LOOK
+        if due is None:
+            return select.select(watched, (), ())[0]
+        ready: list[int] = []
+        while not ready and (rest := due - self._clock()) > 0:
+            pause = max(0, rest - _SPIN) if self._spinning else rest
+            ready = select.select(watched, (), (), pause * 1e-9)[0]
+        return ready
+
+
+class SimulatedJoints:
+    """The servos of a configuration, simulated: a port to open, and the truth about the joints.
+
+    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos
+    on one joint turn each for itself: no shaft joins them.
+
+    Attributes:
+        port: the port of the bus that they share.
+    """
+
+    def __init__(self, joints: Iterable[JointConfiguration]) -> None:
+        self._joints = {joint.joint_name: joint for joint in joints}
+        servos = [
+            SimulatedServo(mount.id, mount.model, position=mount.init)
+            for joint in self._joints.values()
+            for mount in joint.calibrations
+        ]
+        self.port = SimulatedPort(servos, paced=True)
+
+    @property
+    def port_name(self) -> str:
+        """What a driver opens."""
+        return self.port.port_name
+
+    def true_position(self, joint_name: str) -> float:
+        """Where the joint really is [rad], finer than any encoder tells."""
+        joint = self._joints[joint_name]
+        return joint.position(self.port.true_ticks(joint.id))
+
+    def lead(self, joint_name: str, position: float, duration: float) -> None:
+        """Lets a hand lead the joint to a position [rad] within `duration` [s]."""
+        for mount in self._joints[joint_name].calibrations:
+            self.port.lead(mount.id, mount.ticks(position), duration)
+
+    def __enter__(self) -> Self:
+        self.port.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.port.close()

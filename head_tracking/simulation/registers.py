@@ -1,0 +1,529 @@
+"""The registers of a simulated servo: their bytes, what a packet may write, what they mean.
+
+Sources: ROBOTIS e-manual, page of each model: angle limits, control and operating modes, profiles,
+gains, indirect addresses, bus watchdog.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from enum import Enum
+from typing import Final
+
+from head_tracking.dynamixel.control_table import (
+    MX_ACCELERATION,
+    X_ACCELERATION,
+    X_SPEED,
+    ControlTable,
+    Memory,
+    Register,
+    Sign,
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+)
+from head_tracking.dynamixel.models import ServoModel
+from head_tracking.simulation.motion import (
+    Control,
+    ControlLaw,
+    Drive,
+    DriveSettings,
+    Profile,
+    compliance_law,
+    proportional_law,
+)
+
+_HIGHEST: Final = 1023
+_STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
+_MX_GAIN_SLOPE: Final = 1024.0 * math.radians(300.0 / 1024.0)
+"""Slope of a P Gain of 1, rad: slope 32 of an AX and gain 32 of an MX do the same (e-manual)."""
+
+_REVERSE, _TIME_BASED, _TORQUE_BY_GOAL = 1, 4, 8  # bits of Drive Mode
+_CURRENT, _VELOCITY, _POSITION, _EXTENDED, _CURRENT_POSITION, _PWM = 0, 1, 3, 4, 5, 16
+_FULL_PWM: Final = 885
+_X_GAIN: Final = 128.0  # of a Position P Gain that gives one count of PWM for each tick
+_GOALS: Final = ("Goal PWM", "Goal Current", "Goal Velocity", "Goal Position")
+_LIMITS: Final = {
+    "Goal PWM": "PWM Limit",
+    "Goal Current": "Current Limit",
+    "Goal Velocity": "Velocity Limit",
+}
+WATCHDOG_TRIPPED: Final = 255
+_MORE_INDIRECT: Final = 53  # firmware from which the 330 series has 28 indirect registers, not 20
+
+
+class Refusal(Enum):
+    """Why a servo does not do what a packet asks."""
+
+    RESERVED = "no register there"
+    READ_ONLY = "a register that only the servo writes"
+    LENGTH = "a part of a register"
+    RANGE = "a value that the register never takes"
+    LIMIT = "a value that another register forbids now"
+    LOCKED = "EEPROM that cannot be written now"
+    INSTRUCTION = "an instruction that it does not know, or cannot carry out now"
+    FAILED = "something that did not work"
+
+
+def firmware_table(model: ServoModel, firmware: int) -> ControlTable:
+    """Return the control table of a model as one version of its firmware has it.
+
+    From version 53 on the 330 series has 28 indirect registers, with their data at 224 to 251, and
+    before 20, with data at 208 to 227 (e-manual, XL330-M288, note on the table of the RAM).
+    """
+    table = model.control_table
+    registers = list(table)
+    if model.watchdog is not None and firmware < model.watchdog:
+        registers = [r for r in registers if r.name != "Bus Watchdog"]
+    small = "Indirect Data 1" in table and table["Indirect Data 1"].address == 208
+    if small and firmware >= _MORE_INDIRECT:
+        registers = [r for r in registers if not r.name.startswith("Indirect")]
+        address, data = table["Indirect Address 1"], table["Indirect Data 1"]
+        for n in range(28):
+            own = replace(address, name=f"Indirect Address {n + 1}", address=168 + 2 * n)
+            registers.append(replace(own, initial=224 + n, maximum=251))
+            registers.append(replace(data, name=f"Indirect Data {n + 1}", address=224 + n))
+    return table if len(registers) == len(table) else ControlTable(table.name, tuple(registers))
+
+
+class Registers(ABC):
+    """The bytes of a control table, with the checks a servo makes before it takes new values.
+
+    What the registers mean for the motion is told by the two kinds of them, `JointRegisters` and
+    `XRegisters`.
+
+    Args:
+        model: The servo's model.
+        firmware: Version of its firmware.
+    """
+
+    def __init__(self, model: ServoModel, firmware: int) -> None:
+        self.model = model
+        self.table = table = firmware_table(model, firmware)
+        self._whole = model.protocol == 2  # protocol 2.0 writes registers as a whole
+        self._bytes = bytearray(table.size)
+        self._values = {register.name: 0 for register in table}
+        self._places = {
+            r.name: (r.address, r.end, r.size, r.sign is Sign.TWOS_COMPLEMENT) for r in table
+        }
+        self._owners: list[Register | None] = [None] * table.size
+        for register in table:
+            self._owners[register.address : register.end] = [register] * register.size
+        self._aliases = {
+            table[r.name.replace("Address", "Data")].address: r.name
+            for r in table
+            if r.name.startswith("Indirect Address")
+        }
+        """Names of the registers that say what stands at the address of an Indirect Data."""
+        self._first_alias = min(self._aliases, default=table.size)
+        self.load_initial_values(Memory.EEPROM)
+        self.load_initial_values(Memory.RAM)
+        self["Firmware Version"] = firmware
+
+    def load_initial_values(self, memory: Memory, *, but: Collection[str] = ()) -> None:
+        """Set the registers of EEPROM or RAM to the vendor's values, where there are any."""
+        for register in self.table:
+            if (
+                register.memory is memory
+                and register.initial is not None
+                and register.name not in but
+            ):
+                self[register.name] = register.initial
+
+    def __getitem__(self, name: str) -> int:
+        return self._values[name]
+
+    def get(self, name: str, default: int = 0) -> int:
+        """Return a register that not all models have."""
+        return self._values.get(name, default)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def __setitem__(self, name: str, value: int) -> None:
+        """Set a register from inside the servo, whatever a packet may do."""
+        if self._values[name] != value:
+            start, end, size, signed = self._places[name]
+            self._bytes[start:end] = value.to_bytes(size, "little", signed=signed)
+            self._values[name] = value
+
+    def read(self, address: int, length: int) -> bytes | None:
+        """Return bytes, or None when some of them are behind the table."""
+        if length < 1 or address + length > len(self._bytes):
+            return None
+        if address + length <= self._first_alias:
+            return bytes(self._bytes[address : address + length])
+        return b"".join(bytes(self._bytes[start:end]) for start, end in self._runs(address, length))
+
+    def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
+        """Return the new values that a packet's write gives to registers, or why it may not."""
+        if not data:
+            return Refusal.LENGTH if self._whole else Refusal.RESERVED
+        changes: dict[str, int] = {}
+        for start, end in self._runs(address, len(data)):
+            place = start
+            while place < end:
+                register = self._owners[place] if place < len(self._owners) else None
+                if register is None:
+                    return Refusal.RESERVED
+                if not register.writable:
+                    return Refusal.READ_ONLY
+                share = data[: min(end, register.end) - place]
+                data = data[len(share) :]
+                if len(share) < register.size:
+                    if self._whole:
+                        return Refusal.LENGTH
+                    whole = self._bytes[register.address : register.end]
+                    at = place - register.address
+                    whole[at : at + len(share)] = share
+                    share = bytes(whole)
+                value = register.decode(share)
+                refusal = None if register.admits(value) else Refusal.RANGE
+                refusal = refusal or self.refusal(register, value)
+                if refusal:
+                    return refusal
+                changes[register.name] = value
+                place = register.end
+        return changes
+
+    @property
+    def first_measured(self) -> int:
+        """Address of the first register that the servo itself keeps up to date."""
+        own = (r for r in self.table if r.name.startswith(("Present", "Realtime Tick")))
+        return min(register.address for register in own)
+
+    def set_registered(self, value: int) -> None:
+        """Tell whether a write waits to be carried out."""
+        for name in ("Registered", "Registered Instruction"):
+            if name in self:
+                self[name] = value
+
+    def _runs(self, address: int, length: int) -> Iterator[tuple[int, int]]:
+        """Yield begin and end of the bytes meant, after Indirect Data has been looked up."""
+        end = address + length
+        if end <= self._first_alias:
+            yield address, end
+            return
+        first = last = -1
+        for byte in range(address, end):
+            place = self._values[self._aliases[byte]] if byte in self._aliases else byte
+            if place != last:
+                if last >= 0:
+                    yield first, last
+                first = place
+            last = place + 1
+        yield first, last
+
+    # What they mean
+
+    @property
+    @abstractmethod
+    def goal_speed(self) -> int:
+        """The speed at which a goal is approached, or at which the servo turns, in its counts."""
+
+    @abstractmethod
+    def start(self, ticks: float) -> None:
+        """Set what power-on sets, with the shaft at a tick."""
+
+    @abstractmethod
+    def settings(self) -> DriveSettings:
+        """Return what the control loop must know."""
+
+    @abstractmethod
+    def ticks(self, angle: float) -> float:
+        """Return the position of the shaft at an angle, rad, as the servo counts it."""
+
+    @abstractmethod
+    def refusal(self, register: Register, value: int) -> Refusal | None:
+        """Return why another register forbids a value."""
+
+    @abstractmethod
+    def stiffens(self, names: Collection[str]) -> bool:
+        """Return whether a write of these registers may switch torque on."""
+
+    @abstractmethod
+    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+        """Do what a write does besides; `before` has the old values of what was written."""
+
+    @abstractmethod
+    def measure(self, drive: Drive, noise: float) -> None:
+        """Take over what the servo measures; `noise` is the encoder's, ticks."""
+
+    @abstractmethod
+    def shut_down(self) -> bool:
+        """Switch off because of an error; return whether something was on."""
+
+    @abstractmethod
+    def fold(self, drive: Drive) -> None:
+        """Count the present position within one turn from now on, where turns are counted."""
+
+    @property
+    def _direction(self) -> int:
+        return -1 if self.get("Drive Mode") & _REVERSE else 1
+
+
+class JointRegisters(Registers):
+    """AX, RX, MX with protocol 1.0 and XL-320: a moving speed; wheel and joint by angle limits."""
+
+    @property
+    def goal_speed(self) -> int:
+        """See `Registers`."""
+        return self["Moving Speed"]
+
+    def start(self, ticks: float) -> None:
+        """See `Registers`."""
+        self["Goal Position"] = self._in_range(ticks)
+        self["Torque Limit"] = self["Max Torque"]
+
+    def settings(self) -> DriveSettings:
+        """See `Registers`."""
+        model, speed, wheel = self.model, self["Moving Speed"], self._is_wheel
+        control, goal = Control.POSITION, self._angle(self["Goal Position"])
+        if self.get("Torque Ctrl Mode Enable"):
+            control, goal = Control.OUTPUT, decode_sign_magnitude(self["Goal Torque"]) / _STALL
+        elif wheel and model.endless:
+            control, goal = Control.VELOCITY, decode_sign_magnitude(speed) * model.speed_unit
+        elif wheel:
+            control, goal = Control.OUTPUT, decode_sign_magnitude(speed) / model.speed_maximum
+        ramp = self.get("Goal Acceleration") * MX_ACCELERATION
+        return DriveSettings(
+            torque=bool(self["Torque Enable"]),
+            control=control,
+            goal=goal,
+            profile=Profile((speed & _HIGHEST) * model.speed_unit, ramp),
+            law=self._law(),
+            round=wheel or (model.endless and not self._is_multi_turn),
+            governed=True,
+        )
+
+    def ticks(self, angle: float) -> float:
+        """See `Registers`."""
+        turned = self._direction * angle / self.model.radians_per_tick
+        return self.model.center + turned + self._offset
+
+    def refusal(self, register: Register, value: int) -> Refusal | None:
+        """See `Registers`."""
+        if register.name == "Lock" and value < self["Lock"]:
+            return Refusal.LOCKED  # only a power cycle unlocks
+        if register.memory is Memory.EEPROM and self.get("Lock"):
+            return Refusal.LOCKED
+        if self._is_wheel or self._is_multi_turn:
+            return None
+        if register.name == "Moving Speed" and value > self.model.speed_maximum:
+            return Refusal.RANGE
+        if register.name == "Goal Position":
+            if not 0 <= value < self.model.ticks:
+                return Refusal.RANGE
+            if not self["CW Angle Limit"] <= value <= self["CCW Angle Limit"]:
+                return Refusal.LIMIT
+        return None
+
+    def stiffens(self, names: Collection[str]) -> bool:
+        """See `Registers`: users see it happen, the vendor says nothing."""
+        return "Goal Position" in names or "Moving Speed" in names
+
+    def measure(self, drive: Drive, noise: float) -> None:
+        """See `Registers`."""
+        model, sign = self.model, self._direction
+        speed = round(sign * drive.speed / model.speed_unit)
+        self["Present Position"] = self._in_range(self.ticks(drive.angle) + noise)
+        self["Present Speed"] = encode_sign_magnitude(max(-_HIGHEST, min(_HIGHEST, speed)))
+        self["Present Load"] = encode_sign_magnitude(
+            round(sign * drive.output * model.load_maximum)
+        )
+        self["Moving"] = int(drive.moving)
+        if "Current" in self:
+            self["Current"] = 2048 + round(sign * drive.current * _STALL)
+
+    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+        """See `Registers`: nothing."""
+
+    def fold(self, drive: Drive) -> None:
+        """See `Registers`: nothing."""
+
+    def shut_down(self) -> bool:
+        """See `Registers`: protocol 1.0 takes the torque limit away, XL-320 switches off."""
+        name = "Torque Limit" if self.model.protocol == 1 else "Torque Enable"
+        on = bool(self[name])
+        self[name] = 0
+        return on
+
+    @property
+    def _is_wheel(self) -> bool:
+        if "Control Mode" in self:
+            return self["Control Mode"] == 1
+        return self["CW Angle Limit"] == self["CCW Angle Limit"] == 0
+
+    @property
+    def _is_multi_turn(self) -> bool:
+        return self.model.endless and (
+            self["CW Angle Limit"] == self["CCW Angle Limit"] == self.model.ticks - 1
+        )
+
+    @property
+    def _offset(self) -> int:
+        return self["Multi Turn Offset"] if self._is_multi_turn else 0
+
+    def _in_range(self, ticks: float) -> int:
+        if self._is_multi_turn:
+            return max(-28_672, min(28_672, round(ticks)))
+        if self.model.endless:
+            return round(ticks) % self.model.ticks
+        return max(0, min(self.model.ticks - 1, round(ticks)))
+
+    def _angle(self, ticks: int) -> float:
+        turned = (ticks - self._offset - self.model.center) * self.model.radians_per_tick
+        return self._direction * turned
+
+    def _law(self) -> ControlLaw:
+        punch, limit = self["Punch"] / 1023.0, self["Torque Limit"] / 1023.0
+        if "P Gain" in self:
+            gain = self["P Gain"]
+            slope = _MX_GAIN_SLOPE / gain if gain else math.inf
+            return proportional_law(self.model.no_load_speed, slope, limit, punch)
+        return compliance_law(
+            self.model.radians_per_tick,
+            (self["CW Compliance Margin"], self["CCW Compliance Margin"]),
+            (self["CW Compliance Slope"], self["CCW Compliance Slope"]),
+            punch,
+            limit,
+        )
+
+
+class XRegisters(Registers):
+    """X series and MX(2.0): operating modes and profiles."""
+
+    @property
+    def goal_speed(self) -> int:
+        """See `Registers`."""
+        return self["Goal Velocity" if self["Operating Mode"] == _VELOCITY else "Profile Velocity"]
+
+    def start(self, ticks: float) -> None:
+        """See `Registers`."""
+        self["Goal Position"] = round(ticks)
+        self._reset_goals()
+        if "Startup Configuration" in self:
+            self["Torque Enable"] = self["Startup Configuration"] & 1
+
+    def settings(self) -> DriveSettings:
+        """See `Registers`."""
+        mode, sign, full = self["Operating Mode"], self._direction, self.model.load_maximum
+        if mode == _VELOCITY:
+            control, goal = Control.VELOCITY, sign * self["Goal Velocity"] * X_SPEED
+        elif mode == _PWM:
+            control, goal = Control.OUTPUT, sign * self["Goal PWM"] / _FULL_PWM
+        elif mode == _CURRENT:
+            control, goal = Control.OUTPUT, sign * self["Goal Current"] / full
+        else:
+            turned = self["Goal Position"] - self.model.center - self._offset
+            control, goal = Control.POSITION, sign * turned * self.model.radians_per_tick
+        limit = self["PWM Limit"] / _FULL_PWM
+        if mode in (_VELOCITY, _POSITION, _EXTENDED, _CURRENT_POSITION):
+            limit = min(limit, abs(self["Goal PWM"]) / _FULL_PWM)
+        if mode == _CURRENT_POSITION:
+            limit = min(limit, abs(self["Goal Current"]) / full)
+        gain = self["Position P Gain"] / _X_GAIN
+        slope = _FULL_PWM / gain * self.model.radians_per_tick if gain else math.inf
+        return DriveSettings(
+            torque=bool(self["Torque Enable"]),
+            control=control,
+            goal=goal,
+            profile=self._profile(goal if mode == _VELOCITY else 0.0),
+            law=proportional_law(self.model.no_load_speed, slope, limit),
+        )
+
+    def ticks(self, angle: float) -> float:
+        """See `Registers`."""
+        turned = self._direction * angle / self.model.radians_per_tick
+        return self.model.center + turned + self._offset
+
+    def refusal(self, register: Register, value: int) -> Refusal | None:
+        """See `Registers`."""
+        name = register.name
+        if register.memory is Memory.EEPROM and self["Torque Enable"]:
+            return Refusal.LOCKED
+        if name == "Operating Mode":
+            modes = [_VELOCITY, _POSITION, _EXTENDED, _PWM]
+            modes += [_CURRENT, _CURRENT_POSITION] if "Present Current" in self else []
+            return None if value in modes else Refusal.RANGE
+        if name in _GOALS and self.get("Bus Watchdog") == WATCHDOG_TRIPPED:
+            return Refusal.RANGE
+        if name in _LIMITS and abs(value) > self[_LIMITS[name]]:
+            return Refusal.LIMIT
+        low, high = self["Min Position Limit"], self["Max Position Limit"]
+        limited = name == "Goal Position" and self["Operating Mode"] == _POSITION
+        return Refusal.LIMIT if limited and not low <= value <= high else None
+
+    def stiffens(self, names: Collection[str]) -> bool:
+        """See `Registers`."""
+        return bool(self["Drive Mode"] & _TORQUE_BY_GOAL) and any(n in _GOALS for n in names)
+
+    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+        """See `Registers`."""
+        if before.get("Operating Mode", self["Operating Mode"]) != self["Operating Mode"]:
+            self._reset_goals()
+            self.fold(drive)
+        switched_on = self["Torque Enable"] and not before.get("Torque Enable", 1)
+        if switched_on and self["Operating Mode"] == _POSITION:
+            self.fold(drive)
+
+    def measure(self, drive: Drive, noise: float) -> None:
+        """See `Registers`."""
+        model, sign = self.model, self._direction
+        velocity = round(sign * drive.speed / X_SPEED)
+        self["Present Position"] = round(self.ticks(drive.angle) + noise)
+        self["Present Velocity"] = velocity
+        self["Present PWM"] = round(sign * drive.output * _FULL_PWM)
+        if "Present Current" in self:
+            self["Present Current"] = round(sign * drive.current * model.load_maximum)
+        else:
+            self["Present Load"] = round(sign * drive.output * model.load_maximum)
+        self["Velocity Trajectory"] = round(sign * drive.reference_speed / X_SPEED)
+        self["Position Trajectory"] = round(self.ticks(drive.reference))
+        on_the_way = drive.approaching
+        self["Moving"] = int(on_the_way or abs(velocity) > self["Moving Threshold"])
+        form = 0 if not self["Profile Velocity"] else 3 if self["Profile Acceleration"] else 1
+        self["Moving Status"] = (not drive.moving) | on_the_way << 1 | form << 4
+
+    def shut_down(self) -> bool:
+        """See `Registers`."""
+        on = bool(self["Torque Enable"])
+        self["Torque Enable"] = 0
+        return on
+
+    def fold(self, drive: Drive) -> None:
+        """See `Registers`."""
+        turns = math.floor(self.ticks(drive.angle) / self.model.ticks)
+        drive.turn_back(self._direction * turns)
+
+    def hold(self, drive: Drive) -> None:
+        """Stop where the shaft stands: the watchdog has tripped."""
+        self["Bus Watchdog"] = WATCHDOG_TRIPPED
+        self["Goal Velocity"] = 0
+        self["Goal PWM"] = 0 if self["Operating Mode"] == _PWM else self["PWM Limit"]
+        self["Goal Position"] = round(self.ticks(drive.angle))
+
+    def _reset_goals(self) -> None:
+        mode = self["Operating Mode"]
+        self["Goal PWM"] = 0 if mode == _PWM else self["PWM Limit"]
+        self["Goal Velocity"] = 0 if mode == _VELOCITY else self["Velocity Limit"]
+        if "Goal Current" in self:
+            self["Goal Current"] = 0 if mode == _CURRENT else self["Current Limit"]
+
+    def _profile(self, velocity: float) -> Profile:
+        fastest = self["Velocity Limit"] * X_SPEED
+        speed, ramp = self["Profile Velocity"], self["Profile Acceleration"]
+        if not self["Drive Mode"] & _TIME_BASED:
+            return Profile(min(fastest, speed * X_SPEED), ramp * X_ACCELERATION)
+        if velocity:
+            return Profile(fastest, abs(velocity) / (ramp * 1e-3) if ramp else 0.0)
+        return Profile(fastest if speed else 0.0, 0.0, speed * 1e-3, ramp * 1e-3)
+
+    @property
+    def _offset(self) -> int:
+        offset = self["Homing Offset"]
+        if self["Operating Mode"] in (_POSITION, _VELOCITY):
+            return max(-1024, min(1024, offset))
+        return offset

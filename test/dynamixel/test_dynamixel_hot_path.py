@@ -1,0 +1,95 @@
+"""What a cycle without trouble costs, in calls of Python functions of the driver."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import pytest
+from simulated_device import Bench
+
+from head_tracking.dynamixel import Goal, JointConfiguration, ServoBus, servo_model
+from head_tracking.simulation import SimulatedLine, SimulatedServo
+
+
+class Recorder:
+    """A line that says again what it has said, so that the simulator's own calls do not count.
+
+    Args:
+        line: what to record.
+    """
+
+    def __init__(self, line: SimulatedLine) -> None:
+        self._line: SimulatedLine | None = line
+        self._said: dict[bytes, list[bytes]] = {}
+        self._asked = b""
+
+    def play_back(self, cycle: Callable[[], object]) -> None:
+        cycle()
+        self._line = None
+
+    def discard_input(self) -> None:
+        if self._line is not None:
+            self._line.discard_input()
+
+    def write(self, data: bytes, timeout: float) -> None:
+        self._asked = data
+        if self._line is not None:
+            self._said[data] = []
+            self._line.write(data, timeout)
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        said = self._said[self._asked]
+        if self._line is None:
+            return said.pop(0) if said else b""
+        said.append(self._line.read(limit, deadline))
+        return said[-1]
+
+
+def calls(name: str) -> Counter[str]:
+    """By function: the calls of one cycle of two servos, from the command to the states."""
+    model = servo_model(name)
+    bench = Bench([SimulatedServo(i, model) for i in (1, 2)])
+    bench.line = Recorder(bench.line)  # type: ignore[assignment]
+    joints = [
+        JointConfiguration(f"j{i}", f"c{i}", i, model.center, 0, model.ticks - 1, model=model)
+        for i in (1, 2)
+    ]
+    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus.connect()
+    for _ in range(60):
+        bus.command({"j1": Goal(0.1, 1.0), "j2": Goal(-0.1, 1.0)})
+        bench.pass_time(0.02)
+        bus.step()
+    counted: Counter[str] = Counter()
+    bench.line.play_back(bus.step)
+
+    def count(frame: FrameType, event: str, argument: Any) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_name not in ("now", "__call__"):  # the clocks
+            counted[f"{code.co_filename.rsplit('/', 1)[-1]}:{code.co_name}"] += 1
+
+    goals = {"j1": Goal(0.2, 1.0), "j2": Goal(-0.2, 1.0)}
+    sys.setprofile(count)
+    try:
+        bus.command(goals)
+        reading = bus.step()
+    finally:
+        sys.setprofile(None)
+    assert set(reading.states) == {"j1", "j2"}
+    return counted
+
+
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
+def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
+    counted = calls(name)
+    assert counted.total() < 60, counted
+
+
+if __name__ == "__main__":
+    for model_name in ("AX-12", "XM430-W350"):
+        found = calls(model_name)
+        print(model_name, found.total(), dict(found))

@@ -1,0 +1,254 @@
+"""Requests, faults, power and cables in any order, against a model of what a person expects.
+
+The model knows four independent facts of each joint. Whatever happens, torque is on only where all
+of them allow it and a command came, nothing moves that nobody commanded, and relaxing works.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    DynamixelError,
+    Goal,
+    GoalError,
+    JointConfiguration,
+    ServoBus,
+    Torque,
+    servo_model,
+)
+from head_tracking.simulation import SimulatedServo
+
+PERIOD = 0.02
+SETTLING = 60  # cycles after which everything that goes on by itself has been done
+
+joints = st.sampled_from(["j1", "j2"])
+some_joints = st.sampled_from([None, ["j1"], ["j2"]])
+
+
+@dataclass
+class Expected:
+    """What a person knows of a joint."""
+
+    relaxed: bool = False  # on request
+    stopped: bool = False
+    faulted: bool = False
+    powered: bool = True
+    wanted: bool = False  # torque: a command or torque_enable came since it was last off
+
+    @property
+    def takes_commands(self) -> bool:
+        return not (self.relaxed or self.stopped or self.faulted)
+
+    def off(self) -> None:
+        self.wanted = False
+
+
+class Requests(RuleBasedStateMachine):
+    """Two joints on one line."""
+
+    @initialize(names=st.sampled_from([("AX-12", "XM430-W350"), ("XL-320", "MX-28")]))
+    def start_bus(self, names: tuple[str, str]) -> None:
+        models = [servo_model(name) for name in names]
+        self.servos = {
+            f"j{i}": SimulatedServo(i, model, boot_time=0.05)
+            for i, model in enumerate(models, start=1)
+        }
+        self.bench = Bench(self.servos.values())
+        configurations = [
+            JointConfiguration(
+                name, f"c{name}", servo.id, servo.model.center, 0, servo.model.ticks - 1,
+                model=servo.model,
+            )
+            for name, servo in self.servos.items()
+        ]  # fmt: skip
+        bench = self.bench
+        self.bus = ServoBus(
+            bench.port, configurations, bench.now, monotonic=bench.now, pause=bench.pass_time
+        )
+        self.bus.connect()
+        self.expected = {name: Expected() for name in self.servos}
+        self.plugged = True
+        self.settle()
+
+    # What happens by itself
+
+    def step(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.bench.pass_time(PERIOD)
+            reading = self.bus.step()
+            if not self.plugged:
+                assert not reading.states
+
+    def settle(self) -> None:
+        self.step(SETTLING)
+
+    @rule(count=st.integers(1, 30))
+    def pass_cycles(self, count: int) -> None:
+        self.step(count)
+
+    # Requests
+
+    @rule(chosen=some_joints, at_once=st.booleans())
+    def relax(self, chosen: list[str] | None, at_once: bool) -> None:
+        for name in chosen or self.expected:
+            self.expected[name].relaxed = True
+            self.expected[name].off()
+        if at_once:
+            with suppress(DynamixelError):
+                self.bus.set_torque(chosen, False)
+        else:
+            self.bus.submit(self.bus.switching_torque(chosen, False))
+            self.step(2)
+        for name in chosen or self.expected:
+            if self.plugged and self.expected[name].powered:
+                assert self.servos[name].register("Torque Enable") == 0
+
+    @rule(chosen=some_joints, cycles=st.integers(0, 12))
+    def torque_on(self, chosen: list[str] | None, cycles: int) -> None:
+        future = self.bus.submit(self.bus.switching_torque(chosen, True))
+        self.step(cycles)
+        if not future.done() and cycles % 2:
+            assert future.cancel()  # whoever asked has given up
+            self.settle()
+            for name in chosen or self.expected:
+                expected = self.expected[name]
+                if not (expected.stopped or expected.faulted):
+                    expected.relaxed = self.bus._joints[name].relaxed
+                expected.wanted = self.bus.torque(name) is Torque.ON
+            return
+        self.settle()
+        assert future.done()
+        for name in chosen or self.expected:
+            expected = self.expected[name]
+            if not (expected.stopped or expected.faulted):
+                expected.relaxed = False
+                reachable = self.plugged and expected.powered
+                expected.wanted = expected.wanted or reachable
+
+    @rule(chosen=some_joints)
+    def stop(self, chosen: list[str] | None) -> None:
+        with suppress(DynamixelError):
+            self.bus.stop(chosen)
+        for name in chosen or self.expected:
+            self.expected[name].stopped = True
+            self.expected[name].off()
+
+    @rule(chosen=some_joints)
+    def start(self, chosen: list[str] | None) -> None:
+        with suppress(DynamixelError):
+            self.bus.start(chosen)
+        for name in chosen or self.expected:
+            self.expected[name].stopped = False
+        self.settle()
+
+    @rule(chosen=some_joints)
+    def recover(self, chosen: list[str] | None) -> None:
+        self.settle()
+        with suppress(DynamixelError):
+            self.bus.recover(chosen)
+        for name in chosen or self.expected:
+            expected = self.expected[name]
+            if self.plugged and expected.powered and expected.faulted:
+                expected.faulted = False
+                expected.off()
+        self.settle()
+
+    @rule(name=joints, position=st.floats(-0.8, 0.8))
+    def command(self, name: str, position: float) -> None:
+        expected = self.expected[name]
+        try:
+            self.bus.command({name: Goal(position, 2.0)})
+        except GoalError as refusal:
+            reachable = self.plugged and expected.powered
+            assert not (expected.takes_commands and reachable and self.settled(name)), refusal
+            return
+        assert expected.takes_commands
+        self.settle()
+        if self.plugged and expected.powered:
+            expected.wanted = True
+
+    def settled(self, name: str) -> bool:
+        """Whether the bus has had the time to find a servo that is there."""
+        self.settle()
+        return name not in self.bus.step().lost
+
+    # The world
+
+    @precondition(lambda self: self.plugged)
+    @rule(name=joints)
+    def overload(self, name: str) -> None:
+        expected = self.expected[name]
+        if not expected.powered or expected.stopped:
+            return
+        self.servos[name].overload()
+        self.settle()
+        expected.faulted = True
+        expected.off()
+
+    @rule(name=joints)
+    def cut_power(self, name: str) -> None:
+        if self.expected[name].powered:
+            self.servos[name].power_off()
+            self.expected[name].powered = False
+            self.expected[name].off()
+            self.settle()
+
+    @rule(name=joints)
+    def give_power(self, name: str) -> None:
+        if not self.expected[name].powered:
+            self.servos[name].power_on()
+            self.expected[name].powered = True
+            self.settle()
+            if self.plugged and not self.expected[name].stopped:
+                self.expected[name].faulted = False  # it starts with its memory's torque limit
+
+    @rule()
+    def unplug(self) -> None:
+        self.plugged = self.bench.line.plugged = False
+        self.step(2)
+
+    @rule()
+    def plug_in(self) -> None:
+        self.plugged = self.bench.line.plugged = True
+        self.settle()
+        for name, expected in self.expected.items():
+            joint = self.bus._joints[name]
+            if expected.powered and not expected.stopped:
+                # What happened to its power meanwhile, only the servo knows.
+                expected.faulted = joint.faulted
+                expected.wanted = expected.wanted and joint.on
+
+    # What must always be so
+
+    @invariant()
+    def facts_are_what_a_person_expects(self) -> None:
+        if not hasattr(self, "expected") or not self.plugged:
+            return
+        self.settle()
+        for name, expected in self.expected.items():
+            joint, servo = self.bus._joints[name], self.servos[name]
+            assert joint.stopped == expected.stopped, name
+            assert joint.relaxed == expected.relaxed, name
+            if expected.powered and not expected.stopped:
+                assert joint.faulted == expected.faulted, name
+            powered = servo.register("Torque Enable") == 1 and expected.powered
+            assert joint.on <= expected.wanted, name
+            if powered:
+                assert expected.wanted and expected.takes_commands, name
+                assert joint.on, name
+
+
+TestRequests = Requests.TestCase
+TestRequests.settings = settings(
+    max_examples=40,
+    stateful_step_count=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)

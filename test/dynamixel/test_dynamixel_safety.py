@@ -1,0 +1,435 @@
+"""Nobody loses control of a servo: black boxes, simulated servos on a simulated line."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from random import Random
+
+import pytest
+from dynamixel_fakes import PAN, TILT, FakePort
+from ordeal import Ordeal
+from simulated_device import Bench, SimulatedDevice
+
+from head_tracking.dynamixel import (
+    Buses,
+    BusReading,
+    BusThread,
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    DynamixelError,
+    DynamixelPort,
+    EventKind,
+    Goal,
+    GoalError,
+    JointConfiguration,
+    ReplyTimeoutError,
+    ServoBus,
+    ServoError,
+    ServoModel,
+    ServoNotFoundError,
+    Torque,
+    WrongModelError,
+    servo_model,
+)
+from head_tracking.nodes.bus_parameters import EepromParameters
+from head_tracking.simulation import (
+    Answer,
+    Fault,
+    Overlap,
+    SimulatedBus,
+    SimulatedLine,
+    SimulatedServo,
+)
+
+PERIOD = 0.02
+
+
+def joint(servo_id: int, model: ServoModel) -> JointConfiguration:
+    low, high = model.ticks // 4, 3 * model.ticks // 4
+    return JointConfiguration(
+        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+    )
+
+
+class Rig:
+    """Servos, their bus, and simulated time."""
+
+    def __init__(
+        self,
+        *servos: SimulatedServo,
+        baud_rate: int = 1_000_000,
+        latency: float = 0.0,
+        connect: bool = True,
+    ) -> None:
+        self.servos = servos
+        self.bench = Bench(SimulatedBus(servos))
+        bench = self.bench
+        bench.line = SimulatedLine(bench.bus, bench.clock, baud_rate, latency=latency)
+        bench.port = DynamixelPort(
+            "simulated",
+            baud_rate,
+            open_device=lambda *_: SimulatedDevice(bench.line),  # type: ignore[arg-type,return-value]
+            clock=bench.clock,
+        )
+        ids = dict.fromkeys(servo.id for servo in servos)
+        joints = [joint(i, next(s.model for s in servos if s.id == i)) for i in ids]
+        self.bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+        self.events: list[str] = []
+        self.kinds: list[EventKind] = []
+        if connect:
+            self.bus.connect()
+            self.step()
+
+    def step(self, count: int = 1) -> BusReading:
+        for _ in range(count):
+            self.bench.pass_time(PERIOD)
+            self.reading = reading = self.bus.step()
+            self.events += [event.text for event in reading.events]
+            self.kinds += [event.kind for event in reading.events]
+        return self.reading
+
+    def go(self, position: float, count: int = 60, speed: float = 3.0) -> BusReading:
+        for _ in range(count):
+            self.bus.command({"j1": Goal(position, speed)})
+            reading = self.step()
+        return reading
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo.register("Torque Enable") for servo in self.servos]
+
+
+MODELS = ["AX-12", "MX-28", "XM430-W350", "XL-320"]
+
+
+# A fault is a fact, whatever else is asked of the joint
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("between", ["relax", "stop", "relax, stop", "torque on"])
+def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
+    name: str, between: str
+) -> None:
+    rig = Rig(SimulatedServo(1, servo_model(name), boot_time=0.1))
+    rig.go(0.3)
+    rig.servos[0].overload()
+    rig.step(5)
+    assert rig.bus.torque("j1") is Torque.OFF_BY_FAULT
+    if "relax" in between:
+        rig.bus.set_torque(None, False)
+        rig.step(3)
+    if "stop" in between:
+        rig.bus.stop(None)
+        rig.step(3)
+        rig.bus.start(None)
+        rig.step(3)
+    if between == "torque on":
+        with pytest.raises(ServoError, match="shut down"):
+            rig.bus.set_torque(None, True)
+    with pytest.raises(GoalError, match="recover"):
+        rig.bus.command({"j1": Goal(0.0)})
+    assert rig.bus.recover() == ("j1",)
+    rig.step(20)
+    if "relax" in between:
+        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST  # a fact of its own
+        rig.bus.set_torque(None, True)
+    assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
+
+
+def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_recovered() -> None:
+    servo = SimulatedServo(1)
+    servo.overload()
+    servo.set_register("Torque Limit", 0)
+    rig = Rig(servo)
+    rig.step()
+    assert any("recover" in text for text in rig.events)
+    with pytest.raises(GoalError, match="recover"):
+        rig.bus.command({"j1": Goal(0.1)})
+    rig.bus.recover()
+    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
+# EEPROM
+
+
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320"])
+def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
+    rig = Rig(SimulatedServo(1, servo_model(name)))
+    before = rig.servos[0].register("Shutdown")
+    changed = rig.bus.write_eeprom("j1", EepromParameters().settings, rig.bench.pass_time)
+    assert "Return Delay Time" in changed[1]
+    assert rig.servos[0].register("Shutdown") == before
+
+
+# Relaxing waits for nobody
+
+
+def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -> None:
+    xm = servo_model("XM430-W350")
+    rig = Rig(*(SimulatedServo(i, xm, boot_time=1.0) for i in (1, 2, 3)))
+    for _ in range(40):
+        rig.bus.command({"j1": Goal(0.3), "j2": Goal(0.3)})
+        rig.step()
+    assert rig.torque == [1, 1, 0]
+    rig.servos[0].overload()
+    rig.step(5)
+    recovering = rig.bus.submit(rig.bus.recovering(["j1"], 3.0))
+    writing = rig.bus.submit(rig.bus.writing_eeprom("j3", EepromParameters().settings))
+    on = rig.bus.submit(rig.bus.switching_torque(["j3"], True))
+    rig.step(2)
+    assert not (recovering.done() or writing.done() or on.done())
+    relaxing = [rig.bus.submit(rig.bus.switching_torque(None, False)) for _ in range(3)]
+    rig.step()
+    assert rig.torque[1:] == [0, 0]
+    rig.step(10)
+    assert all(future.done() for future in relaxing)
+    assert "j2" not in str(relaxing[1].exception())  # j1 restarts and cannot confirm
+    assert not recovering.done()
+    rig.step(100)
+    assert recovering.result() == ("j1",)
+    assert rig.torque == [0, 0, 0]
+    assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+
+
+def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
+    for steps in range(12):
+        rig = Rig(SimulatedServo(1), SimulatedServo(2))
+        rig.step(3)
+        rig.bus.submit(rig.bus.switching_torque(None, True))
+        rig.step(steps)
+        rig.bus.submit(rig.bus.switching_torque(["j1"], False))
+        rig.step(30)
+        assert rig.torque[0] == 0, steps
+        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+
+
+def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
+    rig = Rig(SimulatedServo(1), SimulatedServo(2))
+    rig.step(3)
+    future = rig.bus.submit(rig.bus.switching_torque(None, True))
+    assert future.cancel()
+    rig.step(30)
+    assert rig.torque == [0, 0]
+    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
+# Stopping
+
+
+def two_buses(on_reading: Callable[[ServoBus, BusReading], object]) -> tuple[Buses, list[FakePort]]:
+    ports = [FakePort(1), FakePort(2)]
+    buses = [ServoBus(port, [each]) for port, each in zip(ports, (PAN, TILT), strict=True)]  # type: ignore[arg-type]
+    for bus in buses:
+        bus.connect()
+    return Buses(buses, 100.0, on_reading, lambda error: None), ports
+
+
+def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hanging, release = threading.Event(), threading.Event()
+
+    def on_reading(bus: ServoBus, reading: BusReading) -> None:
+        if "head_pan_joint" in reading.states and reading.states["head_pan_joint"].torque:
+            hanging.set()
+            release.wait(20.0)
+
+    buses, ports = two_buses(on_reading)
+    stop = BusThread.stop
+    monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
+    try:
+        buses.start()
+        while not (hanging.is_set() and ports[1].servos[2]["Torque Enable"]):
+            buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
+            hanging.wait(0.02)
+        with pytest.raises(DynamixelError, match="callback does not return"):
+            buses.stop()
+        assert ports[0].servos[1]["Torque Enable"] == 0
+        assert ports[1].servos[2]["Torque Enable"] == 0
+        assert not ports[0].opened and not ports[1].opened
+    finally:
+        release.set()
+
+
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_closing_brakes_before_it_relaxes(name: str) -> None:
+    model = servo_model(name)
+    servo = SimulatedServo(1, model, position=model.ticks // 4)
+    rig = Rig(servo)
+    rig.bus.set_torque(None, True)
+    for _ in range(200):
+        rig.bus.command({"j1": Goal(1.3, model.no_load_speed)})
+        rig.step()
+        if servo.true_velocity > 0.8 * model.no_load_speed:
+            break
+    before = servo.true_position
+    assert rig.bus.close() == ()
+    for _ in range(100):
+        rig.bench.pass_time(PERIOD)
+        rig.bench.bus.advance(rig.bench.now())
+    assert rig.torque == [0]
+    assert abs(servo.true_position - before) < 0.35  # 20 degrees; 141 without braking
+
+
+def test_the_watchdog_is_disarmed_when_the_bus_is_closed() -> None:
+    rig = Rig(SimulatedServo(1, servo_model("XM430-W350")))
+    rig.go(0.2)
+    assert rig.servos[0].register("Bus Watchdog") == 50
+    assert rig.bus.close() == ()
+    assert rig.servos[0].register("Bus Watchdog") == 0
+
+
+def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told() -> None:
+    rig = Rig(SimulatedServo(1, servo_model("XM430-W350"), firmware=37))
+    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.02)
+    assert any("firmware 37" in text and "Watchdog" in text for text in rig.events)
+    assert rig.bus.close() == ()
+
+
+# Limits
+
+
+def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> None:
+    rig = Rig(SimulatedServo(1))
+    rig.go(0.2)
+    with pytest.raises(ConfigurationError, match="direction"):
+        rig.bus.set_limits("j1", lowest=768, highest=256)
+    reading = rig.go(0.3)
+    assert reading.states["j1"].position == pytest.approx(0.3, abs=0.03)
+
+
+# Half-duplex
+
+
+@pytest.mark.parametrize(
+    "names", [["AX-12", "AX-12"], ["XM430-W350", "XM430-W350"], ["AX-12", "XL-320", "MX-28"]]
+)
+def test_the_driver_never_speaks_while_a_servo_does(names: list[str]) -> None:
+    """A servo that is late of itself is the only one that can be talked over."""
+    kinds = tuple(set(Fault) - {Fault.STALL, Fault.DELAY, Fault.ECHO})
+    ordeal = Ordeal(names, kinds, seed=3)
+    ordeal.run(600, 0.1)
+    overlaps = ordeal.bench.line.overlaps
+    assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
+
+
+# What one cycle may take
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.016])
+@pytest.mark.parametrize("baud_rate", [1_000_000, 57_600])
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
+    name: str, baud_rate: int, latency: float
+) -> None:
+    model = servo_model(name)
+    servos = [SimulatedServo(i, model, boot_time=0.0) for i in (1, 2)]
+    rig = Rig(*servos, baud_rate=baud_rate, latency=latency)
+
+    def cycle() -> float:
+        rig.bench.pass_time(0.05)
+        begin = rig.bench.now()
+        rig.bus.command({"j2": Goal(0.2)})
+        with suppress(GoalError):
+            rig.bus.command({"j1": Goal(0.2)})
+        rig.step()
+        return (rig.bench.now() - begin) * 1e-9 - PERIOD
+
+    requests = 2 if name == "AX-12" else 1
+    usual = max(requests * latency, *[cycle() for _ in range(80)][40:])
+    servos[0].power_off()
+    for _ in range(20):
+        cycle()
+    servos[0].power_on()
+    longest = 0.0
+    before = servos[1].register("Goal Position")
+    for _ in range(80):
+        longest = max(longest, cycle())
+    assert rig.bus.torque("j1") is Torque.ON
+    assert servos[1].register("Goal Position") == before
+    assert longest <= 2.0 * usual
+
+
+# Who is there
+
+
+def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
+    rig = Rig(SimulatedServo(1), connect=False)
+    rig.bench.bus[1].set_register("Model Number", 4711)
+    with pytest.raises(WrongModelError, match=r"4711.*correct the configuration"):
+        rig.bus.connect()
+
+
+def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
+    rig = Rig(SimulatedServo(1, position=300), SimulatedServo(1, position=700), connect=False)
+    with pytest.raises(CorruptReplyError, match="two servos answer as id 1"):
+        rig.bus.connect()
+
+
+def test_two_servos_with_one_id_are_told_once_and_nothing_flaps() -> None:
+    twins = SimulatedServo(1, position=512), SimulatedServo(1, position=512)
+    rig = Rig(*twins, SimulatedServo(2))
+    rig.step(20)
+    twins[1].lead(700.0, 0.2)  # somebody turns one of them
+    for _ in range(600):  # 12 s
+        with suppress(GoalError):
+            rig.bus.command({"j1": Goal(0.1), "j2": Goal(0.1)})
+        rig.step()
+    assert "two servos answer as id 1" in " ".join(rig.events)
+    assert len(rig.events) <= 6, rig.events
+    assert rig.kinds.count(EventKind.TORQUE_ON) <= 2
+    assert "j2" in rig.step().states
+
+
+def test_the_echo_of_a_request_is_nobody() -> None:
+    bench = Bench(SimulatedBus([SimulatedServo(1)], echo=True))
+    bench.port.open()
+    for protocol in (1, 2):
+        with pytest.raises(ReplyTimeoutError):
+            bench.port.ping(5, protocol)
+    assert bench.port.ping(1, 1) == 0
+
+
+@pytest.mark.parametrize("late", [0, 200_000, 1_000_000])
+def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
+    repeated = 0
+    for seed in range(20):
+        random = Random(seed)
+        servo = SimulatedServo(1)
+
+        def twice(answer: Answer, random: Random = random) -> list[Answer]:
+            nonlocal repeated
+            if random.random() > 0.3:
+                return [answer]
+            repeated += 1
+            return [answer, replace(answer, delay=answer.delay + late)]
+
+        bench = Bench(SimulatedBus([servo], line=twice))
+        bus = ServoBus(bench.port, [joint(1, servo.model)], bench.now, monotonic=bench.now)
+        for _ in range(10):
+            with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
+                bus.connect()
+                break
+        for k in range(60):
+            with suppress(GoalError):
+                bus.command({"j1": Goal(0.5 if k < 30 else -0.5)})
+            bench.pass_time(PERIOD)
+            state = bus.step().states.get("j1")
+            if state is not None:
+                true = bus.joints[0].position(servo.true_ticks)
+                age = (bench.now() - state.stamp) * 1e-9
+                assert abs(state.position - true) < 0.02 + 3.0 * age
+    assert repeated > 100
+
+
+def test_nobody_is_asked_again_while_another_replies() -> None:
+    """The first one's reply is damaged, and the second one's is still to come."""
+    for names in (["MX-28", "MX-28"], ["AX-12", "AX-12"], ["XM430-W350"] * 3):
+        ordeal = Ordeal(names, (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE), seed=5)
+        ordeal.run(600, 0.3)
+        overlaps = ordeal.bench.line.overlaps
+        assert not {Overlap.REQUEST, Overlap.STATUS} & set(overlaps), overlaps

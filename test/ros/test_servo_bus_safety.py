@@ -1,0 +1,135 @@
+"""The servo bus under several clients at once, and how its programs end."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from robot_under_test import wait_for
+from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.dynamixel import JointConfiguration, servo_model
+from head_tracking.nodes import bus_services
+from head_tracking.nodes.servo_bus import ServoBusNode
+from head_tracking.simulation import SimulatedPort, SimulatedServo
+
+PAN = "head_pan_joint"
+
+
+@pytest.fixture
+def robot(pointing_robot):
+    return pointing_robot
+
+
+def register(robot, servo_id, name):
+    return robot.simulated.port.use(lambda bus: bus[servo_id].register(name))
+
+
+def bus_thread(robot):
+    return robot.composition.nodes["servo_bus"]._buses.threads[0][1]
+
+
+def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot):
+    """X servos take two seconds to restart here, and somebody waits for that."""
+    from rclpy.parameter import Parameter
+
+    robot = make_robot("--mode", "point")
+    xm = servo_model("XM430-W350")
+    servos = [SimulatedServo(i, xm, boot_time=2.0) for i in (1, 2)]
+    with SimulatedPort(servos) as simulated:
+        motor = {"model": "XM430-W350", "init": 2048, "min": 1024, "max": 3072}
+        overrides = [
+            Parameter(f"{name}_controller.motor.{key}", value=value)
+            for name in ("head_pan", "head_tilt")
+            for key, value in motor.items()
+        ]
+
+        def connect(joints: list[JointConfiguration]) -> str:
+            return simulated.port_name
+
+        node = ServoBusNode(connect=connect, namespace="x", parameter_overrides=overrides)
+        robot.threads.start(node)
+
+        def torque(servo_id):
+            return simulated.use(lambda bus: bus[servo_id].register("Torque Enable"))
+
+        recover = robot.node.create_client(Trigger, "x/recover")
+        relaxers = [robot.node.create_client(Trigger, "x/relax") for _ in range(3)]
+        enable = robot.node.create_client(SetBool, "x/torque_enable")
+        wait_for(lambda: all(c.service_is_ready() for c in (recover, enable, *relaxers)))
+        on = enable.call_async(SetBool.Request(data=True))
+        wait_for(on.done)
+        assert on.result().success and torque(2) == 1
+        simulated.use(lambda bus: bus[1].overload())
+        wait_for(lambda: node._buses.bus_of(PAN)._joints[PAN].faulted)
+        recovering = recover.call_async(Trigger.Request())
+        wait_for(lambda: node._buses.bus_of(PAN)._joints[PAN].lost)  # it restarts
+        relaxing = [client.call_async(Trigger.Request()) for client in relaxers]
+        wait_for(lambda: torque(2) == 0)
+        assert not recovering.done()
+        wait_for(lambda: all(future.done() for future in relaxing))
+        assert not recovering.done()
+        wait_for(recovering.done)
+        assert recovering.result().success, recovering.result().message
+
+
+def test_a_service_that_gave_up_does_nothing_later(robot, monkeypatch):
+    monkeypatch.setattr(bus_services, "_TIMEOUT", 0.2)
+    blocked = bus_thread(robot).call(lambda bus: time.sleep(1.0))
+    answer = robot.call("torque_enable", True)
+    assert not answer.success
+    wait_for(blocked.done)
+    done = bus_thread(robot).call(lambda bus: bus.summary)
+    wait_for(done.done)
+    for _ in range(10):
+        assert register(robot, 1, "Torque Enable") == 0
+        wait_for(bus_thread(robot).call(lambda bus: None).done)
+
+
+def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
+    def narrow(bus):
+        bus[1].set_register("CW Angle Limit", 500)
+        bus[1].set_register("CCW Angle Limit", 600)
+
+    robot.simulated.port.use(narrow)
+    assert robot.call("head_pan_controller/restart").success
+    client = robot.node.create_client(SetParameters, "servo_bus/set_parameters")
+    wait_for(client.service_is_ready)
+
+    def set_maximum(ticks):
+        value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=ticks)
+        name = "head_pan_controller.motor.max"
+        request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)])
+        future = client.call_async(request)
+        wait_for(future.done)
+        return future.result().results[0]
+
+    refused = set_maximum(450 + 70)
+    assert refused.successful, refused.reason  # init, 512, is inside
+    bus = robot.composition.nodes["servo_bus"]._buses.bus_of(PAN)
+    wait_for(lambda: bus.limits(PAN)[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
+
+    def narrower(bus):
+        bus[1].set_register("CW Angle Limit", 530)
+
+    robot.simulated.port.use(narrower)
+    assert set_maximum(1000).successful
+    wait_for(lambda: bus.limits(PAN)[1] > 0.4)
+    assert robot.call("head_pan_controller/restart").success
+    refused = set_maximum(520)
+    assert not refused.successful and "nothing in common" in refused.reason
+    assert bus.limits(PAN)[1] > 0.4
+
+
+def test_the_servo_bus_loads_neither_robot_models_nor_vision():
+    code = (
+        "import sys, head_tracking.nodes.servo_bus\n"
+        "heavy = ('yourdfpy', 'trimesh', 'lxml', 'xacro', 'cv2', 'scipy',\n"
+        "         'head_tracking.transforms', 'head_tracking.vision', 'head_tracking.gaze')\n"
+        "print([name for name in sys.modules if name.startswith(heavy)])\n"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

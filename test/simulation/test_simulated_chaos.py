@@ -1,0 +1,142 @@
+"""Masters that do anything at any time, on a line where anything happens: against simple truths."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
+
+from head_tracking.dynamixel.models import servo_model
+from head_tracking.simulation import (
+    Fault,
+    Faults,
+    SerialLine,
+    SimulatedBus,
+    SimulatedClock,
+    SimulatedLine,
+    SimulatedServo,
+)
+
+XM430 = servo_model("XM430-W350")
+SECOND = 1_000_000_000
+PING_1, PING_2 = InstructionPacket.ping(1).encode(), InstructionPacket2.ping(2).encode()
+PACKETS = (
+    PING_1,
+    PING_2,
+    InstructionPacket.read(1, 36, 8).encode(),
+    InstructionPacket.sync_write(30, {1: b"\x00\x02\x64\x00"}).encode(),
+    InstructionPacket.write(1, 24, b"\x01").encode(),
+    InstructionPacket2.read(2, 126, 21).encode(),
+    InstructionPacket2.sync_read(132, 4, (2, 3)).encode(),
+    InstructionPacket2.sync_read(0, 600, (2, 3), fast=True).encode(),
+    InstructionPacket2.write(2, 98, b"\x02").encode(),
+    InstructionPacket2.write(2, 64, b"\x01").encode(),
+    InstructionPacket2.reboot(3).encode(),
+    InstructionPacket2.ping().encode(),
+)
+SENT = st.one_of(st.sampled_from(PACKETS), st.binary(max_size=30), st.just(PACKETS[0][:5]))
+PAUSES = st.one_of(st.integers(0, 2_000_000), st.sampled_from((0, 20_000_000, SECOND)))
+STEPS = st.lists(st.tuples(SENT, PAUSES), max_size=25)
+
+
+def servos() -> list[SimulatedServo]:
+    return [SimulatedServo(1), SimulatedServo(2, XM430), SimulatedServo(3, XM430)]
+
+
+@settings(deadline=None)
+@given(
+    STEPS,
+    st.sampled_from((9_600, 57_600, 1_000_000, 4_500_000)),
+    st.booleans(),
+    st.sampled_from((0, 1_000_000, 16_000_000)),
+    st.integers(0, 2**32),
+    st.sampled_from((0.0, 0.3)),
+)
+def test_whatever_happens_the_line_stands_and_recovers(
+    steps: list[tuple[bytes, int]],
+    baud_rate: int,
+    paced: bool,
+    latency: int,
+    seed: int,
+    rate: float,
+) -> None:
+    faults = Faults(Random(seed), rate, late=(0.001, 0.05), pause=(0.01, 0.1))
+    bus = SimulatedBus(servos(), faults=faults)
+    line = SerialLine(bus, paced=paced, latency=latency)
+    now = 1
+    for data, pause in steps:
+        line.send(data, now, baud_rate)
+        now += pause
+        if line.due is not None and line.due <= now:
+            line.take(now)
+            assert line.due is None or line.due > now
+    faults.rate = 0.0
+    for _ in range(2):  # the first ends troubles of servos, and of those that begin to boot
+        now += 2 * SECOND
+        line.take(now)
+        assert line.due is None
+        line.send(b"\x00", now, baud_rate)
+    for ping, kind in ((PING_1, StatusPacket), (PING_2, StatusPacket2)):
+        now += 2 * SECOND
+        line.send(ping, now, baud_rate)
+        status = kind.decode(line.take(now + SECOND))
+        assert status is not None and status.id in (1, 2)
+
+
+@settings(deadline=None)
+@given(st.lists(st.sampled_from(PACKETS), max_size=25), st.sampled_from((57_600, 1_000_000)))
+def test_a_master_that_waits_for_silence_never_talks_over_anybody(
+    packets: list[bytes], baud_rate: int
+) -> None:
+    clock = SimulatedClock(1)
+    line = SimulatedLine(SimulatedBus(servos()), clock, baud_rate)
+    for packet in packets:
+        line.write(packet)
+        while line.read(1000, clock() + 0.02):
+            pass
+    assert not line.overlaps
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(PACKETS), st.integers(0, 3_000_000)), max_size=25))
+def test_what_was_not_overlapped_is_whole(steps: list[tuple[bytes, int]]) -> None:
+    """Without overlaps a line gives the same bytes as servos that are asked one after the other."""
+    clock = SimulatedClock(1)
+    line = SimulatedLine(SimulatedBus(servos()), clock)
+    heard, patient = b"", b""
+    for packet, pause in steps:
+        line.write(packet)
+        clock.now += pause
+        heard += line.read(10_000, clock()) if line.overlaps.total() == 0 else b""
+    if line.overlaps:
+        return
+    while more := line.read(10_000, clock() + 0.1):
+        heard += more
+    other = SimulatedBus(servos())
+    now = 1
+    for packet, pause in steps:
+        patient += b"".join(answer.data for answer in other.receive(packet, now))
+        now += pause
+    assert len(heard) == len(patient)
+
+
+@pytest.mark.parametrize("kind", list(Fault))
+def test_every_fault_alone_is_survived(kind: Fault) -> None:
+    faults = Faults(Random(1), 1.0, [kind], late=(0.001, 0.01), pause=(0.01, 0.1))
+    clock = SimulatedClock(1)
+    line = SimulatedLine(SimulatedBus(servos(), faults=faults), clock)
+    for _ in range(50):
+        for packet in PACKETS:
+            line.write(packet)
+            line.read(1000, clock() + 0.002)
+    assert faults.counts[kind]
+    faults.rate = 0.0
+    clock.now += SECOND
+    line.write(PING_1)
+    clock.now += SECOND
+    line.discard_input()
+    line.write(PING_1)
+    assert StatusPacket.decode(line.read(100, clock() + 0.1)) is not None

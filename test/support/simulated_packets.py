@@ -1,0 +1,120 @@
+"""Packets as tests write them: the driver's own, with builders for every instruction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+from head_tracking.dynamixel.protocol import (
+    BROADCAST_ID,
+    Instruction,
+    Packet,
+    Status,
+    decode_packet,
+    encode_packet,
+    encode_status,
+    find_status,
+)
+
+
+class InstructionPacket(Packet):
+    """What the master sends in protocol 1.0."""
+
+    PROTOCOL: ClassVar = 1
+
+    def encode(self) -> bytes:
+        return encode_packet(self.PROTOCOL, *self)
+
+    @classmethod
+    def decode(cls, packet: bytes) -> Self | None:
+        found = decode_packet(cls.PROTOCOL, packet)
+        return None if found is None else cls(*found)
+
+    @classmethod
+    def words(cls, *values: int) -> bytes:
+        """Addresses and lengths, as wide as the protocol has them."""
+        return b"".join(value.to_bytes(cls.PROTOCOL, "little") for value in values)
+
+    @classmethod
+    def ping(cls, servo_id: int = BROADCAST_ID) -> Self:
+        return cls(servo_id, Instruction.PING)
+
+    @classmethod
+    def read(cls, servo_id: int, address: int, length: int) -> Self:
+        return cls(servo_id, Instruction.READ, cls.words(address, length))
+
+    @classmethod
+    def write(cls, servo_id: int, address: int, data: bytes) -> Self:
+        return cls(servo_id, Instruction.WRITE, cls.words(address) + data)
+
+    @classmethod
+    def reg_write(cls, servo_id: int, address: int, data: bytes) -> Self:
+        return cls(servo_id, Instruction.REG_WRITE, cls.words(address) + data)
+
+    @classmethod
+    def action(cls, servo_id: int = BROADCAST_ID) -> Self:
+        return cls(servo_id, Instruction.ACTION)
+
+    @classmethod
+    def factory_reset(cls, servo_id: int) -> Self:
+        return cls(servo_id, Instruction.FACTORY_RESET)
+
+    @classmethod
+    def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
+        length = len(next(iter(data.values())))
+        shares = b"".join(bytes((servo_id,)) + share for servo_id, share in data.items())
+        return cls(BROADCAST_ID, Instruction.SYNC_WRITE, cls.words(address, length) + shares)
+
+
+class InstructionPacket2(InstructionPacket):
+    """What the master sends in protocol 2.0."""
+
+    PROTOCOL: ClassVar = 2
+
+    @classmethod
+    def reboot(cls, servo_id: int) -> Self:
+        return cls(servo_id, Instruction.REBOOT)
+
+    @classmethod
+    def sync_read(
+        cls, address: int, length: int, ids: Sequence[int], *, fast: bool = False
+    ) -> Self:
+        code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
+        return cls(BROADCAST_ID, code, cls.words(address, length) + bytes(ids))
+
+    @classmethod
+    def bulk_read(cls, reads: Mapping[int, tuple[int, int]], *, fast: bool = False) -> Self:
+        code = Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ
+        shares = (bytes((servo_id,)) + cls.words(*place) for servo_id, place in reads.items())
+        return cls(BROADCAST_ID, code, b"".join(shares))
+
+    @classmethod
+    def bulk_write(cls, writes: Mapping[int, tuple[int, bytes]]) -> Self:
+        shares = (
+            bytes((servo_id,)) + cls.words(address, len(data)) + data
+            for servo_id, (address, data) in writes.items()
+        )
+        return cls(BROADCAST_ID, Instruction.BULK_WRITE, b"".join(shares))
+
+
+class StatusPacket(Status):
+    """What a servo answers in protocol 1.0."""
+
+    PROTOCOL: ClassVar = 1
+
+    def __new__(cls, servo_id: int, error: int = 0, data: bytes = b"") -> Self:
+        return super().__new__(cls, servo_id, int(error), data)
+
+    def encode(self) -> bytes:
+        return encode_status(self.PROTOCOL, self)
+
+    @classmethod
+    def decode(cls, packet: bytes) -> Self | None:
+        found = find_status(cls.PROTOCOL, packet)
+        return cls(*found.status) if found.status and found.packet == packet else None
+
+
+class StatusPacket2(StatusPacket):
+    """What a servo answers in protocol 2.0."""
+
+    PROTOCOL: ClassVar = 2
