@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from closed_loop import Path
+
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.tracking import TrackingStep
 from head_tracking.transforms import Vector3
-from head_tracking.trial import Path
 
 BUS_DELAY = 0.0155  # s from a command until the servo has it, in the trial's timing
 LAG = 0.027  # s, of the servo: slope and damping of its compliance
@@ -32,7 +33,9 @@ class PerfectCommand:
         for joint, position in zip(self._joints, positions, strict=True):
             joint.measured(stamp, position)
 
-    def target_seen(self, stamp: float, point: Vector3, now: float) -> None:
+    def target_seen(
+        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
+    ) -> None:
         """It needs none."""
 
     def step(self, now: float) -> TrackingStep:

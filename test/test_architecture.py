@@ -15,7 +15,7 @@ import head_tracking
 PACKAGE = Path(head_tracking.__file__).parent
 CORE = {
     "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
-    "parameters", "trial",
+    "parameters",
 }  # fmt: skip
 
 ALLOWED = {
@@ -29,7 +29,6 @@ ALLOWED = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
-    "trial": {"dynamixel", "simulation", "gaze", "tracking", "transforms"},
     "share": set(),
     "tf": {"transforms"},
     "viewer": {"tracking", "transforms", "gaze", "parameters"},

@@ -22,8 +22,8 @@ def test_the_tracker_keeps_the_fictitious_target_near_the_middle(make_robot, rob
         newest = errors[-WHOLE_SWING:]
         return statistics.median(error.data for error in newest)
 
-    # The machine may be busy: how well it follows is judged in simulated time, in test/trial. With
-    # the tutorials' law and values this is 35.
+    # The machine may be busy: how well it follows is judged in simulated time, in
+    # test/closed_loop. With the tutorials' law and values this is 35.
     wait_for(lambda: len(errors) > WHOLE_SWING and median() < 8 * DEGREE, patience=60)
 
 

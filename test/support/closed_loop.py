@@ -6,20 +6,23 @@ a node uses, whether the camera moves with the head or not.
 
 from __future__ import annotations
 
+import functools
 import heapq
 import math
 import random
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
+from head_tracking.dynamixel import JointConfiguration
+from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand, PanTiltHead
-from head_tracking.simulation import SimulatedServo
+from head_tracking.share import robot_file
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 from head_tracking.tracking import Recording, Sample, Target, TargetPlacer, TrackingStep
-from head_tracking.transforms import RobotModel, TransformBuffer, Vector3
-from head_tracking.trial import SimulatedHead
+from head_tracking.transforms import RobotModel, TransformBuffer, Vector3, load_robot_model
 
 Path = Callable[[float], Vector3]
 """Where a target is [m], in the head's base frame, at a time [s]."""
@@ -62,6 +65,95 @@ class Servos(Protocol):
         """Where pan and tilt really are [rad]."""
 
 
+@functools.cache
+def kinectbot() -> RobotModel:
+    """The robot on which runs are made."""
+    return load_robot_model(robot_file("kinectbot"))
+
+
+_BYTE = 10_000  # ns at 1 Mbit/s
+_ADAPTER = 100_000  # ns for a packet to get onto the wire
+_ANSWERED = 300_000  # ns for an answer to get off it
+
+PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
+TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2)
+
+
+class SimulatedHead:
+    """Pan and tilt on AX-12 servos. Time is passed in, as integer ns.
+
+    Args:
+        start: pan and tilt at first [rad].
+        modify: is handed both servos, to make them others than an AX-12 usually is.
+    """
+
+    def __init__(
+        self,
+        start: tuple[float, float] = (0.0, 0.0),
+        modify: Callable[[SimulatedServo], object] = lambda servo: None,
+    ) -> None:
+        self._joints = (PAN, TILT)
+        self._servos = tuple(
+            SimulatedServo(joint.id, position=joint.ticks(position))
+            for joint, position in zip(self._joints, start, strict=True)
+        )
+        for servo in self._servos:
+            modify(servo)
+        self._bus = SimulatedBus(self._servos)
+        self._command: HeadCommand | None = None
+        self.goals: tuple[int, int] | None = None
+
+    def command(self, command: HeadCommand) -> None:
+        """Leaves a command for the next cycle."""
+        self._command = command
+
+    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
+        """Reads both servos and then writes the newest goals, in one packet.
+
+        Returns:
+            When the servos were read, the middle of it [ns], and pan and tilt [rad].
+        """
+        time, stamps, positions = now, [], []
+        for joint in self._joints:
+            register = joint.model.control_table["Present Position"]
+            sent = read_packet(1, joint.id, register.address, register.size)
+            asked = time
+            time += _ADAPTER + len(sent) * _BYTE
+            (answer,) = self._bus.receive(sent, time)
+            time += answer.delay + len(answer.data) * _BYTE + _ANSWERED
+            status = find_status(1, answer.data).status
+            assert status is not None
+            stamps.append((asked + time) // 2)
+            positions.append(joint.position(int.from_bytes(status.data, "little")))
+        if self._command is not None:
+            self._write(self._command, time + _ADAPTER)
+        return sum(stamps) // 2, (positions[0], positions[1])
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """Where pan and tilt really are [rad]."""
+        self._bus.advance(now)
+        pan, tilt = (
+            joint.position(servo.true_ticks)
+            for joint, servo in zip(self._joints, self._servos, strict=True)
+        )
+        return pan, tilt
+
+    def _write(self, command: HeadCommand, now: int) -> None:
+        block = PAN.model.goal
+        ticks = PAN.ticks(command.pan), TILT.ticks(command.tilt)
+        speeds = PAN.speed_ticks(command.pan_speed), TILT.speed_ticks(command.tilt_speed)
+        shares: Mapping[int, bytes] = {
+            joint.id: block.encode(tick, speed)
+            for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
+        }
+        packet = sync_write_packet(1, block.address, shares)
+        self._bus.receive(packet, now + len(packet) * _BYTE)
+        self.goals = ticks
+
+
+Make: TypeAlias = Callable[[tuple[float, float]], Servos]
+
+
 def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
     """Simulated AX-12 servos, down to the bytes on the wire."""
     return lambda start: SimulatedHead(start, modify)
@@ -92,9 +184,6 @@ class PlainServo:
     def __call__(self, start: tuple[float, float]) -> Servos:
         """Both joints of a head."""
         return _PlainHead(self, start)
-
-
-Make = Callable[[tuple[float, float]], Servos]
 
 
 class _PlainHead:
@@ -228,15 +317,13 @@ class ClosedLoop:
     """Runs a controller against servos.
 
     Args:
-        model: the robot.
-        head: the head of it that is turned.
+        head: the head that is turned, the kinectbot's.
         path: of the target.
         conditions: of the run.
     """
 
-    def __init__(
-        self, model: RobotModel, head: PanTiltHead, path: Path, conditions: Conditions
-    ) -> None:
+    def __init__(self, head: PanTiltHead, path: Path, conditions: Conditions) -> None:
+        model = kinectbot()
         self._head = head
         self._path = path
         self._conditions = conditions

@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -20,8 +21,10 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from head_tracking.dynamixel import JointConfiguration
+from head_tracking.nodes import head_interface
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
+from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import RobotModel
 
 PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
@@ -104,6 +107,13 @@ class World:
 
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
+        with mock.patch.object(head_interface, "ClockWatch", self._clock_watch):
+            return self._made(kind, parameters, **handed)
+
+    def _clock_watch(self, clock: Callable[[], float]) -> ClockWatch:
+        return ClockWatch(clock, lambda: self.now * 1e-9)
+
+    def _made(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         return _stepped(kind, self)(
             parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
             start_parameter_services=False,
@@ -144,6 +154,8 @@ class World:
 
 
 class _Clock:
+    ros_time_is_active = False
+
     def __init__(self, world: World) -> None:
         self._world = world
 
@@ -176,7 +188,7 @@ def _stepped(kind: type[Node], world: World) -> type[Node]:
             world.listen(name, callback)
             return SimpleNamespace(topic_name=name)
 
-        def create_timer(self, period: float, callback: Callable[[], object], *_: Any) -> Any:
+        def create_timer(self, period: float, callback: Callable[[], object], **_: Any) -> Any:
             world.every(round(period * 1e9), callback)
 
         def count_publishers(self, topic: str) -> int:

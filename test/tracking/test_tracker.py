@@ -1,4 +1,4 @@
-"""The tracker with an ideal servo; the real ones are in test/trial."""
+"""The tracker with an ideal servo; the real ones are in test/closed_loop."""
 
 import math
 

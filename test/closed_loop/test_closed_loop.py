@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from closed_loop import ClosedLoop, Conditions, SimulatedHead, ax12
 
 from head_tracking.tracking import (
     LAWS,
@@ -16,7 +17,6 @@ from head_tracking.tracking import (
     Tracker,
     TrackingStep,
 )
-from head_tracking.trial import Conditions, HeadTrial, SimulatedHead
 
 DISTANCE, LEVEL = 2.0, 0.08
 
@@ -40,7 +40,7 @@ def tracker(head, law="predictive", parameters=None, rate=50.0):
 
 
 def run(head, path, conditions, controller=None):
-    return HeadTrial(head, path, conditions).run(controller or tracker(head))
+    return ClosedLoop(head, path, conditions).run(controller or tracker(head))
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +230,7 @@ def soft(servo):
 )
 def test_servos_that_do_follow_are_not_taken_for_stalled(head, law, servo, path):
     watched = Watched(tracker(head, law))
-    run(head, path, Conditions(6.0, noise=0.003, servo=servo), watched)
+    run(head, path, Conditions(6.0, noise=0.003, servos=ax12(servo)), watched)
     assert TargetState.STALLED not in {state for _, state in watched.states}
 
 
@@ -241,5 +241,5 @@ def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
     def held(servo):
         servo.inertia *= 1e6
 
-    run(head, lambda t: around(0.6), Conditions(4.0, servo=held), watched)
+    run(head, lambda t: around(0.6), Conditions(4.0, servos=ax12(held)), watched)
     assert {state for now, state in watched.states if now > 1_002.0} == {TargetState.STALLED}

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from closed_loop import SimulatedHead
 
 from head_tracking.tracking import (
     LAWS,
@@ -17,7 +18,6 @@ from head_tracking.tracking import (
     Tracker,
 )
 from head_tracking.transforms import Rotation, Transform, TransformBuffer
-from head_tracking.trial import SimulatedHead
 
 START = 1_000.0  # s
 PERIOD = 0.02  # s
