@@ -157,6 +157,16 @@ def test_a_listener_without_a_node(make_node, head):
     assert threading.active_count() == threads - 1
 
 
+def test_the_remaps_of_the_program_hold_for_a_listener_without_a_node():
+    with ExitStack() as resources:
+        rclpy.init(args=["--ros-args", "-r", "joint_states:=/robot/joint_states"])
+        resources.callback(rclpy.shutdown)
+        listener = TransformListener(Buffer())
+        resources.callback(listener.unregister)
+        topics = [subscription.topic_name for subscription in listener._subscriptions]
+        assert "/robot/joint_states" in topics
+
+
 def test_a_prefix_is_put_before_the_links(make_node, head):
     buffer = Buffer()
     listener = TransformListener(buffer, frame_prefix="left/")
