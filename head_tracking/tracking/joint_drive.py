@@ -15,7 +15,7 @@ _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
 _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
-_ADRIFT = 0.1  # rad; a shaft so far from its motion is elsewhere: the motion goes on from there
+_ADRIFT = 0.1  # rad; a heavy shaft so far from its motion is elsewhere: it goes on from there
 _SHOWN = 0.6  # of the acceleration that a servo has shown
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
@@ -81,7 +81,7 @@ class JointDrive:
             motion.rest_at(wish.position)
             servo.held(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
-        if abs(setpoint - motion.position) > _ADRIFT:
+        if servo.acceleration < math.inf and abs(setpoint - motion.position) > _ADRIFT:
             motion.position, motion.velocity = setpoint, servo.velocity
         motion.steer(wish.position, wish.velocity, period, limits, self._joint)
         arrival = self._arrival(wish, setpoint, now, period, limits, lead) if rest.near else None
