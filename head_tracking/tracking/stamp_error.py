@@ -103,9 +103,9 @@ class StampError:
             self._times.popleft()
             self._readings.popleft()
 
-    def corrected(self, stamp: float, sight: Sight, error: float | None = None) -> Sight:
+    def corrected(self, stamp: float, sight: Sight) -> Sight:
         """The sight of a point placed with the joints at `stamp`, as it is by the learned error."""
-        then, now = self._at(stamp), self._at(stamp - (self.value if error is None else error))
+        then, now = self._at(stamp), self._at(stamp - self.value)
         return Sight(sight.pan + now[0] - then[0], sight.tilt + now[1] - then[1], sight.distance)
 
     def point_seen(self, stamp: float, sight: Sight, *, moving: bool) -> bool:

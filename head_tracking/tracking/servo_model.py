@@ -47,13 +47,13 @@ _HARDEST = 100.0  # rad/s^2; harder than this is no limit
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
 
-# How much of a surprise is believed: an encoder within half a step of the expectation has said
+# How much of a innovation is believed: an encoder within half a step of the expectation has said
 # almost nothing, beyond it the shaft is certainly somewhere else.
 _WITHIN_STEP = 0.05
 _BEYOND_STEP = 0.5
 
 
-class ServoResponse:
+class ServoModel:
     """One joint: expects where its shaft is and learns from where it was.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
@@ -135,9 +135,9 @@ class ServoResponse:
             return
         self._learn_resolution(abs(position - last))
         self._shaft = self._follow(self._shaft, self._sum(stamp - self.delay))
-        surprise = position - self._shaft - self._offset
-        within = max(-0.5 * self.resolution, min(0.5 * self.resolution, surprise))
-        self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (surprise - within)
+        innovation = position - self._shaft - self._offset
+        within = max(-0.5 * self.resolution, min(0.5 * self.resolution, innovation))
+        self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (innovation - within)
         self._readings.append((stamp, position))
         while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
