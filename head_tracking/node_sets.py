@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from head_tracking.nodes.bus_process import BusProcessNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
@@ -30,7 +31,8 @@ class NodeSpec:
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
             "connect", the port of simulated servos, or None; "true_position", where a simulated
-            joint really is [rad], or None; "start", to start more nodes; "startable", their names.
+            joint really is [rad], or None; "start", to start more nodes; "startable", their names;
+            "simulated", whether the servos are; "arguments", ROS's own.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -45,6 +47,9 @@ ROBOT = (
     NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer",)),
     NodeSpec("joint_state_publisher", JointStatePublisherNode),
 )
+
+BUS_PROCESS = NodeSpec("servo_bus", BusProcessNode, takes=("simulated", "arguments"))
+"""In the place of servo_bus: it runs in a process of its own."""
 
 MODES: Mapping[str, NodeSpec] = {
     "track": NodeSpec("head_tracker", HeadTrackerNode, takes=("buffer",)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 from head_tracking.command_line import seconds
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
+    BUS_PROCESS,
     MODES,
     ROBOT,
     SCENES,
@@ -51,6 +52,7 @@ class Run:
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
         viewer: show it in a browser.
+        arguments: the command line, ROS's own arguments among it.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -59,6 +61,7 @@ class Run:
     parameter_files: tuple[Path, ...]
     duration: float | None
     viewer: bool
+    arguments: tuple[str, ...]
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -98,11 +101,16 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         metavar="FILE",
         help="parameters in YAML, over the robot's own; can be given several times",
     )
+    parser.add_argument(
+        "--bus-process",
+        action="store_true",
+        help="give the servo bus a process of its own, which no busy thread can delay",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(remove_ros_args([parser.prog, *arguments])[1:])
     if options.viewer and not installed():
         parser.error(MISSING)
     if options.target is None:
@@ -119,16 +127,20 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     }
     head = MODES[options.mode]
     starter = [STARTER] if options.viewer else []
+    servo_bus, *publishers = ROBOT
+    if options.bus_process:
+        servo_bus = BUS_PROCESS
     return Run(
         tuple(
             replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (*ROBOT, head, *targets, *starter)
+            for node in (servo_bus, *publishers, head, *targets, *starter)
         ),
         head.name,
         options.sim,
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
         options.viewer,
+        tuple(arguments),
     )
 
 
@@ -139,12 +151,14 @@ class Composition:
     Attributes:
         nodes: by name.
         buffer: the transforms that they share.
-        simulated: the servos, if they are simulated.
+        simulated: the servos, if they are simulated in this process.
+        true_position: where a joint really is [rad]; None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
     buffer: Buffer
     simulated: SimulatedJoints | None
+    true_position: Callable[[str], float] | None
 
 
 def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Composition:
@@ -166,7 +180,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         return simulated[0].port_name
 
     def true_position(joint: str) -> float:
-        return simulated[0].true_position(joint)
+        return float((simulated[0] if simulated else nodes["servo_bus"]).true_position(joint))
 
     nodes: dict[str, Any] = {}
     on_request = started_on_request(simulated=plan.simulated)
@@ -187,10 +201,12 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         "start": start_on_request,
         "startable": tuple(on_request),
         "true_position": true_position if plan.simulated else None,
+        "simulated": plan.simulated,
+        "arguments": ros_arguments(plan),
     }
     for spec in plan.nodes:
         start(spec)
-    return Composition(nodes, buffer, simulated[0] if simulated else None)
+    return Composition(nodes, buffer, simulated[0] if simulated else None, shared["true_position"])
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
@@ -208,7 +224,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         sources = RunSources(
             head=lambda: head.nodes[plan.head_node].head,
             bus_status=head.nodes["servo_bus"].status,
-            true_position=None if head.simulated is None else head.simulated.true_position,
+            true_position=head.true_position,
         )
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
@@ -223,12 +239,10 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
 
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
     """Runs the head until somebody stops it; returns the exit code."""
-    plan = parse_arguments(remove_ros_args(["head_tracking", *arguments])[1:])
+    plan = parse_arguments(arguments)
     line = StatusLine()
     line.prepare_logging()
-    rclpy.init(
-        args=[*ros_arguments(plan), *arguments], signal_handler_options=SignalHandlerOptions.NO
-    )
+    rclpy.init(args=ros_arguments(plan), signal_handler_options=SignalHandlerOptions.NO)
     try:
         return run(plan, stop, line)
     except Exception as error:
@@ -239,9 +253,9 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
 
 
 def ros_arguments(plan: Run) -> list[str]:
-    """What `rclpy.init` must be told of a run: its parameter files."""
+    """What `rclpy.init` must be told of a run: its parameter files, and what a person said."""
     files = [["--params-file", str(file)] for file in plan.parameter_files]
-    return ["--ros-args", *(word for words in files for word in words), "--"]
+    return ["--ros-args", *(word for words in files for word in words), "--", *plan.arguments]
 
 
 def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:

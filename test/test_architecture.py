@@ -38,6 +38,7 @@ ALLOWED = {
     "node_sets": {"nodes", "scene"},
     "__main__": {"nodes", "runner"},
     "viewer_process": set(),
+    "bus_process": {"nodes", "dynamixel", "simulation"},
     "runner": CORE | {"tf", "nodes", "share", "node_sets", "viewer_process", "command_line"},
 }
 """Which rooms a room may look into, besides itself."""

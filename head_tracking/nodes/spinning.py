@@ -156,15 +156,20 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         were not confirmed relaxed); the reason is printed.
     """
     with StopSignal() as stop:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        threads = NodeThreads()
-        try:
-            threads.start(make())
-            threads.wait(stop)
-        except Exception as error:
-            print(describe(error), file=sys.stderr)
-            return 1
-        finally:
-            threads.close()
-            rclpy.try_shutdown()
+        return run_until(stop, make, args)
+
+
+def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Runs one node as a program until `stop`; see `run_node`."""
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    threads = NodeThreads()
+    try:
+        threads.start(make())
+        threads.wait(stop)
+    except Exception as error:
+        print(describe(error), file=sys.stderr)
+        return 1
+    finally:
+        threads.close()
+        rclpy.try_shutdown()
     return threads.exit_code()

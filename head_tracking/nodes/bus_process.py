@@ -1,0 +1,163 @@
+"""The servo bus in a process of its own, which no busy thread of this one can delay."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from multiprocessing import Pipe
+from typing import Any, NamedTuple
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from head_tracking.nodes.diagnostics import BusStatus
+from head_tracking.nodes.spinning import steady_timer
+
+_REPLY_TIMEOUT = 0.5  # s
+_START_TIMEOUT = 30.0  # s, on a busy machine with servos that have to be waited for
+_END_TIMEOUT = 8.0  # s
+_WATCH_PERIOD = 0.1  # s
+
+
+class BusProcessError(ValueError):
+    """The process of the servo bus has ended by itself, or does not answer."""
+
+
+class Report(NamedTuple):
+    """What the process tells of its bus.
+
+    Attributes:
+        status: all of its buses.
+        true_positions: where its simulated joints really are [rad].
+    """
+
+    status: BusStatus
+    true_positions: Mapping[str, float]
+
+
+class BusProcessNode(Node):
+    """Runs the node servo_bus in a child process, and stands for it in this one.
+
+    The child brakes and relaxes the servos and ends when it is asked to, and when this process has
+    gone, however it went.
+
+    Args:
+        simulated: whether the child simulates the servos.
+        arguments: ROS's arguments for the child.
+        parameter_overrides: for the node servo_bus.
+
+    Raises:
+        BusProcessError: the bus could not start; the child has said why.
+    """
+
+    def __init__(
+        self,
+        simulated: bool,
+        arguments: Sequence[str],
+        parameter_overrides: Sequence[Parameter] = (),
+        **options: Any,
+    ) -> None:
+        super().__init__("bus_process", **options)
+        wanted = {
+            "simulated": simulated,
+            "parameters": {each.name: each.value for each in parameter_overrides},
+        }
+        self._child, theirs = Pipe()
+        program = [sys.executable, "-m", "head_tracking.bus_process"]
+        with theirs:
+            self._process = subprocess.Popen(
+                [*program, str(theirs.fileno()), json.dumps(wanted), *arguments],
+                pass_fds=[theirs.fileno()],
+            )
+        self._asking = threading.Lock()
+        self._problems: list[str] | None = None
+        self._report = self._first_report()
+        steady_timer(self, _WATCH_PERIOD, self._watch)
+
+    @property
+    def pid(self) -> int:
+        """The child's process id."""
+        return self._process.pid
+
+    def status(self) -> BusStatus:
+        """The buses now, or as they were last known."""
+        return self._newest().status
+
+    def true_position(self, joint: str) -> float:
+        """Where a simulated joint really is [rad], or was when it was last known."""
+        return self._newest().true_positions[joint]
+
+    def make_safe(self) -> list[str]:
+        """Ends the process, which relaxes the servos; what went wrong."""
+        if self._problems is None:
+            self._problems = []
+            has_ended = self._process.poll() is not None  # and that has been told
+            self._child.close()
+            try:
+                code = self._process.wait(_END_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+                self._problems.append(
+                    f"the servo bus's process did not end within {_END_TIMEOUT:g} s and was "
+                    "killed; the servos may have torque on"
+                )
+            else:
+                if code and not has_ended:
+                    self._problems.append(f"the servo bus's process ended with exit code {code}")
+        return self._problems
+
+    def destroy_node(self) -> None:
+        """Ends the process, which relaxes the servos."""
+        self.make_safe()
+        super().destroy_node()
+
+    def _first_report(self) -> Report:
+        deadline = time.monotonic() + _START_TIMEOUT
+        try:
+            while time.monotonic() < deadline:
+                report = self._ask()
+                if report is not None:
+                    return report
+                if self._process.poll() is not None:
+                    raise BusProcessError(
+                        f"the servo bus's process could not start (exit code "
+                        f"{self._process.returncode}); what it said stands above"
+                    )
+                time.sleep(0.02)
+            raise BusProcessError(
+                f"the servo bus's process did not get ready within {_START_TIMEOUT:g} s"
+            )
+        except BaseException:
+            self.make_safe()
+            raise
+
+    def _newest(self) -> Report:
+        report = self._ask()
+        if report is not None:
+            self._report = report
+        return self._report
+
+    def _ask(self) -> Report | None:
+        """What the child says; None if it says nothing (yet, or any more)."""
+        with self._asking, suppress(EOFError, OSError):
+            while self._child.poll():  # an answer that came too late
+                self._child.recv()
+            self._child.send(None)
+            if self._child.poll(_REPLY_TIMEOUT):
+                report: Report | None = self._child.recv()
+                return report
+        return None
+
+    def _watch(self) -> None:
+        code = self._process.poll()
+        if code is not None and self._problems is None:
+            raise BusProcessError(
+                f"the servo bus's process has ended (exit code {code}); unless it said that the "
+                "servos are relaxed, they may have torque on"
+            )
