@@ -8,6 +8,7 @@ answered by a `Report`; its end, which also a killed parent brings about, ends t
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.nodes.stop_signal import ENDING, StopSignal
 
 if TYPE_CHECKING:
     from head_tracking.dynamixel import JointConfiguration
@@ -27,13 +28,15 @@ def main() -> int:
     """Runs the bus until a signal, or until the parent has gone; returns the exit code."""
     descriptor, wanted = int(sys.argv[1]), json.loads(sys.argv[2])
     with StopSignal() as stop:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # held back by the parent until now
         return _Program(wanted["simulated"], wanted["parameters"]).run(Connection(descriptor), stop)
 
 
 class _Program:
     def __init__(self, simulated: bool, parameters: dict[str, Any]) -> None:
         self._simulated, self._parameters = simulated, parameters
-        self._report: Callable[[], Report | None] = lambda: None
+        self._report: Callable[[], Report] | None = None
+        self._newest: Report | None = None
 
     def run(self, parent: Connection[Any, Any], stop: StopSignal) -> int:
         threading.Thread(target=self._answer, args=(parent, stop), daemon=True).start()
@@ -47,7 +50,11 @@ class _Program:
         with suppress(EOFError, OSError):
             while True:
                 parent.recv()
-                parent.send(self._report())
+                if self._report is not None:
+                    report = self._report()
+                    if not stop():  # a bus that is being closed looks like one that is unplugged
+                        self._newest = report
+                parent.send(self._newest)
         stop.set()
 
     def _make(self, resources: ExitStack) -> ServoBusNode:
@@ -70,10 +77,14 @@ class _Program:
                 Parameter(name, value=value) for name, value in self._parameters.items()
             ],
         )
-        self._report = lambda: Report(
-            node.status(),
-            {joint: servos.true_position(joint) for joint, servos in simulated.items()},
-        )
+
+        def report() -> Report:
+            return Report(
+                node.status(),
+                {joint: servos.true_position(joint) for joint, servos in simulated.items()},
+            )
+
+        self._newest, self._report = report(), report
         return node
 
 

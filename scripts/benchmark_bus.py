@@ -57,6 +57,7 @@ ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
 FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 PERIOD = 20_000_000  # ns
 REPLUGS = 100
+BESIDE_ROUNDS, BESIDE_CYCLES = 3, 250
 
 
 class Cost(NamedTuple):
@@ -252,6 +253,7 @@ def _rows() -> Iterator[str]:
         "1.1x unloaded",
     )
     yield node_part()
+    yield beside_a_busy_thread()
     yield silent_servo()
     yield returning_servo()
     yield replugging()
@@ -529,6 +531,89 @@ def node_part() -> str:
     )
 
 
+class TimedBus(ServoBus):
+    """Notes how long each cycle takes [s]."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.took: list[float] = []
+
+    def step(self) -> BusReading:
+        """One cycle."""
+        start = time.perf_counter()
+        reading = super().step()
+        self.took.append(time.perf_counter() - start)
+        return reading
+
+
+def cycle_times(port_name: str) -> list[float]:
+    """How long the cycles of a bus thread at 50 Hz take [s], with a command in each."""
+    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    bus = TimedBus(DynamixelPort(port_name), joints)
+    bus.connect()
+
+    def command(_: BusReading) -> None:
+        position = 0.001 * (len(bus.took) & 255)
+        bus.command({"joint_1": Goal(position, 1.0), "joint_2": Goal(-position, 1.0)})
+
+    thread = BusThread(bus, 50.0, command)
+    thread.start()
+    _wait(lambda: len(bus.took) >= WARM_UP + BESIDE_CYCLES)
+    thread.stop()
+    return bus.took[WARM_UP:]
+
+
+def _in_another_process(port_name: str) -> list[float]:
+    program = f"import benchmark_bus as b; print(*b.cycle_times({port_name!r}))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parent,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    return [float(word) for word in done.stdout.split()]
+
+
+@contextmanager
+def busy_thread() -> Iterator[None]:
+    """A thread of this process that computes without pause."""
+    done = threading.Event()
+
+    def compute() -> None:
+        while not done.is_set():
+            sum(range(1000))
+
+    thread = threading.Thread(target=compute)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def beside_a_busy_thread() -> str:
+    """A cycle while another thread computes: in the same process, and with the bus in its own."""
+    ways = {"own": _in_another_process, "same": cycle_times}
+    took: dict[str, list[float]] = {name: [] for name in ways}
+    with served(0) as port_name:
+        for _ in range(BESIDE_ROUNDS):
+            for name, measure in ways.items():
+                with busy_thread():
+                    took[name] += measure(port_name)
+    shown = {
+        name: f"median {each[9]:.1f} ms, p95 {each[18]:.1f} ms, longest {1e3 * max(took[name]):.1f}"
+        for name, times in took.items()
+        for each in ([1e3 * time for time in statistics.quantiles(times, n=20)],)
+    }
+    return (
+        "| a cycle of two AX-12 at 50 Hz while another thread of the run computes without pause, "
+        f"{len(took['own'])} cycles | bus in a process of its own (`--bus-process`): "
+        f"**{shown['own']} ms** | in the same process: {shown['same']} ms | p95 2 ms |"
+    )
+
+
 def replugging() -> str:
     """The adapter unplugged and plugged in again, many times."""
     joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
@@ -574,6 +659,7 @@ def _wait(condition: Callable[[], object]) -> None:
 
 PARTS: dict[str, Callable[[], str]] = {
     "node": node_part,
+    "beside": beside_a_busy_thread,
     "silent": silent_servo,
     "returning": returning_servo,
     "faulty": faulty_cycles,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -17,9 +18,10 @@ from rclpy.parameter import Parameter
 
 from head_tracking.nodes.diagnostics import BusStatus
 from head_tracking.nodes.spinning import steady_timer
+from head_tracking.nodes.stop_signal import ENDING
 
 _REPLY_TIMEOUT = 0.5  # s
-_START_TIMEOUT = 30.0  # s, on a busy machine with servos that have to be waited for
+_START_TIMEOUT = 20.0  # s, on a busy machine with servos that have to be waited for
 _END_TIMEOUT = 8.0  # s
 _WATCH_PERIOD = 0.1  # s
 
@@ -69,14 +71,19 @@ class BusProcessNode(Node):
         }
         self._child, theirs = Pipe()
         program = [sys.executable, "-m", "head_tracking.bus_process"]
-        with theirs:
+        # Ctrl-C reaches the child, too: it is kept for when the child can listen
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        try:
             self._process = subprocess.Popen(
                 [*program, str(theirs.fileno()), json.dumps(wanted), *arguments],
                 pass_fds=[theirs.fileno()],
             )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            theirs.close()
         self._asking = threading.Lock()
         self._problems: list[str] | None = None
-        self._report = self._first_report()
+        self._report = self._started()
         steady_timer(self, _WATCH_PERIOD, self._watch)
 
     @property
@@ -117,25 +124,31 @@ class BusProcessNode(Node):
         self.make_safe()
         super().destroy_node()
 
-    def _first_report(self) -> Report:
+    def _started(self) -> Report:
+        """The first report, when the nodes of this process can hear the child."""
         deadline = time.monotonic() + _START_TIMEOUT
+        topic = self.resolve_topic_name("servo_states")
+        report: Report | None = None
         try:
-            while time.monotonic() < deadline:
-                report = self._ask()
-                if report is not None:
-                    return report
+            while report is None or not self.count_publishers(topic):
+                report = self._ask() or report
                 if self._process.poll() is not None:
+                    if report is not None and self._process.returncode == 0:
+                        break  # by the Ctrl-C that has reached this process, too
                     raise BusProcessError(
-                        f"the servo bus's process could not start (exit code "
+                        "the servo bus's process could not start (exit code "
                         f"{self._process.returncode}); what it said stands above"
                     )
+                if time.monotonic() > deadline:
+                    raise BusProcessError(
+                        f"the servo bus's process was not heard within {_START_TIMEOUT:g} s; "
+                        "is ROS_AUTOMATIC_DISCOVERY_RANGE OFF?"
+                    )
                 time.sleep(0.02)
-            raise BusProcessError(
-                f"the servo bus's process did not get ready within {_START_TIMEOUT:g} s"
-            )
         except BaseException:
             self.make_safe()
             raise
+        return report
 
     def _newest(self) -> Report:
         report = self._ask()

@@ -35,7 +35,7 @@ MODULES = {
 
 
 class Program:
-    def __init__(self, name: str, *arguments: str, domain: str) -> None:
+    def __init__(self, name: str, *arguments: str, domain: str, own_group: bool) -> None:
         environment = os.environ | {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": domain,
@@ -49,6 +49,7 @@ class Program:
             stderr=subprocess.STDOUT,
             text=True,
             env=environment,
+            start_new_session=own_group,
         )
         self.output = ""
         self._reader = threading.Thread(target=self._read)
@@ -95,8 +96,8 @@ def start(request: pytest.FixtureRequest) -> Iterator:
     programs: list[Program] = []
     domain = str(100 + (os.getpid() + hash(request.node.name)) % 100)
 
-    def start(name: str, *arguments: str) -> Program:
-        program = Program(name, *arguments, domain=domain)
+    def start(name: str, *arguments: str, own_group: bool = False) -> Program:
+        program = Program(name, *arguments, domain=domain, own_group=own_group)
         programs.append(program)
         return program
 
@@ -340,6 +341,18 @@ def test_a_signal_to_the_run_relaxes_the_head_of_a_bus_process(start, port, numb
     assert torque(port) == [0, 0]
     assert not alive(bus)
     assert "by the measured servo angles" in run.output or "no target" in run.output
+
+
+@pytest.mark.parametrize("words", ["relaxed until a command comes", "| error"])
+def test_ctrl_c_which_reaches_the_run_and_its_bus_process_ends_both_well(start, words):
+    run = start("head_tracking", "--sim", "--bus-process", own_group=True)
+    run.read_until(words)
+    os.killpg(run.process.pid, signal.SIGINT)
+    assert run.end() == 0, run.output
+    last = run.output.splitlines()[-1]
+    assert "bus cycles" in last
+    assert "gone" not in last
+    assert "Traceback" not in run.output
 
 
 def test_a_bus_process_relaxes_and_ends_when_its_run_is_killed(start, port):
