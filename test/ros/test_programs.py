@@ -1,6 +1,7 @@
 """The programs as a person starts and stops them."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -114,7 +115,7 @@ def port(start, tmp_path) -> str:
 
 
 def torque(port: str) -> list[int]:
-    with_servos = DynamixelPort(port, 1_000_000)
+    with_servos = DynamixelPort(port, 1_000_000, reply_timeout=1.0)
     with_servos.open()
     try:
         return [with_servos.read(servo, 24, 1).data[0] for servo in (1, 2)]
@@ -322,10 +323,12 @@ def test_a_bus_process_tracks_and_is_judged_by_the_true_angles(start, tmp_path):
         "head_tracking", "--sim", "--bus-process", "--duration", "15", "--params", str(file),
         "--ros-args", "-p", "servo_bus:update_rate:=40.0", "-r", "servo_states:=measured",
     )  # fmt: skip
-    run.read_until("tracking: the head is on the target")
+    run.read_until("(id 7): torque on")
     assert len(children(run.process.pid)) == 1
     assert run.end() == 0, run.output
     assert "2 AX-12 servos: ids 6, 7" in run.output
+    pans = [float(pan) for pan in re.findall(r"^pan +([-+][\d.]+)", run.output, re.MULTILINE)]
+    assert max(map(abs, pans)) > 5.0
     last = run.output.splitlines()[-1]
     assert "max by the true servo angles" in last
     assert "did not confirm" not in run.output
