@@ -9,19 +9,20 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
-from head_tracking.tracking.law import JointReading, TrackingLaw
-from head_tracking.tracking.law_parameters import (
+from head_tracking.tracking.laws import (
+    LAWS,
+    JointReading,
     LawParameters,
+    PositionLaw,
+    PredictiveLaw,
     PredictiveLawParameters,
+    SpeedLaw,
     SpeedLawParameters,
     SpeedLimits,
+    TrackingLaw,
 )
-from head_tracking.tracking.laws import LAWS
-from head_tracking.tracking.position_law import PositionLaw
-from head_tracking.tracking.predictive_law import PredictiveLaw
 from head_tracking.tracking.recording import Recording, Sample
 from head_tracking.tracking.report import lag, picture, table
-from head_tracking.tracking.speed_law import SpeedLaw
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.tracking.target_state import (
     TargetState,

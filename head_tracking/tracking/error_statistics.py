@@ -59,7 +59,7 @@ class TrackingJudge:
     def joints_stand(self, now: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as they are now."""
         if self._moments and now < self._moments[-1][0]:
-            self._moments.clear()  # the clock has jumped
+            self._restart()  # the clock has jumped
         self._moments.append((now, positions))
         while self._moments[0][0] < now - _LONGEST_WAIT:
             time, at = self._moments.popleft()
@@ -68,16 +68,20 @@ class TrackingJudge:
 
     def target_seen(self, stamp: float, point: Vector3) -> None:
         """Takes a point, shape (3,) [m], in the head's base frame, that was there at `stamp`."""
-        if self._first is None:
-            self._first = stamp
         if self._newest is not None and stamp <= self._newest[0]:
             if stamp > self._newest[0] - _LONGEST_WAIT:
                 return
-            self._newest = None  # the clock has jumped
+            self._restart()  # the clock has jumped
+        if self._first is None:
+            self._first = stamp
         self._before, self._newest = self._newest, (stamp, point)
         while self._moments and self._moments[0][0] <= stamp:
             time, positions = self._moments.popleft()
             self._judge(time, positions, self._between(time))
+
+    def _restart(self) -> None:
+        self._moments.clear()
+        self._newest = self._before = self._first = None
 
     def _between(self, time: float) -> Vector3:
         """Where the target was at a time before the newest point."""

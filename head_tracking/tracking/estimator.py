@@ -231,6 +231,14 @@ class _Suspect(NamedTuple):
     sight: Sight
     before: TargetEstimate
 
+    def confirmed(self, stamp: float, sight: Sight) -> bool:
+        """Whether the next point is off to the same side, and about as far."""
+        pan, tilt = self.before.bearing(self.stamp)
+        first = self.sight.pan - pan, self.sight.tilt - tilt
+        pan, tilt = self.before.bearing(stamp)
+        along = first[0] * (sight.pan - pan) + first[1] * (sight.tilt - tilt)
+        return along > 0.5 * (first[0] * first[0] + first[1] * first[1])
+
 
 class TargetEstimator:
     """Estimates pan and tilt that look at the target, and its distance, each by itself.
@@ -321,7 +329,8 @@ class TargetEstimator:
             return
         self._suspect = None
         self._cut(len(self._stamps) - 1)
-        if self._off(suspect.before, stamp, sight)[1] > _OUTLIER:
+        before = suspect.before
+        if self._off(before, stamp, sight)[1] > _OUTLIER and suspect.confirmed(stamp, sight):
             self._append(suspect.stamp, suspect.sight)
         self._estimate = self._described(-1)
 

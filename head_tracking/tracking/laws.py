@@ -1,15 +1,480 @@
-"""The laws by their names."""
+"""The tracking laws: each turns a target into commands for the joints.
+
+Position goes where the target was seen last, speed is the tutorials', and predictive moves the head
+now as the target will move when the servos act.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
-from head_tracking.gaze import PanTiltHead
-from head_tracking.tracking.law import TrackingLaw
-from head_tracking.tracking.law_parameters import LawParameters
-from head_tracking.tracking.position_law import PositionLaw
-from head_tracking.tracking.predictive_law import PredictiveLaw
-from head_tracking.tracking.speed_law import SpeedLaw
+from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead, together
+from head_tracking.parameters import parameter
+from head_tracking.tracking.estimator import TargetEstimate
+from head_tracking.tracking.joint_controller import JointController, MotionLimits, Reference
+from head_tracking.transforms import JointLimits
+
+_USUAL_SPEED = 5.0  # rad/s
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLimits:
+    """What all laws have in common.
+
+    The tutorials' `max_joint_speed` is 0.5 rad/s; the other laws need no such restraint.
+    """
+
+    max_joint_speed: float = parameter(
+        0.0,
+        "Fastest speed while tracking; 0: 0.5 rad/s with the law `speed` (the tutorials' value), "
+        "5 rad/s with the others.",
+        unit="rad/s",
+        minimum=0.0,
+        maximum=12.0,
+    )
+    lead_target_angle: float = parameter(
+        0.5,
+        "How far ahead of a moving joint its goal may be: so far it moves on if nobody speaks "
+        "any more.",
+        unit="rad",
+        minimum=0.02,
+        maximum=3.0,
+    )
+
+    def speed(self, usual: float) -> float:
+        """The fastest speed for a law that usually needs `usual` [rad/s]."""
+        return self.max_joint_speed or usual
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLawParameters:
+    """Names and defaults are the tutorials'; see `SpeedLimits` for the other two."""
+
+    pan_threshold: float = parameter(
+        0.01, "Pan errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
+    )
+    tilt_threshold: float = parameter(
+        0.01, "Tilt errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
+    )
+    k_pan: float = parameter(1.5, "Pan speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
+    k_tilt: float = parameter(1.5, "Tilt speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PredictiveLawParameters:
+    """How calmly the head moves."""
+
+    max_joint_acceleration: float = parameter(
+        50.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
+    )
+    max_joint_jerk: float = parameter(
+        3000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
+    )
+    dead_band: float = parameter(
+        0.004,
+        "At rest, errors below this are left alone.",
+        unit="rad",
+        minimum=0.0,
+        maximum=0.1,
+    )
+    servo_delay: float = parameter(
+        0.0,
+        "From a command to the motion it causes; 0: measured while the head moves.",
+        unit="s",
+        minimum=0.0,
+        maximum=0.15,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameters:
+    """Those of all laws; each law takes what it needs.
+
+    Attributes:
+        limits: of all.
+        speed: of the law `speed`.
+        predictive: of the law `predictive`.
+    """
+
+    limits: SpeedLimits = field(default_factory=SpeedLimits)
+    speed: SpeedLawParameters = field(default_factory=SpeedLawParameters)
+    predictive: PredictiveLawParameters = field(default_factory=PredictiveLawParameters)
+
+
+@dataclass(frozen=True, slots=True)
+class JointReading:
+    """The joints of the head at one moment.
+
+    Attributes:
+        stamp: when they were measured [s].
+        positions: of pan and tilt [rad].
+        velocities: of pan and tilt [rad/s].
+    """
+
+    stamp: float
+    positions: tuple[float, float]
+    velocities: tuple[float, float] = (0.0, 0.0)
+
+
+def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, float]:
+    """Pan and tilt [rad], or the limits next to them: an encoder may read a little beyond."""
+    return head.pan_limits.clamp(positions[0]), head.tilt_limits.clamp(positions[1])
+
+
+class TrackingLaw(Protocol):
+    """Steers the head. Times are in seconds, on the clock of the stamps.
+
+    Every method is given the newest reading of the joints and the time.
+
+    Attributes:
+        parameters: may change at any time.
+    """
+
+    parameters: LawParameters
+
+    @property
+    def horizon(self) -> float:
+        """How long after a command the head has moved as told [s]."""
+
+    @property
+    def delays(self) -> tuple[float, float]:
+        """From a command to the motion it causes, of pan and tilt [s]."""
+
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """The command that keeps the head on a target, and the gaze it aims at."""
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
+    ) -> HeadCommand:
+        """The command for a way to pan and tilt [rad], not faster than `speed` [rad/s]."""
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """The command that stops the head at once: the goal is the present position."""
+
+
+class PositionLaw:
+    """Both joints go to the newest point and arrive together; it knows nothing of motion.
+
+    If the node dies, the head still goes where the target last was.
+
+    Attributes:
+        parameters: may change at any time.
+    """
+
+    horizon = 0.0
+    delays = (0.0, 0.0)
+
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
+        self.parameters = parameters
+        self._head = head
+
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """See `TrackingLaw`."""
+        gaze = self._head.look(target.sight, *joints.positions)
+        goal = gaze.pan, gaze.tilt
+        return together(joints.positions, goal, self.parameters.limits.speed(_USUAL_SPEED)), gaze
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
+    ) -> HeadCommand:
+        """See `TrackingLaw`."""
+        return together(joints.positions, goal, speed)
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """See `TrackingLaw`."""
+        goal = inside(self._head, joints.positions)
+        return together(goal, goal, self.parameters.limits.speed(_USUAL_SPEED))
+
+
+_TUTORIALS_SPEED = 0.5  # rad/s
+
+
+class SpeedLaw:
+    """Speeds in proportion to the errors of pan and tilt.
+
+    Attributes:
+        parameters: may change at any time.
+    """
+
+    horizon = 0.0
+    delays = (0.0, 0.0)
+
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
+        self.parameters = parameters
+        self._head = head
+        self._joints = _JointLaw(), _JointLaw()
+        self._held: tuple[float, float] | None = None
+
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """See `TrackingLaw`; it knows no motion of the target and aims at the newest point."""
+        gaze = self._head.look(target.sight, *joints.positions)
+        if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
+            self._held = None
+            return self.step((gaze.pan, gaze.tilt), joints.positions), gaze
+        held = self._held or inside(self._head, joints.positions)
+        self._forget()
+        self._held = held
+        return self._at_usual_speed(held), gaze
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
+    ) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._forget()
+        return HeadCommand(*goal, speed, speed)
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._forget()
+        return self._at_usual_speed(inside(self._head, joints.positions))
+
+    def step(self, wanted: tuple[float, float], present: tuple[float, float]) -> HeadCommand:
+        """The command for now.
+
+        Args:
+            wanted: pan and tilt that look at the target [rad].
+            present: pan and tilt as measured [rad].
+        """
+        p, limits = self.parameters.speed, self.parameters.limits
+        fastest, lead = limits.speed(_TUTORIALS_SPEED), limits.lead_target_angle
+        (pan, pan_speed), (tilt, tilt_speed) = (
+            joint.step(there - here, here, gain, threshold, fastest, lead)
+            for joint, there, here, gain, threshold in zip(
+                self._joints,
+                wanted,
+                present,
+                (p.k_pan, p.k_tilt),
+                (p.pan_threshold, p.tilt_threshold),
+                strict=True,
+            )
+        )
+        head = self._head
+        return HeadCommand(
+            head.pan_limits.clamp(pan), head.tilt_limits.clamp(tilt), pan_speed, tilt_speed
+        )
+
+    def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
+        speed = self.parameters.limits.speed(_TUTORIALS_SPEED)
+        return HeadCommand(*goal, speed, speed)
+
+    def _forget(self) -> None:
+        self._joints, self._held = (_JointLaw(), _JointLaw()), None
+
+
+class _JointLaw:
+    """The law for one joint; where it stopped stays its goal, or it would follow its own sag."""
+
+    def __init__(self) -> None:
+        self._stopped_at: float | None = None
+
+    def step(
+        self,
+        error: float,
+        present: float,
+        gain: float,
+        threshold: float,
+        fastest: float,
+        lead: float,
+    ) -> tuple[float, float]:
+        if abs(error) <= threshold:
+            if self._stopped_at is None:
+                self._stopped_at = present
+            return self._stopped_at, fastest
+        self._stopped_at = None
+        speed = min(gain * abs(error), fastest)
+        return present + math.copysign(lead, error), speed
+
+
+_USUAL_DELAY = 0.04  # s, until the servos have shown their own
+_LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
+_BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
+_MOVING = 0.15  # rad/s
+_EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
+
+
+class PredictiveLaw:
+    """Feeds the target's motion forward, through the exact gaze, to where and when it is needed.
+
+    A joint is steered in three steps: where it should be when the servo acts (gaze at the
+    predicted target), how it gets there within its limits (`JointMotion`), and at which speed the
+    servo's setpoint must move for that (`ServoModel`). Commands stay speeds with a goal ahead.
+
+    Args:
+        head: the head to steer.
+        period: time between two commands [s].
+        parameters: of the laws.
+
+    Attributes:
+        parameters: may change at any time.
+    """
+
+    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
+        self.parameters = parameters
+        self._head = head
+        self._period = period
+        self._drives: tuple[JointController, JointController] | None = None
+        self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
+        self._known_accelerations = (math.inf, math.inf)
+        self._mean_delay = _USUAL_DELAY
+        self._stepped = 0.0
+        self._path: _Path | None = None
+
+    @property
+    def horizon(self) -> float:
+        """See `TrackingLaw`."""
+        return self._mean_delay + self._period
+
+    @property
+    def delays(self) -> tuple[float, float]:
+        """See `TrackingLaw`."""
+        if self.parameters.predictive.servo_delay > 0.0:
+            return self.parameters.predictive.servo_delay, self.parameters.predictive.servo_delay
+        if self._drives is not None:
+            pan, tilt = self._drives
+            self._known_delays = pan.servo.delay, tilt.servo.delay
+        return self._known_delays
+
+    def follow(
+        self, target: TargetEstimate, joints: JointReading, now: float
+    ) -> tuple[HeadCommand, Gaze]:
+        """See `TrackingLaw`."""
+        pan, tilt = self._take(joints, now)
+        start = now + self._mean_delay
+        end = start + self._period
+        near = pan.motion.position, tilt.motion.position
+        gaze = self._gaze(target, end, near)
+        wanted = None if self._path is None else self._path.at(start, target)
+        if wanted is None:
+            before = self._gaze(target, start, near)
+            wanted = before.pan, before.tilt
+        self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
+        here, there = self._path.start_positions, self._path.end_positions
+        velocities = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+        moving = max(map(abs, velocities)) > _MOVING  # one joint alone does not come to rest early
+        references = [
+            Reference(
+                position,
+                velocity,
+                0.0 if moving else target.deviation(joint, start),
+                0.0 if moving else target.speed_deviation(joint),
+            )
+            for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
+        ]
+        return self._steer(references, self.parameters.limits.speed(_USUAL_SPEED), now), gaze
+
+    def go_to(
+        self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
+    ) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._take(joints, now)
+        self._path = None
+        return self._steer([Reference(position) for position in goal], speed, now)
+
+    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+        """See `TrackingLaw`."""
+        self._drives = self._path = None
+        speed = self.parameters.limits.speed(_USUAL_SPEED)
+        return HeadCommand(*inside(self._head, joints.positions), speed, speed)
+
+    def _take(self, joints: JointReading, now: float) -> tuple[JointController, JointController]:
+        """The joints, told of the newest reading; new ones after a pause."""
+        delays, elapsed = self.delays, now - self._stepped
+        pause = max(_LONGEST_PAUSE, 3.0 * self._period)
+        if self._drives is None or not 0.0 <= elapsed <= pause:
+            self._path, elapsed = None, 0.0
+            head = self._head
+            self._drives = (
+                self._drive(joints, 0, delays[0], head.pan_limits),
+                self._drive(joints, 1, delays[1], head.tilt_limits),
+            )
+            for drive, known in zip(self._drives, self._known_accelerations, strict=True):
+                drive.servo.acceleration = known
+        for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
+            drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
+            drive.servo.delay = delay
+            drive.measured(joints.stamp, position, elapsed)
+        self._mean_delay = 0.5 * sum(self.delays)
+        self._known_accelerations = (
+            self._drives[0].servo.acceleration,
+            self._drives[1].servo.acceleration,
+        )
+        self._stepped = now
+        return self._drives
+
+    @staticmethod
+    def _drive(
+        joints: JointReading, index: int, delay: float, limits: JointLimits
+    ) -> JointController:
+        position, velocity = joints.positions[index], joints.velocities[index]
+        return JointController(joints.stamp, position, velocity, limits, delay)
+
+    def _gaze(self, target: TargetEstimate, time: float, near: tuple[float, float]) -> Gaze:
+        """The gaze at the predicted target.
+
+        A target that comes into reach at the far end of the range is not followed there, all the
+        way round, before it is well inside: it may be gone again at once.
+        """
+        gaze = self._head.look(target.sight_at(time), *near)
+        if self._path is None:
+            return gaze
+        pan, tilt = self._path.end_positions
+        limits = self._head.pan_limits
+        inside = min(limits.upper - gaze.pan, gaze.pan - limits.lower)
+        if abs(gaze.pan - pan) < math.pi or inside > _EDGE:
+            return gaze
+        reason = f"the target has just come into reach at the other end, at pan {gaze.pan:.2f} rad"
+        return replace(gaze, pan=pan, tilt=tilt, status=GazeStatus.OUT_OF_REACH, reason=reason)
+
+    def _steer(self, references: Sequence[Reference], speed: float, now: float) -> HeadCommand:
+        assert self._drives is not None
+        p = self.parameters.predictive
+        acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
+        limits = (self._head.pan_limits, self._head.tilt_limits)
+        (pan, pan_speed), (tilt, tilt_speed) = (
+            drive.follow(
+                reference,
+                now,
+                self._period,
+                drive.servo.delay - self._mean_delay,
+                MotionLimits(min(speed, joint.velocity), acceleration, p.max_joint_jerk),
+                p.dead_band,
+                self.parameters.limits.lead_target_angle,
+            )
+            for drive, reference, joint in zip(self._drives, references, limits, strict=True)
+        )
+        return HeadCommand(pan, tilt, pan_speed, tilt_speed)
+
+
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """Where the joints should be at the start and at the end of one period.
+
+    The next period starts where this one ended, unless more is known of the target by then.
+    """
+
+    target: TargetEstimate
+    start: float
+    start_positions: tuple[float, float]
+    end: float
+    end_positions: tuple[float, float]
+
+    def at(self, time: float, target: TargetEstimate) -> tuple[float, float] | None:
+        """Pan and tilt [rad] at a time near the end [s]; None if the target is known better."""
+        if target is not self.target:
+            return None
+        ratio = (time - self.start) / (self.end - self.start)
+        (pan, tilt), (next_pan, next_tilt) = self.start_positions, self.end_positions
+        return pan + ratio * (next_pan - pan), tilt + ratio * (next_tilt - tilt)
+
 
 LAWS: Mapping[str, Callable[[PanTiltHead, float, LawParameters], TrackingLaw]] = {
     "predictive": PredictiveLaw,

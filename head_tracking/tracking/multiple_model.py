@@ -35,7 +35,7 @@ _UNKNOWN = 1e6
 _FIRST_SCORES = (1.0, 2.0, 3.0, 10.0, 4.0, 10.0)
 
 _MEMORY = 0.5  # s; over which the models are judged
-_ERROR_MEMORY = 1.2  # s; over which the mixture is judged: a kink now and then is remembered
+_ERROR_MEMORY = 0.9  # s; over which the mixture is judged: a kink now and then is remembered
 _SHARPNESS = 2  # how strongly the better model wins
 _NOISE_OFF = 0.8  # of the noise of a point, which no model can predict, is taken off the scores
 _LEAST_SCORE = 0.02  # of that noise
@@ -43,6 +43,7 @@ _FINEST = 1e-12  # rad^2; noise below this is rounding
 _OUTLIER = 9.0  # variances
 _ALARM = 0.15  # s; how long a model stays doubted
 _DEVIATIONS = 3.0
+_NO_ALARM = 0.01
 _NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _LEAST_SHARE = 1e-9  # of the models
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
@@ -59,6 +60,9 @@ Covariance3: TypeAlias = tuple[float, float, float, float, float, float]
 
 Six: TypeAlias = tuple[float, float, float, float, float, float]
 """One number for every model."""
+
+
+_CALM_MODELS: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Motion(NamedTuple):
@@ -230,7 +234,7 @@ class Bearing(NamedTuple):
         variance = noise * noise
         first = Oscillator(point, 0.0, 0.0, (1.0, 0.0, 0.0, _UNKNOWN, 0.0, _UNKNOWN))
         scores = _six([variance * factor for factor in _FIRST_SCORES])
-        calm = (0.0,) * 6
+        calm = _CALM_MODELS
         return _mixed(
             gains,
             0.0,
@@ -419,6 +423,8 @@ def _corrected_by(
 
 def _alarmed(before: Bearing, innovations: Six, kept: float) -> Six:
     """How strongly each model is to be doubted: two large innovations in a row to one side."""
+    if max(map(abs, innovations)) < _DEVIATIONS and max(before.alarm) < _NO_ALARM:
+        return _CALM_MODELS
     alarm = []
     for now, then, doubt in zip(innovations, before.innovations, before.alarm, strict=True):
         both = min(abs(now), abs(then)) if now * then > 0.0 else 0.0
@@ -429,7 +435,12 @@ def _alarmed(before: Bearing, innovations: Six, kept: float) -> Six:
 def _weights(scores: Six, alarm: Six, variance: float) -> Six:
     off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
     errors = [max(score - off, least) for score in scores]
-    best, calmest = min(errors), min(alarm)
+    best = min(errors)
+    if alarm is _CALM_MODELS:
+        a, b, c, d, e, f = [(best / error) ** _SHARPNESS for error in errors]
+        total = a + b + c + d + e + f
+        return a / total, b / total, c / total, d / total, e / total, f / total
+    calmest = min(alarm)
     raw = [
         (best / error) ** _SHARPNESS * math.exp(0.5 * (calmest - doubt))
         for error, doubt in zip(errors, alarm, strict=True)

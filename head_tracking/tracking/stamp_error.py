@@ -30,11 +30,14 @@ _HISTORY = 2.0  # s of readings and points
 _DEGREES = (1, 2, 4)  # of the polynomials that paths are compared with: the first to see swings
 _ROUGHER = (2.5, 1.4)  # times the smoothest path: so rough is the present one to be given up
 _TELLING = 0.004  # rad; rougher than noise
+_AGAINST = 1.5  # times rougher by the other polynomial: then it is not believed
 _SAME, _ELSE = 0.004, 0.03  # s; errors that differ by less, and by more
-_OWN = 0.3  # of the head's motion; a target that moves less has not made the head move like this
+_OWN = 0.15  # of the head's motion; a target that moves less has not made the head move like this
 _LOST = 0.8  # of the head's motion; a target off by more is not followed by it
+_ALIKE = 0.5  # of the head's motion; a target that seems to move like it may be the head itself
 _SWING = 0.01  # rad beside a straight line; less is no swing
 _SWINGING = 1.2  # s
+_CHANGES, _CHANGING = 4, 6.0  # so many errors believed in so many s: none of them is right
 _TURN = 0.03  # rad; so far a joint must have come back for it to have turned round
 _TURNS, _TURNING = 4, 4.0  # so often in so many s: no way to a target, a swing
 
@@ -57,6 +60,7 @@ class StampError:
         self._own = self._off = 0.0
         self._weight = 0.0
         self._judged = -math.inf
+        self._changes: deque[float] = deque(maxlen=_CHANGES)
         self._swinging_since: float | None = None
         self._turns = (_Turns(), _Turns())
 
@@ -67,15 +71,22 @@ class StampError:
     @property
     def swings(self) -> bool:
         """Whether the head swings by itself."""
-        since = self._swinging_since
-        return since is not None and self._judged - since > _SWINGING
+        since, changes = self._swinging_since, self._changes
+        if since is not None and self._judged - since > _SWINGING:
+            return True
+        return len(changes) == _CHANGES and self._judged - changes[0] < _CHANGING
 
     def calm_down(self) -> None:
         """What the head did until now is no swing any more."""
+        self._forget_swing()
+        self._roughness[:] = self._weight = 0.0
+        self._changes.clear()
+        self._points.clear()
+
+    def _forget_swing(self) -> None:
         self._swinging_since = None
         self._turns = (_Turns(), _Turns())
-        self._roughness[:] = self._own = self._off = self._weight = 0.0
-        self._points.clear()
+        self._own = self._off = 0.0
 
     def new_target(self) -> None:
         """The points that come from now on are another target's."""
@@ -92,9 +103,9 @@ class StampError:
             self._times.popleft()
             self._readings.popleft()
 
-    def corrected(self, stamp: float, sight: Sight, error: float | None = None) -> Sight:
+    def corrected(self, stamp: float, sight: Sight) -> Sight:
         """The sight of a point placed with the joints at `stamp`, as it is by the learned error."""
-        then, now = self._at(stamp), self._at(stamp - (self.value if error is None else error))
+        then, now = self._at(stamp), self._at(stamp - self.value)
         return Sight(sight.pan + now[0] - then[0], sight.tilt + now[1] - then[1], sight.distance)
 
     def point_seen(self, stamp: float, sight: Sight, *, moving: bool) -> bool:
@@ -153,25 +164,32 @@ class StampError:
         """Whether the head turns to and fro as no target does, or as if there were none."""
         swings = self._own > self._weight * _SWING**2
         swings = swings and any(turns.often(self._times[-1]) for turns in self._turns)
-        alone = float(self._roughness[0].min()) < _OWN * self._own
-        if not swings or not (alone or (moving and self._off > _LOST * self._own)):
+        target = float(self._roughness[0].min())
+        alone = target < _OWN * self._own
+        lost = moving and self._off > _LOST * self._own and target > _ALIKE * self._own
+        if not swings or not (alone or lost):
             self._swinging_since = None
         elif self._swinging_since is None:
             self._swinging_since = self._judged
 
     def _decide(self) -> bool:
-        for rough, rougher in zip(self._roughness[1:], _ROUGHER, strict=True):
+        """Whether another error makes a path so much smoother that it is believed now."""
+        coarse, fine = self._roughness[1:]
+        for rough, other, rougher in ((coarse, fine, _ROUGHER[0]), (fine, coarse, _ROUGHER[1])):
             present = float(np.interp(self.value, _ERRORS, rough))
             least = int(rough.argmin())
             if present < rougher * rough[least]:
                 continue
             if present - rough[least] < self._weight * _TELLING**2:
                 continue
+            if other[least] > _AGAINST * float(np.interp(self.value, _ERRORS, other)):
+                continue
             error = _minimum(rough, least)
             if abs(error - self.value) < _SAME:
                 return False
             if abs(error - self.value) > _ELSE:
-                self._swinging_since = None
+                self._forget_swing()
+                self._changes.append(self._judged)
             self.value = error
             return True
         return False

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.tracking.law import inside
+from head_tracking.tracking.laws import inside
 from head_tracking.tracking.search import Sweep
 
 _ARRIVED = 0.03  # rad

@@ -14,9 +14,7 @@ from head_tracking.tracking.estimator import (
     TargetEstimator,
     Verdict,
 )
-from head_tracking.tracking.law import JointReading, TrackingLaw
-from head_tracking.tracking.position_law import PositionLaw
-from head_tracking.tracking.predictive_law import PredictiveLaw
+from head_tracking.tracking.laws import JointReading, PositionLaw, PredictiveLaw, TrackingLaw
 from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (

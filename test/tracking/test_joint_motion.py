@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.tracking.joint_motion import JointMotion, MotionLimits
+from head_tracking.tracking.joint_controller import JointMotion, MotionLimits
 from head_tracking.transforms import JointLimits
 
 LIMITS = MotionLimits(speed=5.0, acceleration=50.0, jerk=3000.0)

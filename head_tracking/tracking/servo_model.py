@@ -27,7 +27,7 @@ _DELAYS: Array = np.arange(0.0, 0.2501, 0.01)
 """The delays [s] that are compared."""
 
 _WINDOW = 0.1  # s between the two readings that are compared to learn the delay
-_LEARNED_EVERY = 3  # readings
+_LEARNED_EVERY = 5  # readings
 _MEMORY = 3.0  # s of motion
 _MODEL_ERROR = 0.004  # rad in such a window
 _TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
@@ -36,6 +36,7 @@ _AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good
 
 _SPAN = 0.08  # s; over which speeds are compared to learn the acceleration
 _BEHIND = 0.5  # rad/s; a shaft so much slower than told, twice in a row, gives what it can
+_EXPLAINED = 0.3  # rad/s; a delay with which the shaft is no farther behind explains its speeds
 _GAINED = 0.2  # rad/s in a span; less may be noise
 _STEADY = 0.6  # of the gain before; less is a shaft that comes to its top speed
 _SLOWEST_START = 1.0  # rad/s^2
@@ -46,13 +47,13 @@ _HARDEST = 100.0  # rad/s^2; harder than this is no limit
 _USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
 _FINEST_RESOLUTION = 1e-4  # rad
 
-# How much of a surprise is believed: an encoder within half a step of the expectation has said
+# How much of a innovation is believed: an encoder within half a step of the expectation has said
 # almost nothing, beyond it the shaft is certainly somewhere else.
 _WITHIN_STEP = 0.05
 _BEYOND_STEP = 0.5
 
 
-class ServoResponse:
+class ServoModel:
     """One joint: expects where its shaft is and learns from where it was.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
@@ -134,9 +135,9 @@ class ServoResponse:
             return
         self._learn_resolution(abs(position - last))
         self._shaft = self._follow(self._shaft, self._sum(stamp - self.delay))
-        surprise = position - self._shaft - self._offset
-        within = max(-0.5 * self.resolution, min(0.5 * self.resolution, surprise))
-        self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (surprise - within)
+        innovation = position - self._shaft - self._offset
+        within = max(-0.5 * self.resolution, min(0.5 * self.resolution, innovation))
+        self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (innovation - within)
         self._readings.append((stamp, position))
         while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
@@ -212,7 +213,14 @@ class ServoResponse:
             self.acceleration *= math.exp(elapsed / _RECOVERY)
             if self.acceleration > _HARDEST:
                 self.acceleration = math.inf
-        end = self._readings[-1][0]
+        end, last = self._readings[-1]
+        stamp, position = self._reading_before(end - _SPAN)
+        if stamp == end:
+            return True
+        self.velocity = (last - position) / (end - stamp)
+        asked_now = (self._sum(end - self.delay) - self._sum(stamp - self.delay)) / (end - stamp)
+        if abs(asked_now - self.velocity) < _BEHIND:
+            return True
         stamps, positions = zip(
             *(self._reading_before(end - spans * _SPAN) for spans in (3, 2, 1, 0)), strict=True
         )
@@ -220,9 +228,10 @@ class ServoResponse:
             return True
         told = _speeds(stamps, [self._sum(stamp - self.delay) for stamp in stamps])
         shown = _speeds(stamps, positions)
-        self.velocity = shown[2]
         behind = [told[span] - shown[span] for span in range(3)]
         if min(behind) < _BEHIND and max(behind) > -_BEHIND:
+            return True
+        if self._late(stamps, shown):
             return True
         gained, before, asked = shown[2] - shown[1], shown[1] - shown[0], told[2] - told[1]
         if gained * asked > 0.0 and abs(gained) > _STEADY * abs(asked) > _STEADY * _GAINED:
@@ -230,6 +239,13 @@ class ServoResponse:
         if gained * behind[2] > 0.0 and abs(gained) > max(_GAINED, _STEADY * abs(before)):
             self._limited(max(2.0 * abs(gained) / (end - stamps[1]), _SLOWEST_START))
         return False
+
+    def _late(self, stamps: Sequence[float], shown: Sequence[float]) -> bool:
+        """Whether a longer delay explains all speeds of the shaft."""
+        times, setpoints = self._knots()
+        ways = np.interp(np.array(stamps)[:, None] - _DELAYS, times, setpoints)
+        told = np.diff(ways, axis=0) / np.diff(stamps)[:, None]
+        return bool(np.abs(told - np.array(shown)[:, None]).max(axis=0).min() < _EXPLAINED)
 
     def _limited(self, acceleration: float) -> None:
         """The shaft has accelerated no harder although it was told to."""

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from head_tracking.tracking.servo_response import ServoResponse
+from head_tracking.tracking.servo_model import ServoModel
 
 TICK = 0.00511
 
@@ -30,7 +30,7 @@ class Servo:
 
 
 def swing(delay, seconds=6.0, first=0.04, resolution=TICK):
-    servo, response = Servo(delay, resolution), ServoResponse(0.0, 0.0, delay=first)
+    servo, response = Servo(delay, resolution), ServoModel(0.0, 0.0, delay=first)
     for k in range(1, int(seconds * 50)):
         t = k * 0.02
         response.measured(t - 0.01, servo.encoder(t - 0.01))
@@ -57,21 +57,21 @@ def test_the_shaft_is_expected_where_it_is():
 
 
 def test_a_wall_stops_the_setpoint():
-    response = ServoResponse(0.0, 0.0)
+    response = ServoModel(0.0, 0.0)
     response.commanded(0.0, 1.0, 0.3)
     assert response.setpoint(0.1) == pytest.approx(0.1)
     assert response.setpoint(5.0) == pytest.approx(0.3)
 
 
 def test_a_held_servo_stays():
-    response = ServoResponse(0.0, 0.0)
+    response = ServoModel(0.0, 0.0)
     response.commanded(0.0, -1.0, -2.0)
     response.held(0.1, -0.1)
     assert response.setpoint(3.0) == pytest.approx(-0.1)
 
 
 def test_a_blocked_shaft_teaches_no_delay():
-    response = ServoResponse(0.0, 0.0, delay=0.04)
+    response = ServoModel(0.0, 0.0, delay=0.04)
     for k in range(1, 100):
         response.commanded(0.02 * k, 1.0 + 0.5 * math.sin(k), 10.0)
         response.measured(0.02 * k + 0.01, 0.0)
@@ -79,6 +79,6 @@ def test_a_blocked_shaft_teaches_no_delay():
 
 
 def test_old_readings_are_ignored():
-    response = ServoResponse(1.0, 0.5)
+    response = ServoModel(1.0, 0.5)
     response.measured(0.5, 9.0)
     assert response.reading == (1.0, 0.5)

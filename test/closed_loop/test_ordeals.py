@@ -1,0 +1,167 @@
+"""What cameras, clocks and servos do to a head: it does not swing, and follows nearly as well."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from closed_loop import ClosedLoop, Conditions, PlainServo
+
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    LawParameters,
+    TargetState,
+    TargetStateParameters,
+    Tracker,
+)
+
+ON_HEAD = Conditions(10.0, noise=0.002, delay=0.1, camera=True)
+
+
+def around(bearing, level=0.08):
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
+
+
+def still(t):
+    return around(0.3)
+
+
+def swing(t):
+    return around(0.5 * math.sin(math.tau * 0.2 * t))
+
+
+def circle(t):
+    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
+
+
+def tracker(head, law="predictive"):
+    steered = LAWS[law](head, 0.02, LawParameters())
+    return Tracker(head, steered, EstimatorParameters(), TargetStateParameters())
+
+
+def error(head, path, conditions, start=3.0, steered=None):
+    steered = steered or tracker(head)
+    return ClosedLoop(head, path, conditions).run(steered).recording.between(start).rms
+
+
+@pytest.mark.parametrize("law", ["predictive", "speed", "position"])
+@pytest.mark.parametrize("late", [-0.12, -0.05, 0.05, 0.12])
+@pytest.mark.parametrize("path", [still, swing])
+def test_stamps_that_are_wrong_make_no_head_swing(head, law, late, path):
+    conditions = replace(ON_HEAD, rate=10.0 if law == "speed" else 50.0)
+    usual = error(head, path, conditions, steered=tracker(head, law))
+    wrong = error(head, path, replace(conditions, stamp_error=late), steered=tracker(head, law))
+    assert wrong < (1.5 if abs(late) < 0.1 else 4.0) * usual + 0.006
+
+
+def test_the_error_of_the_stamps_is_told(head):
+    steered = tracker(head)
+    error(head, swing, replace(ON_HEAD, stamp_error=0.07), steered=steered)
+    assert steered.stamp_error.value == pytest.approx(0.07, abs=0.01)
+
+
+def test_stamps_that_are_right_are_left_alone(head):
+    for path in (still, swing, circle):
+        steered = tracker(head)
+        error(head, path, ON_HEAD, steered=steered)
+        assert steered.stamp_error.value == 0.0
+
+
+def test_a_camera_beside_the_head_has_no_stamp_errors_to_learn(head):
+    steered = tracker(head)
+    error(head, swing, replace(ON_HEAD, camera=False), steered=steered)
+    assert steered.stamp_error.value == 0.0
+
+
+@pytest.mark.parametrize("path", [still, swing, circle])
+def test_noise_of_the_distance_does_not_turn_the_head(head, path):
+    noisy = error(head, path, replace(ON_HEAD, range_noise=0.2))
+    assert noisy < 1.5 * error(head, path, ON_HEAD) + 0.003
+
+
+def test_the_error_is_the_same_at_every_azimuth(head):
+    def about(azimuth):
+        return lambda t: around(azimuth + 0.3 * math.sin(math.tau * 0.5 * t))
+
+    ahead, aside = (
+        error(head, about(azimuth), replace(ON_HEAD, depth_noise=0.05))
+        for azimuth in (0.0, math.pi / 4)
+    )
+    assert aside == pytest.approx(ahead, rel=0.3)
+
+
+@pytest.mark.parametrize("size", [0.1, 0.15])
+def test_outliers_do_not_carry_the_head_away(head, size):
+    for path in (swing, circle):
+        for seed in (1, 2):
+            wild = replace(ON_HEAD, outliers=0.05, outlier=size, seed=seed)
+            assert error(head, path, wild) < 1.8 * error(head, path, ON_HEAD) + 0.01
+
+
+@pytest.mark.parametrize("dead_time", [0.1, 0.12, 0.15])
+def test_servos_with_a_long_dead_time_are_followed(head, dead_time):
+    fast = replace(ON_HEAD, servos=PlainServo(dead_time=dead_time))
+    assert error(head, lambda t: around(0.5 * math.sin(math.pi * t)), fast) < 0.04
+
+
+@pytest.mark.parametrize("acceleration", [5.0, 10.0])
+def test_a_heavy_head_is_slower_but_not_unstable(head, acceleration):
+    heavy = replace(ON_HEAD, duration=20.0, servos=PlainServo(acceleration=acceleration))
+    assert error(head, swing, heavy, start=14.0) < 0.03
+    fast = ClosedLoop(head, lambda t: around(0.5 * math.sin(math.pi * t)), heavy)
+    positions = fast.run(tracker(head)).recording.between(8.0).positions
+    assert abs(positions).max() < 1.2
+
+
+def test_a_head_that_swings_by_itself_is_calmed_and_says_so(head):
+    steered, states = tracker(head), []
+    step = steered.step
+
+    def watched(now):
+        done = step(now)
+        states.append((steered.machine.state, steered.machine.reason))
+        return done
+
+    steered.step = watched
+    wrong = replace(ON_HEAD, duration=8.0, stamp_error=0.3)  # more than can be learned
+    positions = ClosedLoop(head, still, wrong).run(steered).recording.positions
+    cautious = [reason for state, reason in states if state is TargetState.CAUTIOUS]
+    assert cautious
+    assert "swung by itself" in cautious[0]
+    from_then = next(k for k, (state, _) in enumerate(states) if state is TargetState.CAUTIOUS)
+    later = positions[from_then * 5 + 300 : from_then * 5 + 900, 0]
+    assert later.max() - later.min() < 0.5 * (positions[:, 0].max() - positions[:, 0].min())
+
+
+def jumping(t):
+    return around(0.5 if t % 2.0 > 1.0 else -0.2)
+
+
+def to_and_fro(t):
+    return around(0.5 * (4.0 * abs((0.5 * t) % 1.0 - 0.5) - 1.0))
+
+
+@pytest.mark.parametrize("path", [still, swing, circle, jumping, to_and_fro])
+@pytest.mark.parametrize("camera", [True, False])
+def test_a_head_that_follows_its_target_is_not_called_swinging(head, path, camera):
+    steered, swung = tracker(head), []
+    step = steered.step
+
+    def watched(now):
+        done = step(now)
+        swung.append(steered.machine.swung)
+        return done
+
+    steered.step = watched
+    ClosedLoop(head, path, replace(ON_HEAD, camera=camera)).run(steered)
+    assert not any(swung)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.005])
+def test_at_rest_the_head_is_quieter_than_the_points(head, noise):
+    outcome = ClosedLoop(head, still, Conditions(12.0, noise=noise)).run(tracker(head))
+    goals = outcome.goals[200:]
+    changes = sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0)
+    assert changes < 2.0
+    assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * noise

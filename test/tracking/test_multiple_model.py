@@ -1,0 +1,184 @@
+"""The six models against the textbook, one at a time, by matrices; and their mixture."""
+
+import math
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from head_tracking.tracking.multiple_model import (
+    CALM,
+    OSCILLATORS,
+    RESTLESS,
+    STILL,
+    WALKING,
+    Bearing,
+    Gains,
+    Oscillation,
+    walked,
+)
+
+
+def expm(matrix):
+    term = result = np.eye(len(matrix))
+    for n in range(1, 40):
+        term = term @ matrix / n
+        result = result + term
+    return result
+
+
+def disturbance(generator, density, dt):
+    """Van Loan's integral of the noise that drives the last state."""
+    n = len(generator)
+    big = np.zeros((2 * n, 2 * n))
+    big[:n, :n], big[:n, n:], big[n:, n:] = -generator, density, generator.T
+    whole = expm(big * dt)
+    return whole[n:, n:].T @ whole[:n, n:]
+
+
+def textbook(order, index, rate, points, times):
+    """A Kalman filter of position and derivatives, driven by white noise of the highest one."""
+    chain = np.diag(np.ones(order - 1), 1)
+    density = np.zeros((order, order))
+    density[-1, -1] = index
+    generator = chain.copy()
+    if rate:
+        generator[2, 1] = -rate * rate
+    state = np.zeros(order)
+    state[0] = points[0]
+    covariance = np.diag([1.0, 1e6, 1e6][:order])
+    for dt, z in zip(np.diff(times), points[1:], strict=True):
+        f = expm(generator * dt)
+        covariance = f @ covariance @ f.T + disturbance(chain, density, dt)
+        state = f @ state
+        gain = covariance[:, 0] / (covariance[0, 0] + 1.0)
+        state = state + gain * (z - state[0])
+        covariance = covariance - np.outer(gain, covariance[0])
+    return state, covariance
+
+
+def fed(times, points, rate=None, receding=0.0, horizon=0.1):
+    """A bearing after all points; with a rate of the swing of its own if none is given."""
+    gains = Gains.seen_once()
+    bearing = Bearing.seen_once(points[0], 0.003, gains)
+    kept = [bearing]
+    for k in range(1, len(points)):
+        if rate is not None:
+            bearing = bearing._replace(oscillation=_Fixed(0.0, 0.0, rate))
+        gains = gains.after(times[k] - times[k - 1])
+        index = max(i for i in range(k) if i == 0 or times[i] <= times[k] - horizon)
+        bearing = bearing.after(
+            times[: k + 1],
+            points[: k + 1],
+            gains,
+            receding,
+            kept[index],
+            times[k] - times[index],
+        )
+        kept.append(bearing)
+    return bearing, gains
+
+
+class _Fixed(Oscillation):
+    def after(self, stamps, points, variance):
+        return self
+
+
+@pytest.mark.parametrize("rate", [0.0, 3.0, 7.0])
+def test_every_model_is_the_textbooks(rate):
+    rng = np.random.default_rng(1)
+    times = np.cumsum(rng.uniform(0.01, 0.1, 30)).tolist()
+    points = rng.normal(size=30).tolist()
+    bearing, gains = fed(times, points, rate)
+    state, covariance = textbook(1, STILL, 0.0, points, times)
+    assert bearing.still == pytest.approx(state[0])
+    assert gains.still == pytest.approx(covariance[0, 0])
+    for index, found, kept in (
+        (CALM, bearing.calm, gains.calm),
+        (RESTLESS, bearing.restless, gains.restless),
+    ):
+        state, covariance = textbook(2, index, 0.0, points, times)
+        assert found == pytest.approx(state, rel=1e-6, abs=1e-6)
+        assert kept == pytest.approx(covariance[np.triu_indices(2)], rel=1e-5, abs=1e-6)
+    _, covariance = textbook(2, WALKING, 0.0, points, times)
+    assert gains.walking == pytest.approx(covariance[np.triu_indices(2)], rel=1e-5, abs=1e-6)
+    for index, found in zip(OSCILLATORS, bearing.oscillators, strict=True):
+        state, covariance = textbook(3, index, rate, points, times)
+        assert found[:3] == pytest.approx(state, rel=1e-5, abs=1e-5)
+        assert found.covariance == pytest.approx(covariance[np.triu_indices(3)], rel=1e-4, abs=1e-6)
+
+
+def test_who_walks_straight_on_is_where_the_walking_model_expects():
+    def place(t):
+        return 1.0, -1.5 + t
+
+    for t, dt in ((0.0, 0.3), (1.0, 0.3), (1.5, 0.5), (2.0, 0.4)):
+        (x, y), (u, v) = place(t), place(t + dt)
+        square = x * x + y * y
+        turned, slowed = walked(x / square, y / square, dt)
+        assert turned == pytest.approx(math.atan2(v, u) - math.atan2(y, x), abs=1e-12)
+        assert slowed * x / square == pytest.approx(u / (u * u + v * v), abs=1e-12)
+
+
+def test_one_who_would_walk_through_the_head_stays_before_it():
+    turned, slowed = walked(0.5, -3.0, 1.0)
+    assert 0.0 < turned < math.pi / 2
+    assert math.isfinite(slowed)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.02])
+def test_weights_add_up_and_the_mixture_is_finite_whatever_comes(noise):
+    rng = random.Random(3)
+    times, points = [0.0], [0.0]
+    for _ in range(200):
+        times.append(times[-1] + rng.choice((1e-4, 0.01, 0.03, 0.4)))
+        points.append(points[-1] + rng.gauss(0.0, noise) + rng.choice((0.0, 0.0, 0.0, 0.3)))
+    bearing, _ = fed(times, points)
+    assert sum(bearing.weights) == pytest.approx(1.0)
+    assert all(map(math.isfinite, (*bearing.motion, *bearing.scores, *bearing.certainty)))
+    assert bearing.certainty[0] >= 0.0
+
+
+def learned(path, seconds=4.0, noise=0.0, times=None):
+    rng = random.Random(1)
+    oscillation, stamps, points = Oscillation(0.0, 0.0, 0.0), [], []
+    for t in np.arange(0.0, seconds, 1 / 30).tolist() if times is None else times:
+        stamps.append(t)
+        points.append(path(t) + rng.gauss(0.0, noise))
+        oscillation = oscillation.after(stamps, points, max(noise, 1e-6) ** 2)
+    return oscillation.rate
+
+
+@pytest.mark.parametrize("frequency", [0.2, 0.5, 1.0, 2.0])
+def test_the_rate_of_a_swing_is_learned_about_any_centre(frequency):
+    rate = math.tau * frequency
+    assert learned(lambda t: 3.0 + math.sin(rate * t)) == pytest.approx(rate, rel=0.03)
+
+
+def test_noise_brings_no_bias_to_the_rate():
+    assert learned(lambda t: math.sin(math.pi * t), 8.0, 0.004) == pytest.approx(math.pi, rel=0.05)
+
+
+def test_irregular_points_do():
+    rng = random.Random(2)
+    times = [0.0]
+    for _ in range(150):
+        times.append(times[-1] + rng.uniform(0.01, 0.06))
+    assert learned(lambda t: math.cos(math.pi * t), times=times) == pytest.approx(math.pi, rel=0.05)
+
+
+def test_what_stands_still_or_moves_straight_does_not_swing():
+    assert learned(lambda t: 0.3, noise=0.002) == 0.0
+    assert learned(lambda t: 0.3 * t) == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_motion_goes_on_as_its_parts_say():
+    times = [k / 30 for k in range(90)]
+    points = [0.4 * math.sin(3.0 * t) for t in times]
+    bearing, _ = fed(times, points)
+    ahead = [bearing.motion.after(0.02 * k) for k in range(10)]
+    for (before, _), (after, speed) in pairwise(ahead):
+        assert (after - before) / 0.02 == pytest.approx(speed, abs=0.1)
+    expected = 0.4 * math.sin(3.0 * (times[-1] + 0.15))
+    assert bearing.motion.after(0.15)[0] == pytest.approx(expected, abs=0.01)
