@@ -186,8 +186,12 @@ def test_look_follows_until_it_is_stopped(pointing_robot, ask):
     robot = pointing_robot
 
     def when_there(signal):
+        before = []
+
         def check():
-            if abs(robot.pan - 0.5) < 2 * DEGREE:
+            before.append((robot.pan, robot.tilt))
+            stands = len(before) > 10 and len(set(before[-6:])) == 1
+            if stands and abs(robot.pan - 0.5) < 2 * DEGREE:
                 signal.set()
 
         robot.node.create_timer(0.05, check)
