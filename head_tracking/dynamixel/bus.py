@@ -1151,6 +1151,9 @@ class ServoBus:
         self._look_again_at = None
         self._last_cycle = now
         self._note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        stopped = [joint.name for joint in self._all if joint.stopped]
+        if stopped:  # perhaps while nobody could tell them
+            self._enqueue(self._relaxing(stopped, stop=True))
         return True
 
     def _lose_port(self, why: str) -> None:

@@ -132,8 +132,6 @@ class Requests(RuleBasedStateMachine):
                 reachable = self.plugged and expected.powered
                 expected.wanted = expected.wanted or reachable
 
-    # (what is stopped while the adapter is out is not relaxed when it comes back: not mended yet)
-    @precondition(lambda self: self.plugged)
     @rule(chosen=some_joints)
     def stop(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
@@ -255,3 +253,14 @@ TestRequests.settings = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )
+
+
+def test_what_is_stopped_while_the_adapter_is_out_is_relaxed_when_it_comes_back():
+    state = Requests()
+    state.start_bus(names=("AX-12", "XM430-W350"))
+    state.command(name="j1", position=0.0)
+    state.unplug()
+    state.stop(chosen=None)
+    state.plug_in()
+    state.facts_are_what_a_person_expects()
+    state.teardown()
