@@ -277,14 +277,6 @@ class TargetEstimator:
         self._jumped.clear()
         self._restart()
 
-    def replay(self, sights: Sequence[tuple[float, Sight]]) -> None:
-        """Forgets the target, and learns it anew from these stamps [s] and sights; in order."""
-        self._restart()
-        for stamp, sight in sights:
-            self._append(stamp, sight)
-        if sights:
-            self._estimate = self._described(-1)
-
     def add(self, stamp: float, sight: Sight, now: float) -> Verdict:
         """Takes a point.
 
@@ -356,8 +348,11 @@ class TargetEstimator:
         self._taken = 0
 
     def _start(self, sights: Sequence[tuple[float, Sight]]) -> Verdict:
-        self.replay(sights)
+        self._restart()
+        for stamp, sight in sights:
+            self._append(stamp, sight)
         self._jumped.clear()
+        self._estimate = self._described(-1)
         return Verdict.NEW_TARGET
 
     def _append(self, stamp: float, sight: Sight) -> None:

@@ -161,9 +161,6 @@ class ServoModel:
             way = math.copysign(room, way)
         return self._setpoints[index] + way
 
-    def _speed_at(self, time: float) -> float:
-        return self._speeds[max(0, bisect_right(self._times, time) - 1)]
-
     def _append(self, now: float, setpoint: float, speed: float, room: float) -> None:
         self._times.append(now)
         self._setpoints.append(setpoint)
