@@ -20,18 +20,14 @@ NODES = (
     "target_mux",
     "visual_target",
     "simulated_camera",
-    "look",
-    "relax",
-    "transforms",
-    "track_report",
     "viewer",
 )
+TOOLS = ("look", "relax", "transforms", "track_report", "check_model", "simulated_bus")
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
-    "simulated_bus": "head_tracking.tools.simulated_bus:main",
     "servo": "head_tracking.tools.servo.main:main",
-    "check_model": "head_tracking.check_model:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
+    **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
 }
 
 LAUNCHER = """\

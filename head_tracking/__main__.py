@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StopSignal
 
 
 def main() -> int:

@@ -16,7 +16,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
-from head_tracking.nodes.stop_signal import ENDING, StopSignal
+from head_tracking.ros.stop_signal import ENDING, StopSignal
 
 if TYPE_CHECKING:
     from head_tracking.dynamixel import JointConfiguration
@@ -41,7 +41,7 @@ class _Program:
     def run(self, parent: Connection[Any, Any], stop: StopSignal) -> int:
         threading.Thread(target=self._answer, args=(parent, stop), daemon=True).start()
         # ROS takes a while to import, and the parent's end is heard from the first moment on
-        from head_tracking.nodes.spinning import run_until
+        from head_tracking.ros.spinning import run_until
 
         with ExitStack() as resources:
             return run_until(stop, lambda: self._make(resources), sys.argv)

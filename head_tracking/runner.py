@@ -31,12 +31,12 @@ from head_tracking.node_sets import (
     started_on_request,
 )
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
-from head_tracking.nodes.spinning import NodeThreads, describe
-from head_tracking.nodes.status_line import StatusLine
-from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.nodes.viewer import MISSING, installed
+from head_tracking.ros.spinning import NodeThreads, describe
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
+from head_tracking.status_line import StatusLine
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 

@@ -22,7 +22,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import Composition, compose, parse_arguments, ros_arguments
 from head_tracking.transforms import RobotModel, TransformException
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import rclpy
 
-from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))

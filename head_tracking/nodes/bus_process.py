@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.nodes.diagnostics import BusStatus
-from head_tracking.nodes.spinning import steady_timer
-from head_tracking.nodes.stop_signal import ENDING
+from head_tracking.ros.bus_status import BusStatus
+from head_tracking.ros.spinning import steady_timer
+from head_tracking.ros.stop_signal import ENDING
 
 _REPLY_TIMEOUT = 0.5  # s
 _START_TIMEOUT = 20.0  # s, on a busy machine with servos that have to be waited for

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rclpy.time import Time
 from std_srvs.srv import SetBool
 
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
 
 try:

@@ -8,10 +8,10 @@ from typing import Any
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
-from head_tracking.nodes.conversions import target_message
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch

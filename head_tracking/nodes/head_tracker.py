@@ -11,10 +11,10 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.head_interface import HeadInterface
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import (

@@ -11,9 +11,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
     LARGEST_POSITION,

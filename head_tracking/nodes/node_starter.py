@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from head_tracking.nodes.spinning import describe
+from head_tracking.ros.spinning import describe
 
 
 class NodeStarterNode(Node):

@@ -9,10 +9,10 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
-from head_tracking.nodes.head_interface import HeadInterface, HeadReading
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.head_interface import HeadInterface, HeadReading
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
 from head_tracking.tracking import HeadBase, Refusal
 

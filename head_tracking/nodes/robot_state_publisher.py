@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,

@@ -11,9 +11,9 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.conversions import target_from_message
-from head_tracking.nodes.diagnostics import BusStatus
-from head_tracking.nodes.status_line import StatusLine
+from head_tracking.ros.bus_status import BusStatus
+from head_tracking.ros.messages import target_from_message
+from head_tracking.status_line import StatusLine
 from head_tracking.tf import Buffer
 from head_tracking.tracking import Target, TargetPlacer, TrackingJudge
 

@@ -24,21 +24,21 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoState,
 )
-from head_tracking.nodes.bus_parameters import (
+from head_tracking.ros.bus_parameters import (
     EepromParameters,
     ServoBusParameters,
     TemperatureParameters,
     bus_settings,
 )
-from head_tracking.nodes.bus_services import BusServices
-from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics, combined
-from head_tracking.nodes.joint_configuration import (
+from head_tracking.ros.bus_services import BusServices
+from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.joint_configuration import (
     ControllerParameters,
     MotorParameters,
     declare_joint,
 )
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node
 
 _BAD_NEWS = (
     EventKind.LOST,

@@ -11,10 +11,10 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from head_tracking.nodes.conversions import target_from_message, target_message
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node, steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.messages import target_from_message, target_message
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.qos import LATCHED

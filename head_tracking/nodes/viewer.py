@@ -10,13 +10,13 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
-from head_tracking.nodes.head_interface import HeadParameters
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import NodeThreads, run_node
-from head_tracking.nodes.viewer_robot import ViewerRobot
 from head_tracking.parameters import parameter
+from head_tracking.ros.head_interface import HeadParameters
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import NodeThreads, run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.viewer.viewer_robot import ViewerRobot
 
 MISSING = (
     "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "

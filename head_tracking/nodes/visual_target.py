@@ -12,11 +12,11 @@ from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
-from head_tracking.nodes.conversions import target_message
-from head_tracking.nodes.images import camera_of, image_message, raw_image
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import run_node
 from head_tracking.parameters import parameter
+from head_tracking.ros.images import camera_of, image_message, raw_image
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target

@@ -2,7 +2,7 @@
 
 import pytest
 
-from head_tracking.nodes.spinning import explained_errors
+from head_tracking.ros.spinning import explained_errors
 
 
 @pytest.mark.parametrize(

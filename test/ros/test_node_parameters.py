@@ -8,8 +8,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.parameters import parameter
+from head_tracking.ros.parameters import NodeParameters
 
 
 @dataclass(frozen=True)

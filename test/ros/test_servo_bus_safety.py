@@ -12,8 +12,8 @@ from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import JointConfiguration, servo_model
-from head_tracking.nodes import bus_services
 from head_tracking.nodes.servo_bus import ServoBusNode
+from head_tracking.ros import bus_services
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN = "head_pan_joint"

@@ -2,7 +2,7 @@ import io
 import os
 import pty
 
-from head_tracking.nodes.status_line import StatusLine
+from head_tracking.status_line import StatusLine
 
 
 def test_without_a_terminal_each_text_is_a_line_but_not_more_than_one_a_second():

@@ -9,10 +9,10 @@ from robot_under_test import wait_for
 from std_msgs.msg import String
 
 from head_tracking.nodes.frame_target import FrameTargetNode
-from head_tracking.nodes.look import look
-from head_tracking.nodes.stop_signal import StopSignal
 from head_tracking.nodes.target_mux import TargetMuxNode
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.tf.qos import LATCHED
+from head_tracking.tools.look import look
 from head_tracking.transforms import Rotation, Transform
 
 DEGREE = math.radians(1)

@@ -6,8 +6,8 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from head_tracking.nodes import track_report
-from head_tracking.nodes.track_report import TrackReportNode, record_run
+from head_tracking.tools import track_report
+from head_tracking.tools.track_report import TrackReportNode, record_run
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from robot_under_test import Robot, wait_for
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
 
-from head_tracking.nodes.images import image_message
+from head_tracking.ros.images import image_message
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.recording import Recording
 

@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.viewer.robot import Mode
 
 pytestmark = pytest.mark.skipif(

@@ -17,12 +17,12 @@ from head_tracking.dynamixel import (
     ServoStatistics,
 )
 from head_tracking.dynamixel.state import Torque
-from head_tracking.nodes.diagnostics import BusStatus, bus_diagnostics
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.nodes.viewer_robot import JointWatch
+from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
 from head_tracking.viewer import robot
 from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.health_table import COLUMNS, health_table
+from head_tracking.viewer.viewer_robot import JointWatch
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,

@@ -5,8 +5,8 @@ import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from head_tracking.nodes.images import image_message
-from head_tracking.nodes.running_topics import picture
+from head_tracking.ros.images import image_message
+from head_tracking.viewer.running_topics import picture
 
 RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
 

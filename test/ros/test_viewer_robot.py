@@ -13,8 +13,8 @@ from robot_under_test import Robot, wait_for
 from std_msgs.msg import String
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.nodes.spinning import NodeThreads
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.robot import Mode

@@ -16,9 +16,9 @@ from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from visual_pursuit import head_yaml, pursue, tutorial_law
 
-from head_tracking.nodes.images import camera_info, image_message
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
+from head_tracking.ros.images import camera_info, image_message
 from head_tracking.tf.messages import header
 from head_tracking.vision import DETECTORS, camera_with_view
 

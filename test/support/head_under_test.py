@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 
-from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.tf import Buffer, TransformListener
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

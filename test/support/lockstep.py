@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.nodes import head_interface
+from head_tracking.ros import head_interface
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch

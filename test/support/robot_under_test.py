@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.nodes.spinning import NodeThreads
+from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 PATIENCE = 10.0

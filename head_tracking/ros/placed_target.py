@@ -8,7 +8,7 @@ from typing import NamedTuple
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
-from head_tracking.nodes.conversions import target_from_message
+from head_tracking.ros.messages import target_from_message
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import TransformBuffer, Vector3
 

@@ -12,13 +12,8 @@ from sensor_msgs.msg import JointState as JointStateMsg
 
 from head_tracking.dynamixel import Torque
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.free_joints import FreeJoints
-from head_tracking.nodes.head_interface import HeadParameters
-from head_tracking.nodes.head_modes import CAMERA, FICTITIOUS, POINTER, TRACKER, HeadModes
-from head_tracking.nodes.placed_target import NewestTarget
-from head_tracking.nodes.running_parameters import RunningParameters
-from head_tracking.nodes.running_services import RunningServices
-from head_tracking.nodes.running_topics import RunningTopics
+from head_tracking.ros.head_interface import HeadParameters
+from head_tracking.ros.placed_target import NewestTarget
 from head_tracking.tf import Buffer
 from head_tracking.transforms import (
     RobotModel,
@@ -27,7 +22,12 @@ from head_tracking.transforms import (
     TransformException,
     Vector3,
 )
+from head_tracking.viewer.free_joints import FreeJoints
+from head_tracking.viewer.head_modes import CAMERA, FICTITIOUS, POINTER, TRACKER, HeadModes
 from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
+from head_tracking.viewer.running_parameters import RunningParameters
+from head_tracking.viewer.running_services import RunningServices
+from head_tracking.viewer.running_topics import RunningTopics
 
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s

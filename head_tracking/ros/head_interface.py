@@ -14,10 +14,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from head_tracking.gaze import HeadCommand, PanTiltHead
-from head_tracking.nodes.conversions import command_message, target_from_message
-from head_tracking.nodes.parameters import NodeParameters
-from head_tracking.nodes.spinning import steady_timer
 from head_tracking.parameters import parameter
+from head_tracking.ros.messages import command_message, target_from_message
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import steady_timer
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (

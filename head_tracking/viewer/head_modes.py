@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
 
-from head_tracking.nodes.running_services import RunningServices
-from head_tracking.nodes.target_sender import TargetSender
 from head_tracking.tracking import Target
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.robot import Mode, Outcome
+from head_tracking.viewer.running_services import RunningServices
+from head_tracking.viewer.target_sender import TargetSender
 
 TRACKER, POINTER, FICTITIOUS = "head_tracker", "point_head", "fictitious_target"
 CAMERA = "simulated_camera"

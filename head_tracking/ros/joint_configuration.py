@@ -14,8 +14,8 @@ from head_tracking.dynamixel import (
     ServoCalibration,
     servo_model,
 )
-from head_tracking.nodes.parameters import NodeParameters
 from head_tracking.parameters import parameter
+from head_tracking.ros.parameters import NodeParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,9 @@ from std_srvs.srv import Trigger
 
 from head_tracking.command_line import finite
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.conversions import target_message
-from head_tracking.nodes.spinning import NodeThreads
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.targets import Arrival
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StopSignal
 
 _PATIENCE = 10.0  # s; discovery of a running servo_bus can take a few
 

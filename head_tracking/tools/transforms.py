@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from head_tracking.command_line import above_zero
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import StampedTransform, TransformException
 

@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from head_tracking.nodes.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StopSignal
 
 _POLL = 0.1  # s
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end

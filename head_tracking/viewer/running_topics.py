@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Float64, String
 
-from head_tracking.nodes.images import raw_image
+from head_tracking.ros.images import raw_image
 from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.viewer.robot import Health, Level
 from head_tracking.vision.images import ImageError, decode_picture

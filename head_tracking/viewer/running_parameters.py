@@ -11,8 +11,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from head_tracking.nodes.running_services import wait_for_answer
 from head_tracking.viewer.robot import Outcome, Setting
+from head_tracking.viewer.running_services import wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,

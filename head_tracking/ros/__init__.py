@@ -1,0 +1,1 @@
+"""What nodes share: parameters, executors and stopping, messages, the head."""
