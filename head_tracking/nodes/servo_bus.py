@@ -45,6 +45,7 @@ _BAD_NEWS = (
     EventKind.TORQUE_LOST,
     EventKind.FAULTED,
     EventKind.RESTING,
+    EventKind.SYMPTOM,
     EventKind.PORT_LOST,
 )
 _SECOND = 1_000_000_000
