@@ -41,7 +41,7 @@ from head_tracking.transforms import Vector3
 HEAD = PanTiltHead(
     kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
 )
-DOCS = File(__file__).parents[1] / "docs"
+DOCS = File(__file__).parents[2] / "docs"
 NOISE = 0.002  # rad
 LATE = 0.1  # s
 DISTANCE = 2.0  # m
