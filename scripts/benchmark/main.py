@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bus import bus
+from chaos import chaos
 from page import fluidity, left_open
 from pointing import pointing
 from run import run
@@ -42,17 +43,20 @@ def write(name: str, table: str) -> None:
 def main() -> None:
     """Runs one benchmark and writes its table."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark/measure", description=__doc__)
-    parser.add_argument("name", choices=sorted([*BENCHMARKS, "soak"]))
+    parser.add_argument("name", choices=sorted([*BENCHMARKS, "chaos", "soak"]))
     parser.add_argument(
         "--minutes",
         type=float,
-        help="of soak (default: 10), or how long to leave the viewer's page open instead of "
-        "measuring what it costs",
+        help="of soak and chaos (default: 10), or how long to leave the viewer's page open "
+        "instead of measuring what it costs",
     )
+    parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
     options = parser.parse_args()
     name, minutes = options.name, options.minutes
     if name == "soak":
         table = soak(minutes or 10.0)
+    elif name == "chaos":
+        table = chaos(minutes or 10.0, options.seed)
     elif name == "viewer" and minutes:
         name, table = "viewer-open", left_open(minutes)
     else:
