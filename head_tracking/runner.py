@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from head_tracking.command_line import seconds
+from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
     BUS_PROCESS,
@@ -30,10 +31,10 @@ from head_tracking.node_sets import (
     simulated_camera,
     started_on_request,
 )
-from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.run_monitor import RunMonitor, RunSources
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.status_line import StatusLine
@@ -52,6 +53,7 @@ class Run:
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
         viewer: show it in a browser.
+        allow_others: commands of others count, too: the last one wins.
         arguments: the command line, ROS's own arguments among it.
     """
 
@@ -61,6 +63,7 @@ class Run:
     parameter_files: tuple[Path, ...]
     duration: float | None
     viewer: bool
+    allow_others: bool
     arguments: tuple[str, ...]
 
 
@@ -110,6 +113,11 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
+    parser.add_argument(
+        "--allow-others",
+        action="store_true",
+        help="let others command the head, too: the last command wins",
+    )
     options = parser.parse_args(remove_ros_args([parser.prog, *arguments])[1:])
     if options.viewer and not installed():
         parser.error(MISSING)
@@ -140,6 +148,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
         options.viewer,
+        options.allow_others,
         tuple(arguments),
     )
 
@@ -150,13 +159,13 @@ class Composition:
 
     Attributes:
         nodes: by name.
-        buffer: the transforms that they share.
+        loop: what they do in each cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
         true_position: where a joint really is [rad]; None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
-    buffer: Buffer
+    loop: ControlLoop
     simulated: SimulatedJoints | None
     true_position: Callable[[str], float] | None
 
@@ -173,6 +182,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
+    loop = ControlLoop(buffer.core, JointOwners(exclusive=not plan.allow_others))
     simulated: list[SimulatedJoints] = []
 
     def simulate(joints: Sequence[JointConfiguration]) -> str:
@@ -197,6 +207,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
 
     shared: dict[str, Any] = {
         "buffer": buffer,
+        "loop": loop,
         "connect": simulate if plan.simulated else None,
         "start": start_on_request,
         "startable": tuple(on_request),
@@ -206,7 +217,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     }
     for spec in plan.nodes:
         start(spec)
-    return Composition(nodes, buffer, simulated[0] if simulated else None, shared["true_position"])
+    return Composition(nodes, loop, simulated[0] if simulated else None, shared["true_position"])
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
@@ -221,17 +232,17 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     """
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources)
-        sources = RunSources(
-            head=lambda: head.nodes[plan.head_node].head,
-            bus_status=head.nodes["servo_bus"].status,
-            true_position=head.true_position,
+        monitor = RunMonitor(
+            RunSources(
+                head=head.nodes[plan.head_node].interface,
+                bus_status=head.nodes["servo_bus"].status,
+                true_position=head.true_position,
+            )
         )
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        monitor = RunMonitorNode(head.buffer, sources, line)
-        threads.start(monitor)
         try:
-            threads.wait(stop, plan.duration)
+            threads.wait(stop, plan.duration, lambda: line.show(monitor.look()))
         finally:
             line.end(monitor.summary())
     return threads.exit_code()
