@@ -159,12 +159,14 @@ class Composition:
 
     Attributes:
         nodes: by name.
+        buffer: the transforms that they share.
         loop: what they do in each cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
         true_position: where a joint really is [rad]; None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
+    buffer: Buffer
     loop: ControlLoop
     simulated: SimulatedJoints | None
     true_position: Callable[[str], float] | None
@@ -217,7 +219,9 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     }
     for spec in plan.nodes:
         start(spec)
-    return Composition(nodes, loop, simulated[0] if simulated else None, shared["true_position"])
+    return Composition(
+        nodes, buffer, loop, simulated[0] if simulated else None, shared["true_position"]
+    )
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:

@@ -183,6 +183,7 @@ class HeadInterface:
         lock: held while the turner is asked anything.
         off: why the node does not turn the head; empty: it does.
         slow: it has been stopped, and goes slowly until it has arrived.
+        buffer: the robot's frames.
         head: the head that is turned, once the robot's model is known.
         newest_target: as it was sent, once one could be placed.
     """
@@ -231,7 +232,7 @@ class HeadInterface:
             TransformListener(buffer, node, on_joints=self._on_joints)
             loop = ControlLoop(buffer.core)
         self._loop = loop
-        self._buffer = loop.buffer
+        self.buffer = loop.buffer
         if loop.write is None:  # the servos are in another process
             self._commands = node.create_publisher(JointState, "joint_commands", 1)
             self._claims = node.create_publisher(JointState, "joint_claims", 10)
@@ -246,7 +247,7 @@ class HeadInterface:
             self.off = str(error)
             self._log.warning(f"{error}; until then this node is switched off")
         self._tell_enabled()
-        if self._buffer.model is not None:
+        if self.buffer.model is not None:
             self._check_model()
         self._loop.target_takers.append(self._take_target)
         self._loop.add(self)
@@ -369,7 +370,7 @@ class HeadInterface:
         p, now = self._parameters, self._clock.checked
         found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
-            stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
+            stamp, position = self.buffer.latest_joint_position(joint) or (-1, None)
             age = now - (self._listening_since if stamp < 0 else stamp) * 1e-9
             if abs(age) > p.joint_state_timeout:
                 self.trouble = self._clock.standing or (
@@ -432,8 +433,8 @@ class HeadInterface:
             frames = self._base_frame, frame_id
             here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
             try:
-                one = self._buffer.lookup_transform(*frames, LATEST, joint_positions=here)
-                other = self._buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
+                one = self.buffer.lookup_transform(*frames, LATEST, joint_positions=here)
+                other = self.buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
             except TransformException:
                 return False
             self._carried[frame_id] = one.transform != other.transform
@@ -488,19 +489,19 @@ class HeadInterface:
             self._log.warning(f"{happened}: everything starts anew, and the head holds")
             self._listening_since = now
             if not self._clock.standing:
-                self._buffer.clear()
+                self.buffer.clear()
             self.forget_targets()
             self._turner.reset(happened)
 
     def _check_model(self) -> None:
-        model = self._buffer.model
+        model = self.buffer.model
         if model is not None and model is not self._model and model is not self._refused_model:
             try:
                 self._take_model(model)
             except RobotModelError as error:
                 self._refused_model = model
                 if self._model is not None:
-                    self._buffer.set_model(self._model)
+                    self.buffer.set_model(self._model)
                     self._log.error(f"another robot_description is not used: {error}")
                 else:
                     self.trouble = f"robot_description cannot be used: {error}"
@@ -522,11 +523,11 @@ class HeadInterface:
         self._model = model
         self._base_frame = head.base_frame
         self._carried.clear()
-        self._placer = TargetPlacer(self._buffer, fixed_frame, p.transform_timeout)
+        self._placer = TargetPlacer(self.buffer, fixed_frame, p.transform_timeout)
         self._base = (
             None
             if fixed_frame == head.base_frame
-            else HeadBase(self._buffer, fixed_frame, head.base_frame)
+            else HeadBase(self.buffer, fixed_frame, head.base_frame)
         )
         self.head = head
         self._turner.head_known(head, self._base)

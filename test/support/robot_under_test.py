@@ -120,6 +120,13 @@ class Robot:
         assert self.simulated is not None
         return self.simulated.true_position(name)
 
+    def switch(self, on: bool) -> None:
+        """Lets the run's node turn the head, or lets others command its joints."""
+        for name in ("head_tracker", "point_head"):
+            node = self.composition.nodes.get(name)
+            if node is not None and bool(node.interface.off) is on:
+                assert self.call(f"{name}/enable", on).success
+
     def publish(self, topic: str, message: Any) -> None:
         publisher = self._publishers.get(topic)
         if publisher is None:
@@ -129,9 +136,12 @@ class Robot:
         publisher.publish(message)
 
     def command(self, topic: str, value: float) -> None:
+        """What a person says who moves the joints by hand: nobody else may turn them then."""
+        self.switch(on=False)
         self.publish(topic, Float64(data=float(value)))
 
     def look_at(self, x: float, y: float, z: float, frame_id: str, stamp: Any = None) -> None:
+        self.switch(on=True)
         message = PointStamped(point=Point(x=float(x), y=float(y), z=float(z)))
         message.header.frame_id = frame_id
         if stamp is not None:
