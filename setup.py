@@ -85,7 +85,10 @@ setup(
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
-    extras_require={name: requirements(name) for name in ("ros", "vision", "viewer", "test")},
+    extras_require={
+        **{name: requirements(name) for name in ("ros", "vision", "viewer")},
+        "test": [line for name in ("test", "vision", "viewer") for line in requirements(name)],
+    },
     cmdclass={"install_data": InstallData},
     zip_safe=False,
 )

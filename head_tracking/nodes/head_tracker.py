@@ -23,14 +23,12 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     HeadBase,
-    LawParameters,
-    PredictiveLawParameters,
     Refusal,
-    SpeedLawParameters,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
     Tracker,
+    TrackingLaw,
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
@@ -47,8 +45,8 @@ class HeadTrackerParameters:
     )
     law: str = parameter(
         "predictive",
-        "What steers the head: with the target's motion, by the tutorials' speeds, or straight "
-        "to the newest point.",
+        "What steers the head: "
+        + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
     )
 
@@ -69,8 +67,10 @@ class HeadTrackerNode(Node):
         super().__init__("head_tracker", **options)
         self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._on_own)
         self._limits = NodeParameters(self, SpeedLimits, on_change=self._tune)
-        self._speed = NodeParameters(self, SpeedLawParameters, on_change=self._tune)
-        self._predictive = NodeParameters(self, PredictiveLawParameters, on_change=self._tune)
+        self._laws = {
+            name: NodeParameters(self, law.Parameters, on_change=self._tune)
+            for name, law in LAWS.items()
+        }
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._law = self._own.value.law
@@ -94,8 +94,9 @@ class HeadTrackerNode(Node):
 
     def head_known(self, head: PanTiltHead, base: HeadBase | None) -> None:
         """See `HeadTurner`."""
-        law = LAWS[self._law](head, self._period, self._law_parameters)
-        tracker = Tracker(head, law, self._estimator.value, self._target_state.value, base)
+        tracker = Tracker(
+            head, self._make_law(head), self._estimator.value, self._target_state.value, base
+        )
         if self._tracker is not None:
             self.reset("another robot_description has come")
         self._tracker = tracker
@@ -110,26 +111,28 @@ class HeadTrackerNode(Node):
             self.interface.send(self._tracker.reset(reason, self.interface.now))
 
     @property
-    def _law_parameters(self) -> LawParameters:
+    def _speed_limits(self) -> SpeedLimits:
         limits = self._limits.value
-        if self.interface.slow:
-            limits = replace(limits, max_joint_speed=CAUTIOUS_SPEED)
-        return LawParameters(limits, self._speed.value, self._predictive.value)
+        return replace(limits, max_joint_speed=CAUTIOUS_SPEED) if self.interface.slow else limits
+
+    def _make_law(self, head: PanTiltHead) -> TrackingLaw:
+        own = self._laws[self._law].value
+        return LAWS[self._law](head, self._period, self._speed_limits, own)
 
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
             return
         self._law = parameters.law
         if self._tracker is not None:
-            head = self._tracker.head
-            self._tracker.law = LAWS[self._law](head, self._period, self._law_parameters)
+            self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
     def _tune(self, _: object = None) -> None:
         if self._tracker is None:
             return
         with self.interface.lock:
-            self._tracker.law.parameters = self._law_parameters
+            self._tracker.law.limits = self._speed_limits
+            self._tracker.law.parameters = self._laws[self._law].value
             self._tracker.estimator.parameters = self._estimator.value
             self._tracker.machine.parameters = self._target_state.value
 
