@@ -10,13 +10,29 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
-from head_tracking.transforms import JointState, TransformBuffer
+
+if TYPE_CHECKING:  # a servo bus alone in its process needs no transforms
+    from head_tracking.transforms import JointSample, TransformBuffer
 
 _T = TypeVar("_T")
+
+
+class Measured(NamedTuple):
+    """One joint, as it was just read.
+
+    Attributes:
+        position: [rad or m].
+        velocity: [rad/s or m/s].
+        effort: in whatever unit its source gives.
+    """
+
+    position: float
+    velocity: float = 0.0
+    effort: float = 0.0
 
 
 class Controller(Protocol):
@@ -53,7 +69,7 @@ class ControlLoop:
     """What a process does in each cycle, and who in it may turn which joint.
 
     Args:
-        buffer: the robot's frames.
+        buffer: the robot's frames; None: nobody here needs them.
         owners: of the joints.
 
     Attributes:
@@ -67,17 +83,17 @@ class ControlLoop:
         after: called after the goals were written, with the stamp [ns] and the complete states.
     """
 
-    def __init__(self, buffer: TransformBuffer, owners: JointOwners | None = None) -> None:
+    def __init__(self, buffer: TransformBuffer | None, owners: JointOwners | None = None) -> None:
         self.buffer = buffer
         self.owners = owners or JointOwners()
-        self.complete: Callable[[Mapping[str, JointState]], Mapping[str, JointState]] = (
+        self.complete: Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]] = (
             lambda measured: measured
         )
         self.write: Callable[[str, Mapping[str, Goal]], object] | None = None
         self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
         self.period = 0.0
-        self.after: list[Callable[[int, Mapping[str, JointState]], object]] = []
+        self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
         self._controllers: tuple[Controller, ...] = ()
         self._stopped: tuple[Controller, ...] = ()
         self._lock = threading.Lock()
@@ -99,11 +115,11 @@ class ControlLoop:
         self.owners.release(controller.name)
 
     def joints_read(
-        self, stamp: int, measured: Mapping[str, JointState]
-    ) -> Mapping[str, JointState]:
+        self, stamp: int, measured: Mapping[str, JointSample]
+    ) -> Mapping[str, JointSample]:
         """Takes joints as they were measured at `stamp` [ns]; these, and what follows from them."""
         states = self.complete(measured)
-        if states:
+        if states and self.buffer is not None:
             self.buffer.set_joint_positions(
                 stamp, {name: state.position for name, state in states.items()}
             )
@@ -119,7 +135,7 @@ class ControlLoop:
                     # whoever runs the nodes ends the program; until then the head holds
                     controller.failure = error
 
-    def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointState]) -> None:
+    def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointSample]) -> None:
         """Tells others, after the write.
 
         Args:

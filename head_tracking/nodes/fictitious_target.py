@@ -13,9 +13,10 @@ from std_srvs.srv import SetBool
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
 from head_tracking.ros.messages import target_message
-from head_tracking.ros.output import Output, TargetOutput
+from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.target_output import TargetOutput
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:

@@ -109,6 +109,7 @@ class HeadTrackerNode(Node):
         """See `HeadTurner`."""
         if self._tracker is not None:
             self.interface.send(self._tracker.reset(reason, self.interface.now))
+            self.report()
 
     @property
     def _speed_limits(self) -> SpeedLimits:

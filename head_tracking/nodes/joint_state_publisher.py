@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
-from head_tracking.control import ControlLoop
+from head_tracking.control import ControlLoop, Measured
 from head_tracking.parameters import parameter
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
@@ -21,7 +21,7 @@ from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
     LARGEST_POSITION,
-    JointState,
+    JointSample,
     JointStates,
     Mimic,
     RobotModelError,
@@ -129,7 +129,7 @@ class JointStatePublisherNode(Node):
 
     def _on_measurement(self, message: JointStateMsg) -> None:
         measured = {
-            name: JointState(position, velocity, effort)
+            name: Measured(position, velocity, effort)
             for name, position, velocity, effort in zip(
                 message.name,
                 message.position,
@@ -147,7 +147,7 @@ class JointStatePublisherNode(Node):
             )
         self._take(stamp_to_ns(message.header.stamp), measured)
 
-    def _take(self, stamp: int, measured: Mapping[str, JointState]) -> None:
+    def _take(self, stamp: int, measured: Mapping[str, JointSample]) -> None:
         if self._loop is None:
             self._publish(stamp, self._complete(measured))
             return
@@ -155,7 +155,7 @@ class JointStatePublisherNode(Node):
         self._loop.update(measured)
         self._loop.publish(measured, stamp, states)
 
-    def _complete(self, measured: Mapping[str, JointState]) -> Mapping[str, JointState]:
+    def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
         """The measured joints, and what follows from them or is stated; see `JointStates`."""
         self._measured = True
         return {} if self._states is None else self._states.complete(measured)
@@ -165,7 +165,7 @@ class JointStatePublisherNode(Node):
             self._take(self.get_clock().now().nanoseconds, {})
         self._measured = False
 
-    def _publish(self, stamp: int, states: Mapping[str, JointState]) -> None:
+    def _publish(self, stamp: int, states: Mapping[str, JointSample]) -> None:
         if not states or not self._output.wanted:
             return
         message = JointStateMsg()

@@ -9,11 +9,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 
-from head_tracking import transforms
-from head_tracking.control import LEASE, ControlLoop, JointOwners, OwnershipError
+from head_tracking.control import LEASE, ControlLoop, Measured, OwnershipError
 from head_tracking.dynamixel import (
     Buses,
     BusEvent,
@@ -41,12 +41,10 @@ from head_tracking.ros.joint_configuration import (
     MotorParameters,
     declare_joint,
 )
-from head_tracking.ros.messages import owners_message
+from head_tracking.ros.joint_owners import owners_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
-from head_tracking.tf.qos import LATCHED
-from head_tracking.transforms import TransformBuffer
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -57,7 +55,9 @@ _BAD_NEWS = (
     EventKind.RESTING,
     EventKind.PORT_LOST,
 )
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _SECOND = 1_000_000_000
+_SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
@@ -88,14 +88,14 @@ class ServoBusNode(Node):
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
-        self._owners_topic = self.create_publisher(String, "joint_owners", LATCHED)
-        self._stopped_topic = self.create_publisher(Bool, "stopped", LATCHED)
-        self._loop = loop = loop or ControlLoop(TransformBuffer(), JointOwners())
+        self._owners_topic = self.create_publisher(String, "joint_owners", _LATCHED)
+        self._stopped_topic = self.create_publisher(Bool, "stopped", _LATCHED)
+        self._loop = loop = loop or ControlLoop(None)
         self._messages: dict[ServoBus, StatesMessage] = {}
         self._told_owners = ""
         self._told_stopped: bool | None = None
         self._relaxed_before: set[str] = set()
-        self._read: dict[ServoBus, tuple[int, Mapping[str, transforms.JointState]]] = {}
+        self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
@@ -227,7 +227,7 @@ class ServoBusNode(Node):
         for joint in self._buses.joints:
             name, controller = joint.joint_name, joint.controller
             self.create_subscription(
-                Float64, f"{controller}/command", self._command_callback(name, controller), 1
+                Float64, f"{controller}/command", self._command_callback(name), 1
             )
             self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
 
@@ -235,11 +235,11 @@ class ServoBusNode(Node):
         """Between reading and writing, in the bus's thread."""
         states = reading.states
         self._states[bus] = states
-        complete: Mapping[str, transforms.JointState] = {}
+        complete: Mapping[str, Any] = {}
         if states:
             stamp = sum([state.stamp for state in states.values()]) // len(states)
             measured = {
-                name: transforms.JointState(state.position, state.velocity, state.load)
+                name: Measured(state.position, state.velocity, state.load)
                 for name, state in states.items()
             }
             complete = self._loop.joints_read(stamp, measured)
@@ -315,14 +315,15 @@ class ServoBusNode(Node):
 
     def _on_joint_commands(self, message: JointState) -> None:
         """A stream of goals: the limits clamp it, and joints that take no commands are left out."""
-        sender = message.header.frame_id or "joint_commands"
+        sender = message.header.frame_id or _SOMEBODY
         try:
             goals = goals_from_message(message)
             for name in goals:
                 self._buses.torque(name)
             self._loop.owners.claim(sender, goals, LEASE)
         except (ValueError, DynamixelError, OwnershipError) as error:
-            self._refuse(f"joint_commands of {sender}" if sender[0] == "/" else sender, error)
+            named = f" of {sender}" if sender != _SOMEBODY else ""
+            self._refuse(f"joint_commands{named}", error)
             return
         self._write(sender, goals)
 
@@ -354,10 +355,10 @@ class ServoBusNode(Node):
                 throttle_duration_sec=5.0,
             )
 
-    def _command_callback(self, joint: str, controller: str) -> Callable[[Float64], None]:
+    def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self._loop.owners.claim(f"{controller}/command", [joint], LEASE)
+                self._loop.owners.claim(_SOMEBODY, [joint], LEASE)
                 self._buses.command({joint: Goal(message.data)})
             except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")

@@ -19,7 +19,8 @@ from head_tracking.control import ControlLoop, OwnershipError
 from head_tracking.dynamixel import Goal
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.ros.messages import command_message, owners_from_message, target_from_message
+from head_tracking.ros.joint_owners import owners_from_message
+from head_tracking.ros.messages import command_message, target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
@@ -232,6 +233,7 @@ class HeadInterface:
             TransformListener(buffer, node, on_joints=self._on_joints)
             loop = ControlLoop(buffer.core)
         self._loop = loop
+        assert loop.buffer is not None
         self.buffer = loop.buffer
         if loop.write is None:  # the servos are in another process
             self._commands = node.create_publisher(JointState, "joint_commands", 1)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from head_tracking.gaze import HeadCommand
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns, vector
@@ -39,14 +36,3 @@ def target_message(target: Target) -> PointStamped:
     message.header.frame_id = target.frame_id
     message.point.x, message.point.y, message.point.z = target.point
     return message
-
-
-def owners_message(owners: Mapping[str, str]) -> String:
-    """A joint_owners message: a line for each joint, its owner behind a colon."""
-    return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
-
-
-def owners_from_message(message: String) -> dict[str, str]:
-    """Each joint's owner; empty for nobody's."""
-    lines = (line.partition(":") for line in message.data.splitlines())
-    return {joint.strip(): owner.strip() for joint, _, owner in lines}

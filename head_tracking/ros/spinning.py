@@ -87,6 +87,15 @@ class NodeThreads:
         self._failure: NodeDied | None = None
         self.problems: list[str] = []
 
+    @property
+    def failure(self) -> NodeDied | None:
+        """The first node that died: in a callback, or as its `failure` says."""
+        for node in self._nodes:
+            error = getattr(node, "failure", None)
+            if self._failure is None and error is not None:
+                self._failure = NodeDied(node.get_name(), error)
+        return self._failure
+
     def start(self, node: Node) -> None:
         """Spins a node from now on."""
         if not self._nodes and events_executor_works(node.context):
@@ -118,23 +127,11 @@ class NodeThreads:
         """
         end = None if duration is None else time.monotonic() + duration
         while not stop() and (end is None or time.monotonic() < end):
-            self.check()
+            if self.failure is not None:
+                raise self.failure
             look()
             left = _POLL if end is None else max(0.0, min(_POLL, end - time.monotonic()))
             stop.wait(left)
-
-    def check(self) -> None:
-        """Looks whether all is well with the nodes, and what they run beside their callbacks.
-
-        Raises:
-            NodeDied: a node ended with an error: in a callback, or as its `failure` says.
-        """
-        for node in self._nodes:
-            failure = getattr(node, "failure", None)
-            if self._failure is None and failure is not None:
-                self._failure = NodeDied(node.get_name(), failure)
-        if self._failure is not None:
-            raise self._failure
 
     def close(self) -> None:
         """Makes safe what moves, ends the threads, then destroys the nodes, the last one first.
@@ -216,20 +213,20 @@ def _probe(context: Context) -> bool:
         enable_rosout=False,
         start_parameter_services=False,
     )
-    executor = EventsExecutor(context=context)
     heard: list[Empty] = []
     publisher = node.create_publisher(Empty, "~/probe", 1)
     node.create_subscription(Empty, "~/probe", heard.append, 1)
     steady_timer(node, _PROBE_PERIOD, lambda: publisher.publish(Empty()))
     deadline = time.monotonic() + _PROBE_PATIENCE
     try:
+        executor = EventsExecutor(context=context)
         executor.add_node(node)
         while not heard and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=_PROBE_PERIOD)
+        executor.shutdown()
     except Exception:
         return False  # whatever it is, the other executor is there
     finally:
-        executor.shutdown()
         node.destroy_node()
     return bool(heard)
 

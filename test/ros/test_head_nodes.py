@@ -212,7 +212,7 @@ def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monke
 
     monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
     carried = {
-        frame: head.node._interface.moves_with_head(frame)
+        frame: head.node.interface.moves_with_head(frame)
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}
