@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.stop_signal import ENDING
@@ -26,7 +27,7 @@ _END_TIMEOUT = 8.0  # s
 _WATCH_PERIOD = 0.1  # s
 
 
-class BusProcessError(ValueError):
+class BusProcessError(HeadTrackingError):
     """The process of the servo bus has ended by itself, or does not answer."""
 
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
@@ -97,7 +97,7 @@ class JointStatePublisherNode(Node):
         )
         value = self.declare_parameter(name, default, descriptor).value
         if not isinstance(value, int | float):
-            raise ValueError(f"{name} is {value!r}; it must be a number")
+            raise ParameterError(f"{name} is {value!r}; it must be a number")
         return float(value)
 
     def _on_description(self, message: String) -> None:

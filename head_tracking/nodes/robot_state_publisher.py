@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import robot_file
@@ -70,7 +70,7 @@ class RobotStatePublisherParameters:
 
     def __post_init__(self) -> None:
         if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
-            raise ValueError(
+            raise ParameterError(
                 f"world_transform is {list(self.world_transform)}; it needs six finite numbers: "
                 "x, y, z, yaw, pitch, roll"
             )
@@ -161,7 +161,7 @@ def _check_model(parameters: RobotStatePublisherParameters) -> None:
     try:
         parameters.model()
     except (RobotModelError, FileNotFoundError) as error:
-        raise ValueError(str(error)) from error
+        raise ParameterError(str(error)) from error
 
 
 def main() -> int:

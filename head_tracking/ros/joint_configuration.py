@@ -14,7 +14,7 @@ from head_tracking.dynamixel import (
     ServoCalibration,
     servo_model,
 )
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.parameters import NodeParameters
 
 
@@ -110,7 +110,7 @@ def declare_joint(
 
     Raises:
         ConfigurationError: the servo can't do what is configured, or has no id.
-        ValueError: a parameter is out of range.
+        ParameterError: a parameter is out of range.
     """
     controller = f"{dynamixel}_controller"
     joint_name = f"{dynamixel}_joint"
@@ -176,4 +176,4 @@ def _refuse_impossible(make: Callable[[], object]) -> None:
     try:
         make()
     except ConfigurationError as error:
-        raise ValueError(str(error)) from error
+        raise ParameterError(str(error)) from error

@@ -15,26 +15,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.ros.stop_signal import StopSignal
 
 _POLL = 0.1  # s
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
-_EXPLAINED = (
-    ("head_tracking.dynamixel.exceptions", "DynamixelError"),
-    ("head_tracking.transforms", "RobotModelError"),
-    ("head_tracking.transforms", "TransformException"),
-    ("head_tracking.vision.opencv", "OpenCVMissingError"),
-)
-
-
-def explained_errors() -> tuple[type[Exception], ...]:
-    """Errors whose message is all that a person needs to know.
-
-    What has not been imported has not been raised, and a servo bus needs no vision.
-    """
-    ours = (getattr(sys.modules.get(module), name, None) for module, name in _EXPLAINED)
-    return (ParameterException, FileNotFoundError, ValueError, *filter(None, ours))
+EXPLAINED = (HeadTrackingError, ParameterException)
+"""Errors whose message is all that a person needs to know."""
 
 
 class NodeDied(Exception):
@@ -54,7 +42,9 @@ class NodeDied(Exception):
 def describe(error: Exception) -> str:
     """The error for a person: its message; the traceback too if nobody has foreseen it."""
     cause = error.error if isinstance(error, NodeDied) else error
-    if isinstance(cause, explained_errors()):
+    if isinstance(cause, RefusedError):
+        return str(cause)
+    if isinstance(cause, EXPLAINED):
         return str(error)
     return "".join(traceback.format_exception(cause)) + str(error)
 
