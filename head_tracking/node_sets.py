@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rclpy.node import Node
@@ -47,6 +47,21 @@ ROBOT = (
     NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer",)),
     NodeSpec("joint_state_publisher", JointStatePublisherNode),
 )
+
+FEEDS_BUFFER = "robot_state_publisher"
+"""The node that brings the process's buffer up to date."""
+
+HEAD = "head"
+"""Whatever node turns the head, as something to leave out."""
+
+LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
+"""What a robot may have already, so that a run can do without."""
+
+
+def without_buffer(node: NodeSpec) -> NodeSpec:
+    """The node, listening to transforms by itself."""
+    return replace(node, takes=tuple(name for name in node.takes if name != "buffer"))
+
 
 BUS_PROCESS = NodeSpec("servo_bus", BusProcessNode, takes=("simulated", "arguments"))
 """In the place of servo_bus: it runs in a process of its own."""

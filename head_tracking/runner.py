@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,9 @@ from head_tracking.command_line import seconds
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
     BUS_PROCESS,
+    FEEDS_BUFFER,
+    HEAD,
+    LEFT_OUT,
     MODES,
     ROBOT,
     SCENES,
@@ -29,9 +34,11 @@ from head_tracking.node_sets import (
     fixed_target,
     simulated_camera,
     started_on_request,
+    without_buffer,
 )
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.viewer import MISSING, installed
+from head_tracking.ros.graph_watch import own_enclave, watch_graph
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.share import share_directory
@@ -47,12 +54,14 @@ class Run:
 
     Attributes:
         nodes: the nodes to start, in order.
-        head_node: the one that turns the head.
+        head_node: the one that turns the head; empty: none does.
         simulated: the servos are simulated.
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
         viewer: show it in a browser.
         arguments: the command line, ROS's own arguments among it.
+        enclave: by which its processes know each other; see `GraphWatch`.
+        allow_others: other heads in the graph keep it from nothing.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -62,6 +71,8 @@ class Run:
     duration: float | None
     viewer: bool
     arguments: tuple[str, ...]
+    enclave: str
+    allow_others: bool
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -69,7 +80,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser = argparse.ArgumentParser(
         prog="head_tracking",
         description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
-        epilog="ROS's own arguments follow --ros-args.",
+        epilog="ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
+        "unless ROS_AUTOMATIC_DISCOVERY_RANGE says something else.",
     )
     servos = parser.add_mutually_exclusive_group()
     servos.add_argument("--sim", action="store_true", help="simulate the servos")
@@ -106,6 +118,21 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         action="store_true",
         help="give the servo bus a process of its own, which no busy thread can delay",
     )
+    parser.add_argument(
+        "--without",
+        action="append",
+        choices=sorted(LEFT_OUT),
+        default=[],
+        metavar="NODE",
+        help="leave out what the robot has already: joint_state_publisher, robot_state_publisher, "
+        "or head (what turns it); can be given several times",
+    )
+    parser.add_argument(
+        "--allow-others",
+        action="store_true",
+        help="start, and go on, although another head, or another publisher of joint_commands, is "
+        "in the graph",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
@@ -130,17 +157,24 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     servo_bus, *publishers = ROBOT
     if options.bus_process:
         servo_bus = BUS_PROCESS
+    left_out = {head.name if name == HEAD else name for name in options.without}
+    nodes = [
+        replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
+        for node in (servo_bus, *publishers, head, *targets, *starter)
+        if node.name not in left_out
+    ]
+    if FEEDS_BUFFER in left_out:
+        nodes = [without_buffer(node) for node in nodes]
     return Run(
-        tuple(
-            replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (servo_bus, *publishers, head, *targets, *starter)
-        ),
-        head.name,
+        tuple(nodes),
+        "" if head.name in left_out else head.name,
         options.sim,
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
         options.viewer,
         tuple(arguments),
+        _said_enclave(arguments) or own_enclave(),
+        options.allow_others,
     )
 
 
@@ -222,13 +256,20 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources)
         sources = RunSources(
-            head=lambda: head.nodes[plan.head_node].head,
+            head=lambda: head.nodes[plan.head_node].head if plan.head_node else None,
             bus_status=head.nodes["servo_bus"].status,
             true_position=head.true_position,
         )
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
         monitor = RunMonitorNode(head.buffer, sources, line)
+        watch_graph(
+            monitor,
+            plan.enclave,
+            lambda _reason: None,
+            simulated=plan.simulated,
+            allow_others=plan.allow_others,
+        )
         threads.start(monitor)
         try:
             threads.wait(stop, plan.duration)
@@ -240,6 +281,8 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
     """Runs the head until somebody stops it; returns the exit code."""
     plan = parse_arguments(arguments)
+    if plan.simulated:  # a colleague's head is not this run's to turn
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     line = StatusLine()
     line.prepare_logging()
     rclpy.init(args=ros_arguments(plan), signal_handler_options=SignalHandlerOptions.NO)
@@ -254,8 +297,10 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
 
 def ros_arguments(plan: Run) -> list[str]:
     """What `rclpy.init` must be told of a run: its parameter files, and what a person said."""
-    files = [["--params-file", str(file)] for file in plan.parameter_files]
-    return ["--ros-args", *(word for words in files for word in words), "--", *plan.arguments]
+    said = [["--params-file", str(file)] for file in plan.parameter_files]
+    if plan.enclave:  # a person's own, in the arguments, wins
+        said.append(["--enclave", plan.enclave])
+    return ["--ros-args", *(word for words in said for word in words), "--", *plan.arguments]
 
 
 def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
@@ -273,6 +318,12 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
             "frame such as 1,0.5,0@base_link"
         )
     return fixed_target((x, y, z), frame_id), ""
+
+
+def _said_enclave(arguments: Sequence[str]) -> str:
+    """The enclave that a person gives among ROS's arguments; the last one counts."""
+    said = [after for word, after in pairwise(arguments) if word in ("-e", "--enclave")]
+    return said[-1] if said else ""
 
 
 def _existing_file(text: str) -> Path:

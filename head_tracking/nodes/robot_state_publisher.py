@@ -48,7 +48,10 @@ class RobotStatePublisherParameters:
         "kinectbot", "The model: kinectbot, turtlebot, or a URDF or xacro file.", fixed=True
     )
     world_frame: str = parameter(
-        "world", "A frame put above the robot's root; empty for none.", fixed=True
+        "",
+        "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
+        "has put one there.",
+        fixed=True,
     )
     world_transform: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0325, 0.0, 0.0, 0.0),
