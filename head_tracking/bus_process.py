@@ -16,6 +16,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
+from head_tracking.output import output_may_get_lost
 from head_tracking.ros.stop_signal import ENDING, StopSignal
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 def main() -> int:
     """Runs the bus until a signal, or until the parent has gone; returns the exit code."""
     descriptor, wanted = int(sys.argv[1]), json.loads(sys.argv[2])
-    with StopSignal() as stop:
+    with output_may_get_lost(), StopSignal() as stop:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # held back by the parent until now
         return _Program(wanted["simulated"], wanted["parameters"]).run(Connection(descriptor), stop)
 

@@ -14,8 +14,6 @@ from typing import Any
 
 import rclpy
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from head_tracking.command_line import seconds
 from head_tracking.dynamixel import JointConfiguration
@@ -25,6 +23,7 @@ from head_tracking.node_sets import (
     HEAD,
     LEFT_OUT,
     MODES,
+    NODE_NAMES,
     ROBOT,
     SCENES,
     SIMULATED_PORT,
@@ -38,8 +37,10 @@ from head_tracking.node_sets import (
 )
 from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.viewer import MISSING, installed
+from head_tracking.ros import parameter_files
 from head_tracking.ros.graph_watch import own_enclave, watch_graph
 from head_tracking.ros.spinning import NodeThreads, describe
+from head_tracking.ros.start import start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
@@ -137,7 +138,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
-    options = parser.parse_args(remove_ros_args([parser.prog, *arguments])[1:])
+    options = parser.parse_args(without_ros_arguments([parser.prog, *arguments])[1:])
     if options.viewer and not installed():
         parser.error(MISSING)
     if options.target is None:
@@ -255,6 +256,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     """
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources)
+        parameter_files.check(head.nodes.values(), NODE_NAMES)
         sources = RunSources(
             head=lambda: head.nodes[plan.head_node].head if plan.head_node else None,
             bus_status=head.nodes["servo_bus"].status,
@@ -280,13 +282,13 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
 
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
     """Runs the head until somebody stops it; returns the exit code."""
-    plan = parse_arguments(arguments)
-    if plan.simulated:  # a colleague's head is not this run's to turn
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     line = StatusLine()
     line.prepare_logging()
-    rclpy.init(args=ros_arguments(plan), signal_handler_options=SignalHandlerOptions.NO)
     try:
+        plan = parse_arguments(arguments)
+        if plan.simulated:  # a colleague's head is not this run's to turn
+            os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        start_ros(ros_arguments(plan))
         return run(plan, stop, line)
     except Exception as error:
         line.end(f"head_tracking: {describe(error)}")

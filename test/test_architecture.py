@@ -20,6 +20,7 @@ CORE = {
 
 ALLOWED: dict[str, set[str]] = {
     "exceptions": set(),
+    "output": set(),
     "command_line": set(),
     "parameters": set(),
     "transforms": set(),
@@ -32,15 +33,15 @@ ALLOWED: dict[str, set[str]] = {
     "simulation": {"dynamixel"},
     "share": set(),
     "tf": {"transforms"},
-    "ros": {"tracking", "transforms", "gaze", "dynamixel", "vision", "parameters", "tf"},
+    "ros": {"tracking", "transforms", "gaze", "dynamixel", "vision", "parameters", "tf", "output"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"},
     "nodes": CORE | {"tf", "share", "viewer", "ros", "status_line"},
-    "tools": CORE | {"tf", "share", "ros", "command_line"},
+    "tools": CORE | {"output", "tf", "share", "ros", "command_line"},
     "status_line": set(),
     "node_sets": {"nodes", "scene"},
-    "__main__": {"ros", "runner"},
+    "__main__": {"ros", "runner", "output"},
     "viewer_process": set(),
-    "bus_process": {"ros", "nodes", "dynamixel", "simulation"},
+    "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
     "runner": CORE
     | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line", "status_line"},
 }

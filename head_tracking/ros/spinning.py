@@ -13,9 +13,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.output import output_may_get_lost
+from head_tracking.ros import parameter_files
+from head_tracking.ros.start import start_ros
 from head_tracking.ros.stop_signal import StopSignal
 
 _POLL = 0.1  # s
@@ -145,16 +147,18 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
         were not confirmed relaxed); the reason is printed.
     """
-    with StopSignal() as stop:
+    with output_may_get_lost(), StopSignal() as stop:
         return run_until(stop, make, args)
 
 
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Runs one node as a program until `stop`; see `run_node`."""
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     threads = NodeThreads()
     try:
-        threads.start(make())
+        start_ros(args)
+        node = make()
+        parameter_files.check([node])
+        threads.start(node)
         threads.wait(stop)
     except Exception as error:
         print(describe(error), file=sys.stderr)

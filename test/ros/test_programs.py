@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -301,6 +302,67 @@ def test_relax_without_a_servo_bus_says_so(start):
     relax = start("relax")
     assert relax.end() == 1
     assert "no servo_bus answers" in relax.output
+
+
+# what a run does without
+
+
+def test_a_malformed_parameter_file_is_one_line(start, tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("servo_bus:\n  ros__parameters: [\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    assert run.end() == 1
+    assert str(file) in run.output.splitlines()[-1]
+    assert "Traceback" not in run.output
+
+
+def test_an_unknown_parameter_ends_the_run_before_anything_moves(start, tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    assert run.end() == 1
+    last = run.output.splitlines()[-1]
+    assert f"{file}: /servo_bus has no parameter updat_rate (is update_rate meant?)" in last
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"HOME": None, "ROS_LOG_DIR": None},
+        {"ROS_LOG_DIR": "/proc/none"},
+        {"ROS_HOME": "/proc/none"},
+    ],
+    ids=str,
+)
+def test_a_run_goes_on_without_a_log_file_and_says_why(start, environment):
+    run = start("head_tracking", "--sim", "--duration", "1", environment=environment)
+    assert run.end() == 0, run.output
+    assert "no log file is written: " in run.output
+    assert "ROS_LOG_DIR" in run.output
+
+
+def test_a_run_whose_reader_has_gone_goes_on(start):
+    reader, writer = os.pipe()
+    run = start("head_tracking", "--sim", "--duration", "3", stdout=writer)
+    os.close(writer)
+    os.read(reader, 1)
+    os.close(reader)
+    began = time.monotonic()
+    assert run.end() == 0
+    assert time.monotonic() - began > 1.0
+
+
+def test_a_run_goes_on_when_the_disk_is_full(start):
+    with open("/dev/full", "w") as full:
+        assert start("head_tracking", "--sim", "--duration", "2", stdout=full).end() == 0
+
+
+def test_a_terminal_that_has_only_ascii_gets_ascii(start):
+    run = start(
+        "head_tracking", "--sim", "--duration", "2", environment={"PYTHONIOENCODING": "ascii"}
+    )
+    assert run.end() == 0, run.output
+    assert re.search(r"^pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
 
 
 # other heads in the graph
