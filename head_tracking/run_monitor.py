@@ -19,12 +19,12 @@ class RunSources:
     """Where the monitor looks.
 
     Attributes:
-        head: of the node that turns the head.
+        head: of the node that turns the head; None: there is none in this run.
         bus_status: the servo bus.
         true_position: where a joint really is [rad]; None where only encoders tell.
     """
 
-    head: HeadInterface
+    head: HeadInterface | None
     bus_status: Callable[[], BusStatus]
     true_position: Callable[[str], float] | None = None
 
@@ -41,8 +41,8 @@ class RunMonitor:
     def look(self) -> str:
         """Takes what has come since this was asked last; the status line."""
         interface, positions = self._sources.head, self._positions()
-        head = interface.head
-        if head is not None and positions is not None:
+        head = None if interface is None else interface.head
+        if interface is not None and head is not None and positions is not None:
             if self._judge is None or self._judge.head is not head:
                 self._judge = TrackingJudge(head, SETTLING)
             now = interface.now
@@ -54,6 +54,8 @@ class RunMonitor:
         return self._status(positions)
 
     def _positions(self) -> tuple[float, float] | None:
+        if self._sources.head is None or self._sources.head.head is None:
+            return None
         pan, tilt = (self._position(joint) for joint in self._sources.head.joints)
         return None if pan is None or tilt is None else (pan, tilt)
 
@@ -64,13 +66,14 @@ class RunMonitor:
         return None if state is None else state.position
 
     def _status(self, positions: tuple[float, float] | None) -> str:
-        bus, target = self._sources.bus_status(), self._sources.head.newest_target
+        bus, head = self._sources.bus_status(), self._sources.head
+        target = None if head is None else head.newest_target
         error = None if self._judge is None else self._judge.error
         temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
         return " | ".join(
             (
                 "waiting for the head"
-                if positions is None or self._sources.head.head is None
+                if positions is None
                 else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
                 "no target" if target is None else f"target {target}",
                 "error    - " if error is None else f"error {_degrees(error, '')}",

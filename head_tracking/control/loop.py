@@ -59,10 +59,13 @@ class Controller(Protocol):
         """Tells others what has come of it."""
 
     def disable(self, reason: str) -> None:
-        """Gives its joints up, because somebody else takes them or the head is stopped."""
+        """Gives its joints up, because somebody else takes them."""
 
-    def enable(self, *, slowly: bool) -> None:
-        """Takes its joints over."""
+    def stop(self) -> None:
+        """Gives its joints up, because the head is stopped."""
+
+    def resume(self) -> bool:
+        """Takes its joints over, slowly at first, if a stop has taken them; whether it was so."""
 
 
 class ControlLoop:
@@ -78,6 +81,7 @@ class ControlLoop:
             another process.
         period: of a cycle [s]; 0: not known.
         driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
+        held: why the controllers may move nothing now; empty: they may.
         target_takers: called by whoever sends targets in this process; each has a subscription,
             too, for those of others.
         after: called after the goals were written, with the stamp [ns] and the complete states.
@@ -92,10 +96,10 @@ class ControlLoop:
         self.write: Callable[[str, Mapping[str, Goal]], object] | None = None
         self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
+        self.held = ""
         self.period = 0.0
         self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
         self._controllers: tuple[Controller, ...] = ()
-        self._stopped: tuple[Controller, ...] = ()
         self._lock = threading.Lock()
 
     @property
@@ -155,7 +159,6 @@ class ControlLoop:
         for other in self._controllers:
             if other is not controller and set(other.joints) & set(controller.joints):
                 other.disable(f"{controller.name} has taken the head over")
-        self._stopped = ()
         self.owners.take_over(controller.name, controller.joints)
 
     def stop(self, relax: Callable[[], _T]) -> _T:
@@ -165,18 +168,18 @@ class ControlLoop:
             relax: relaxes the servos, before any controller is waited for; what comes of it is
                 returned.
         """
-        on = tuple(one for one in self._controllers if self.owners.owns(one.name, one.joints[0]))
-        self._stopped = self._stopped or on
         self.owners.stop()
         result = relax()
         for controller in self._controllers:
-            controller.disable("stopped")
+            controller.stop()
         return result
 
     def resume(self) -> str:
-        """Enables those that the stop has disabled, slowly at first; what was enabled."""
+        """Ends a stop; what was on before goes on, slowly at first; its names."""
         self.owners.stop(False)
-        stopped, self._stopped = self._stopped, ()
-        for controller in stopped:
-            controller.enable(slowly=True)
-        return ", ".join(controller.name for controller in stopped)
+        resumed = [controller.name for controller in self._controllers if controller.resume()]
+        return ", ".join(resumed)
+
+    def hold(self, reason: str) -> None:
+        """Keeps the controllers from moving anything, and says why; or ends that, if empty."""
+        self.held = reason

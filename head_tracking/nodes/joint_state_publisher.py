@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop, Measured
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -113,7 +113,7 @@ class JointStatePublisherNode(Node):
         )
         value = self.declare_parameter(name, default, descriptor).value
         if not isinstance(value, int | float):
-            raise ValueError(f"{name} is {value!r}; it must be a number")
+            raise ParameterError(f"{name} is {value!r}; it must be a number")
         return float(value)
 
     def _on_description(self, message: String) -> None:

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import robot_file
@@ -49,7 +49,10 @@ class RobotStatePublisherParameters:
         "kinectbot", "The model: kinectbot, turtlebot, or a URDF or xacro file.", fixed=True
     )
     world_frame: str = parameter(
-        "world", "A frame put above the robot's root; empty for none.", fixed=True
+        "",
+        "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
+        "has put one there.",
+        fixed=True,
     )
     world_transform: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0325, 0.0, 0.0, 0.0),
@@ -71,7 +74,7 @@ class RobotStatePublisherParameters:
 
     def __post_init__(self) -> None:
         if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
-            raise ValueError(
+            raise ParameterError(
                 f"world_transform is {list(self.world_transform)}; it needs six finite numbers: "
                 "x, y, z, yaw, pitch, roll"
             )
@@ -177,7 +180,7 @@ def _check_model(parameters: RobotStatePublisherParameters) -> None:
     try:
         parameters.model()
     except (RobotModelError, FileNotFoundError) as error:
-        raise ValueError(str(error)) from error
+        raise ParameterError(str(error)) from error
 
 
 def main() -> int:

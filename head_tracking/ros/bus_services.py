@@ -19,6 +19,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Buses, DynamixelError, EepromSettings, ServoBus
+from head_tracking.ros.joint_owners import stop_report
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
@@ -208,10 +209,7 @@ async def _answer(response: Any, act: Callable[[], Awaitable[str]]) -> Any:
 
 def _stopped(response: Any, problems: Mapping[str, str]) -> Any:
     response.success = not any(problems.values())
-    response.message = ", ".join(
-        f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"
-        for joint, problem in problems.items()
-    )
+    response.message = ", ".join(stop_report(*each) for each in problems.items())
     return response
 
 

@@ -20,11 +20,12 @@ from head_tracking.dynamixel import Goal
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_owners import owners_from_message
+from head_tracking.ros.listening import listen_for
 from head_tracking.ros.messages import command_message, target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
@@ -203,7 +204,7 @@ class HeadInterface:
         self.trouble = "waiting for robot_description"
         self.lock = threading.RLock()
         self.off = "it has not begun"
-        self.slow = False
+        self.slow = self._resumes = False
         self.newest_target: Target | None = None
         self.head: PanTiltHead | None = None
         self._node = node
@@ -230,8 +231,8 @@ class HeadInterface:
         self._owner = ""
         if loop is None:
             buffer = buffer or Buffer(node=node)
-            TransformListener(buffer, node, on_joints=self._on_joints)
             loop = ControlLoop(buffer.core)
+            listen_for(loop, buffer, node)
         self._loop = loop
         assert loop.buffer is not None
         self.buffer = loop.buffer
@@ -239,6 +240,7 @@ class HeadInterface:
             self._commands = node.create_publisher(JointState, "joint_commands", 1)
             self._claims = node.create_publisher(JointState, "joint_claims", 10)
             node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
+            node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
 
     def begin(self) -> None:
         """Turns the head from now on, unless another node of this process does."""
@@ -290,14 +292,28 @@ class HeadInterface:
             claim = JointState(name=self.joints)
             claim.header.frame_id = self.name
             self._claims.publish(claim)
-        self.slow = slowly
+        self.slow, self._resumes = slowly, False
         self._switch("")
 
     def disable(self, reason: str) -> None:
-        """Gives the joints up, because somebody else takes them or the head is stopped."""
+        """Gives the joints up, because somebody else takes them."""
+        self._resumes = False
         if not self.off:
             self._switch(reason)
             self._loop.owners.release(self.name)
+
+    def stop(self) -> None:
+        """Gives the joints up, because the head is stopped."""
+        if not self.off:
+            self.disable("stopped")
+            self._resumes = True
+
+    def resume(self) -> bool:
+        """Takes the joints over, slowly at first, if a stop has taken them; whether it was so."""
+        resumes = self._resumes
+        if resumes:
+            self.enable(slowly=True)
+        return resumes
 
     def _switch(self, off: str) -> None:
         self.off = off
@@ -329,16 +345,19 @@ class HeadInterface:
         response.message = f"{what} is off; the head stops"
         return response
 
-    def _on_joints(self, message: JointState) -> None:
-        self._loop.update(message.name)
-        self._loop.publish(message.name, 0, {})
-
     def _on_owners(self, message: String) -> None:
         """Notices that another process's node has taken the head over."""
         owner = owners_from_message(message).get(self.joints[0], "")
         lost, self._owner = self._owner == self.name != owner, owner
         if lost and owner:
             self.disable(f"{owner} has taken the head over")
+
+    def _on_stopped(self, message: Bool) -> None:
+        """Follows the servo bus of another process."""
+        if message.data:
+            self.stop()
+        else:
+            self.resume()
 
     def _watch(self) -> None:
         with self.lock:
@@ -388,7 +407,9 @@ class HeadInterface:
                 return None
             found.append(position)
             stamps.append(stamp)
-        self.trouble = self._clock.standing
+        self.trouble = self._clock.standing or self._loop.held
+        if self._loop.held:
+            return None
         return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
     def take_targets(

@@ -1,4 +1,4 @@
-"""Who owns which joint, as a message."""
+"""Who owns which joint, and what came of a stop, for others."""
 
 from __future__ import annotations
 
@@ -16,3 +16,8 @@ def owners_from_message(message: String) -> dict[str, str]:
     """Each joint's owner; empty for nobody's."""
     lines = (line.partition(":") for line in message.data.splitlines())
     return {joint.strip(): owner.strip() for joint, _, owner in lines}
+
+
+def stop_report(joint: str, problem: str) -> str:
+    """What a stop says of a joint: that its servos have confirmed, or what kept them from it."""
+    return f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"

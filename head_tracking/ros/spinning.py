@@ -15,9 +15,12 @@ from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Empty
 
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.output import output_may_get_lost
+from head_tracking.ros import parameter_files
+from head_tracking.ros.start import start_ros
 from head_tracking.ros.stop_signal import StopSignal
 
 try:
@@ -30,21 +33,8 @@ _PROBE_PERIOD, _PROBE_PATIENCE = 0.005, 1.0  # s
 _TRIED: WeakKeyDictionary[Context, bool] = WeakKeyDictionary()
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
-_EXPLAINED = (
-    ("head_tracking.dynamixel.exceptions", "DynamixelError"),
-    ("head_tracking.transforms", "RobotModelError"),
-    ("head_tracking.transforms", "TransformException"),
-    ("head_tracking.vision.opencv", "OpenCVMissingError"),
-)
-
-
-def explained_errors() -> tuple[type[Exception], ...]:
-    """Errors whose message is all that a person needs to know.
-
-    What has not been imported has not been raised, and a servo bus needs no vision.
-    """
-    ours = (getattr(sys.modules.get(module), name, None) for module, name in _EXPLAINED)
-    return (ParameterException, FileNotFoundError, ValueError, *filter(None, ours))
+EXPLAINED = (HeadTrackingError, ParameterException)
+"""Errors whose message is all that a person needs to know."""
 
 
 class NodeDied(Exception):
@@ -64,7 +54,9 @@ class NodeDied(Exception):
 def describe(error: Exception) -> str:
     """The error for a person: its message; the traceback too if nobody has foreseen it."""
     cause = error.error if isinstance(error, NodeDied) else error
-    if isinstance(cause, explained_errors()):
+    if isinstance(cause, RefusedError):
+        return str(cause)
+    if isinstance(cause, EXPLAINED):
         return str(error)
     return "".join(traceback.format_exception(cause)) + str(error)
 
@@ -247,16 +239,18 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
         were not confirmed relaxed); the reason is printed.
     """
-    with StopSignal() as stop:
+    with output_may_get_lost(), StopSignal() as stop:
         return run_until(stop, make, args)
 
 
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Runs one node as a program until `stop`; see `run_node`."""
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     threads = NodeThreads()
     try:
-        threads.start(make())
+        start_ros(args)
+        node = make()
+        parameter_files.check([node])
+        threads.start(node)
         threads.wait(stop)
     except Exception as error:
         print(describe(error), file=sys.stderr)
