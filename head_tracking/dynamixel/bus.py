@@ -488,6 +488,7 @@ class ServoBus:
                 if self._read(plan, stamp, states) or self._troubled:
                     self._troubled = True
                     failed = self._settle(plan, states, start)
+                self._diagnosis.look(self._all, start)
                 self._spent = self._poll_one_lost() if self._missing else 0
                 self._there = True
         except PortLostError as cause:
@@ -519,7 +520,6 @@ class ServoBus:
             if not (self._troubled or self._spent):
                 took = self._took + self._monotonic() - start
                 self._usual += _GAIN * (took - self._usual) if self._usual else took
-            self._diagnosis.look(self._all, self._last_cycle)
         except PortLostError as cause:
             self._forgive(cause)
         return self._told_events()

@@ -103,7 +103,7 @@ class Diagnosis:
     Args:
         note: Takes an event: its kind, the joint, a text.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
-        enqueue: Takes steps in the next cycles.
+        enqueue: Takes steps before goals are written, in this cycle and the next ones.
         settings: Temperatures.
     """
 
@@ -125,13 +125,16 @@ class Diagnosis:
 
     def look(self, joints: Iterable[Joint], now: int) -> None:
         """Look at what was read in this cycle; `now` is monotonic, ns."""
+        watches = self._watches
         for joint in joints:
             if joint.stopped:
                 continue
+            if len(joint.servos) > 1:
+                self._compare(joint, now)
             for index, servo in enumerate(joint.servos):
-                watch = self._watches.get(servo.id)
-                if watch is None:
-                    watch = self._watches[servo.id] = _Watch()
+                watch = watches.get(servo.id) or self._begin(servo)
+                if watch.symptoms:
+                    self._clear(joint, servo, watch, now)
                 counters = servo.counters
                 failures = counters.timeouts + counters.corrupt
                 if failures != watch.calm:
@@ -143,97 +146,102 @@ class Diagnosis:
                     if servo.lost and watch.target:
                         self._end(joint, watch, "not reached: the servo does not answer")
                     continue
-                self._look_at(joint, index, servo, watch, now)
-                if watch.symptoms:
-                    self._clear(joint, servo, watch, now)
-            if len(joint.servos) > 1:
-                self._compare(joint, now)
+                model = servo.model
+                tick = abs(servo.scale)
+                position, velocity = servo.position, servo.velocity
+                elapsed = (servo.stamp - watch.stamp) * 1e-9
+                step = position - watch.position
+                if model.endless:
+                    step = math.remainder(step, model.ticks * tick)
+                if watch.identity is not servo.identity:
+                    self._know(servo, watch)
+                    watch.frozen_since = now
+                elif joint.on and 0.0 < elapsed < 0.1:
+                    far = 2.0 * model.no_load_speed * elapsed + 8.0 * tick
+                    if watch.jumped and abs(step) <= far:  # it stays where it has jumped to
+                        self._tell(joint, servo, watch, Symptom.JUMP, now,
+                                   f"its position jumped by {watch.jumped:+.2f} rad in a cycle: "
+                                   "a dirty or loose encoder, or teeth of its gear")  # fmt: skip
+                        watch.jumped = 0.0
+                    elif abs(step) > far:
+                        watch.jumped = step
+                watch.stamp, watch.position = servo.stamp, position
+                end = servo.ticks in (
+                    0,
+                    model.ticks - 1,
+                )  # it may turn on beyond what it can measure
+                if servo.ticks != watch.frozen_ticks or abs(velocity) < _MOVES or end:
+                    watch.frozen_ticks, watch.frozen_since = servo.ticks, now
+                elif now - watch.frozen_since >= max(
+                    _FROZEN, round(10.0 * tick / abs(velocity) * _NS)
+                ):
+                    self._tell(joint, servo, watch, Symptom.FROZEN, now,
+                               f"it says that it turns at {velocity:+.1f} rad/s, but its position "
+                               f"stands at {position:.3f} rad: its encoder is frozen")  # fmt: skip
+                volts = servo.voltage
+                usual = watch.usual_voltage
+                if volts >= watch.lowest and volts >= usual - _SAG * model.nominal_voltage:
+                    watch.low_since = watch.sag_since = now
+                else:
+                    self._look_at_supply(joint, servo, watch, now)
+                watch.usual_voltage = usual + (0.1 if volts > usual else 0.001) * (volts - usual)
+                if servo.temperature >= watch.warm:
+                    self._look_at_heat(joint, servo, watch, now)
+                if not joint.on or joint.busy or not joint.goal_ticks:
+                    watch.rest_since = watch.away_since = watch.pace_since = now
+                    watch.rest_position, watch.owed = position, 0.0
+                    if watch.target and not joint.busy:
+                        self._end(joint, watch, f"not reached: {joint.torque.value}")
+                    continue
+                goal = (joint.goal_ticks[index] - servo.zero) * servo.scale
+                watch.goals.append(joint.goal_ticks[index])
+                error = goal - position
+                off = abs(error)
+                if watch.target != joint.goal_ticks:
+                    watch.target, watch.target_since, watch.outcome = (
+                        joint.goal_ticks,
+                        now,
+                        "under way",
+                    )
+                near = _ARRIVED * tick
+                # Away
+                if velocity * error >= 0.0 or abs(velocity) < _MOVES or off < 0.1:
+                    watch.away_since, watch.away_from = now, abs(velocity)
+                elif now - watch.away_since >= (
+                    _AWAY if abs(velocity) >= 0.8 * watch.away_from else _LONG_AWAY
+                ):
+                    self._suspect(joint, servo, watch, Symptom.AWAY, now)
+                # Slow
+                ahead = velocity * error > 0.0
+                asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
+                if off < _FAR or not ahead or watch.wanted * error < 0.0 or asked < _MOVES:
+                    watch.pace_since, watch.pace_begin, watch.wanted = now, position, error
+                elif now - watch.pace_since < _GRACE:
+                    watch.pace_begin = position
+                elif now - watch.pace_since >= _GRACE + _PACE:
+                    expected = min(asked, 0.9 * self._fastest(servo)) * _PACE * 1e-9
+                    moved = abs(position - watch.pace_begin)
+                    if moved < _SLOW * expected:
+                        self._suspect(joint, servo, watch, Symptom.SLOW, now)
+                    watch.pace_since, watch.pace_begin = now - _GRACE, position
+                # Stuck
+                if abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
+                    watch.rest_since, watch.rest_position, watch.owed = now, position, 0.0
+                patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
+                if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):
+                    watch.owed += min(elapsed, _STUCK)
+                    if watch.owed >= patience:
+                        self._suspect(joint, servo, watch, Symptom.BLOCKED, now)
+                elif off <= near:
+                    if abs(velocity) < _MOVES:
+                        watch.outcome = "arrived"
+                elif watch.outcome == "under way" and (
+                    now - max(watch.rest_since, watch.target_since) >= 2.0 * patience * _NS
+                ):
+                    watch.outcome = f"missed by {off:.3f} rad: it stands"
 
-    def _look_at(self, joint: Joint, index: int, servo: Servo, watch: _Watch, now: int) -> None:
-        model = servo.model
-        tick = abs(servo.scale)
-        position, velocity = servo.position, servo.velocity
-        elapsed = (servo.stamp - watch.stamp) * 1e-9
-        step = position - watch.position
-        if model.endless:
-            step = math.remainder(step, model.ticks * tick)
-        if watch.identity is not servo.identity:
-            self._know(servo, watch)
-            watch.frozen_since = now
-        elif joint.on and 0.0 < elapsed < 0.1:
-            far = 2.0 * model.no_load_speed * elapsed + 8.0 * tick
-            if watch.jumped and abs(step) <= far:  # it stays where it has jumped to
-                self._tell(joint, servo, watch, Symptom.JUMP, now,
-                           f"its position jumped by {watch.jumped:+.2f} rad from one cycle to the "
-                           "next: a dirty or loose encoder, or teeth of its gear")  # fmt: skip
-                watch.jumped = 0.0
-            elif abs(step) > far:
-                watch.jumped = step
-        watch.stamp, watch.position = servo.stamp, position
-        end = servo.ticks in (0, model.ticks - 1)  # it may turn on beyond what it can measure
-        if servo.ticks != watch.frozen_ticks or abs(velocity) < _MOVES or end:
-            watch.frozen_ticks, watch.frozen_since = servo.ticks, now
-        elif now - watch.frozen_since >= max(_FROZEN, round(10.0 * tick / abs(velocity) * _NS)):
-            self._tell(joint, servo, watch, Symptom.FROZEN, now,
-                       f"it says that it turns at {velocity:+.1f} rad/s, but its position stands "
-                       f"at {position:.3f} rad: its encoder is frozen")  # fmt: skip
-        volts = servo.voltage
-        usual = watch.usual_voltage
-        if volts >= watch.lowest and volts >= usual - _SAG * model.nominal_voltage:
-            watch.low_since = watch.sag_since = now
-        else:
-            self._look_at_supply(joint, servo, watch, now)
-        watch.usual_voltage = usual + (0.1 if volts > usual else 0.001) * (volts - usual)
-        if servo.temperature >= watch.warm:
-            self._look_at_heat(joint, servo, watch, now)
-        if not joint.on or joint.busy or not joint.goal_ticks:
-            watch.rest_since = watch.away_since = watch.pace_since = now
-            watch.rest_position, watch.owed = position, 0.0
-            if watch.target and not joint.busy:
-                self._end(joint, watch, f"not reached: {joint.torque.value}")
-            return
-        goal = (joint.goal_ticks[index] - servo.zero) * servo.scale
-        watch.goals.append(joint.goal_ticks[index])
-        error = goal - position
-        off = abs(error)
-        if watch.target != joint.goal_ticks:
-            watch.target, watch.target_since, watch.outcome = joint.goal_ticks, now, "under way"
-        near = _ARRIVED * tick
-        # Away
-        if velocity * error >= 0.0 or abs(velocity) < _MOVES or off < 0.1:
-            watch.away_since, watch.away_from = now, abs(velocity)
-        elif now - watch.away_since >= (
-            _AWAY if abs(velocity) >= 0.8 * watch.away_from else _LONG_AWAY
-        ):
-            self._suspect(joint, servo, watch, Symptom.AWAY, now)
-        # Slow
-        ahead = velocity * error > 0.0
-        asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
-        if off < _FAR or not ahead or watch.wanted * error < 0.0 or asked < _MOVES:
-            watch.pace_since, watch.pace_begin, watch.wanted = now, position, error
-        elif now - watch.pace_since < _GRACE:
-            watch.pace_begin = position
-        elif now - watch.pace_since >= _GRACE + _PACE:
-            expected = min(asked, 0.9 * self._fastest(servo)) * _PACE * 1e-9
-            moved = abs(position - watch.pace_begin)
-            if moved < _SLOW * expected:
-                self._suspect(joint, servo, watch, Symptom.SLOW, now)
-            watch.pace_since, watch.pace_begin = now - _GRACE, position
-        # Stuck
-        if abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
-            watch.rest_since, watch.rest_position, watch.owed = now, position, 0.0
-        patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
-        if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):
-            watch.owed += min(elapsed, _STUCK)
-            if watch.owed >= patience:
-                self._suspect(joint, servo, watch, Symptom.BLOCKED, now)
-        elif off <= near:
-            if abs(velocity) < _MOVES:
-                watch.outcome = "arrived"
-        elif watch.outcome == "under way" and (
-            now - max(watch.rest_since, watch.target_since) >= 2.0 * patience * _NS
-        ):
-            watch.outcome = f"missed by {off:.3f} rad: it stands"
+    def _begin(self, servo: Servo) -> _Watch:
+        return self._watches.setdefault(servo.id, _Watch())
 
     def _know(self, servo: Servo, watch: _Watch) -> None:
         """Take over what a servo says of itself when it is found."""
@@ -362,7 +370,7 @@ class Diagnosis:
 
     def _compare(self, joint: Joint, now: int) -> None:
         first, second = joint.servos
-        watch = self._watches[first.id]
+        watch = self._begin(first)
         slack = _APART + 0.02 * abs(first.velocity)
         unread = first.lost or second.lost or first.failed_cycles or second.failed_cycles
         if unread or joint.busy or abs(first.position - second.position) < slack:
@@ -402,7 +410,7 @@ class Diagnosis:
                 if each is not servo and each.calibration.tick_range == own
             ]
             if meant:
-                watch = self._watches.setdefault(servo.id, _Watch())
+                watch = self._begin(servo)
                 self._tell(joint, servo, watch, Symptom.SWAPPED, 0,
                            f"its memory holds the angle limits of {meant[0]}: have two servos been "
                            "swapped?")  # fmt: skip
