@@ -32,7 +32,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -55,7 +55,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
-from head_tracking.simulation import SimulatedPort, SimulatedServo
+from head_tracking.simulation import SimulatedPort, SimulatedServo, Write
 from head_tracking.transforms import load_robot_model
 
 ROOT = Path(__file__).parents[2]
@@ -216,6 +216,7 @@ class Chaos:
         self._stopped = False
         self._commanded = False
         self._owners = ""
+        self._newest: deque[Write] = deque(maxlen=12)
         self._joints_heard = self._state_heard = -math.inf
         self._unplugged = -math.inf  # when it was plugged in again
         self._ways: list[tuple[float, float]] = []
@@ -362,6 +363,7 @@ class Chaos:
         """
         writes = self.port.use(lambda bus: list(bus.write_log.writes))
         self.port.use(lambda bus: bus.write_log.writes.clear())
+        self._newest.extend(writes)
         for write in writes:
             joint = JOINTS[write.id - 1]
             switched_on = "Torque Enable" in write.names and write.torque
@@ -384,6 +386,14 @@ class Chaos:
                 f"{JOINTS[index].joint_name} {how} {angle:.2f} rad, where nobody commanded it to "
                 f"go: the targets are at {low:.2f} to {high:.2f} rad"
             )
+
+    def state(self) -> Iterator[str]:
+        """Where the joints are, and what came to the servos last."""
+        yield f"pan and tilt are at {self.positions()} rad, owned: {self._owners!r}"
+        end = time.monotonic_ns()
+        for write in self._newest:
+            goal = JOINTS[write.id - 1].position(write.goal)
+            yield f"{(write.time - end) * 1e-9:7.2f} s: {write}, goal {goal:.2f} rad"
 
     def wait(self, seconds: float) -> None:
         """Lets time pass, and looks."""
@@ -723,7 +733,7 @@ def main() -> int:
         except DidNotHoldError as error:
             repeat = f"--seed {options.seed} --seconds {options.seconds:g} --run {options.run}"
             print(f"chaos {repeat}{' --clock' * options.clock}: {error}", file=sys.stderr)
-            print(*chaos.journal[-40:], sep="\n", file=sys.stderr)
+            print(*chaos.journal[-40:], *chaos.state(), sep="\n", file=sys.stderr)
             for log in sorted(folder.glob("*.log")):
                 lines = log.read_text(errors="replace").splitlines()
                 lines = [line for line in lines if not line.startswith("pan ")]
