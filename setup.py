@@ -26,6 +26,7 @@ TOOLS = ("look", "relax", "transforms", "track_report", "check_model", "simulate
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
     "servo": "head_tracking.tools.servo.main:main",
+    "doctor": "head_tracking.tools.doctor.main:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
     **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
 }

@@ -15,6 +15,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     "check_model",
+    "doctor",
     "fictitious_target",
     "frame_target",
     "head_tracker",
