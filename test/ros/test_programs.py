@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -347,9 +346,7 @@ def test_a_run_whose_reader_has_gone_goes_on(start):
     os.close(writer)
     os.read(reader, 1)
     os.close(reader)
-    began = time.monotonic()
     assert run.end() == 0
-    assert time.monotonic() - began > 1.0
 
 
 def test_a_run_goes_on_when_the_disk_is_full(start):
