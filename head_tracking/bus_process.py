@@ -1,8 +1,9 @@
 """The program servo_bus, with simulated servos if wanted, as a child that ends with its parent.
 
 Started by `head_tracking.nodes.bus_process`, with the descriptor of its end of a connection, and a
-dictionary in JSON: "simulated", and the node's "parameters". Whatever comes on the connection is
-answered by a `Report`; its end, which also a killed parent brings about, ends the program.
+dictionary in JSON: "simulated", and the node's "parameters". None on the connection is answered by
+a `Report`, "stop" and "resume" by what the node's methods return; its end, which also a killed
+parent brings about, ends the program.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class _Program:
         self._simulated, self._parameters = simulated, parameters
         self._report: Callable[[], Report] | None = None
         self._newest: Report | None = None
+        self._node: ServoBusNode | None = None
 
     def run(self, parent: Connection[Any, Any], stop: StopSignal) -> int:
         threading.Thread(target=self._answer, args=(parent, stop), daemon=True).start()
@@ -50,7 +52,10 @@ class _Program:
     def _answer(self, parent: Connection[Any, Any], stop: StopSignal) -> None:
         with suppress(EOFError, OSError):
             while True:
-                parent.recv()
+                wanted = parent.recv()
+                if wanted is not None:
+                    parent.send(None if self._node is None else getattr(self._node, wanted)())
+                    continue
                 if self._report is not None:
                     report = self._report()
                     if not stop():  # a bus that is being closed looks like one that is unplugged
@@ -85,7 +90,7 @@ class _Program:
                 {joint: servos.true_position(joint) for joint, servos in simulated.items()},
             )
 
-        self._newest, self._report = report(), report
+        self._newest, self._report, self._node = report(), report, node
         return node
 
 

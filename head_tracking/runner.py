@@ -16,6 +16,7 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import seconds
+from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
     BUS_PROCESS,
@@ -33,20 +34,23 @@ from head_tracking.node_sets import (
     fixed_target,
     simulated_camera,
     started_on_request,
-    without_buffer,
 )
-from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.ros import parameter_files
-from head_tracking.ros.graph_watch import own_enclave, watch_graph
+from head_tracking.ros.graph_watch import GraphWatch, own_enclave
+from head_tracking.ros.joint_owners import stop_report
+from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.start import start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.run_monitor import RunMonitor, RunSources
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.status_line import StatusLine
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
+
+_LOOKING = "looking for other heads"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,7 @@ class Run:
         viewer: show it in a browser.
         arguments: the command line, ROS's own arguments among it.
         enclave: by which its processes know each other; see `GraphWatch`.
-        allow_others: other heads in the graph keep it from nothing.
+        allow_others: other heads in the graph keep it from nothing, and the last command wins.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -164,8 +168,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         for node in (servo_bus, *publishers, head, *targets, *starter)
         if node.name not in left_out
     ]
-    if FEEDS_BUFFER in left_out:
-        nodes = [without_buffer(node) for node in nodes]
     return Run(
         tuple(nodes),
         "" if head.name in left_out else head.name,
@@ -186,28 +188,46 @@ class Composition:
     Attributes:
         nodes: by name.
         buffer: the transforms that they share.
+        loop: what they do in each cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
         true_position: where a joint really is [rad]; None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
     buffer: Buffer
+    loop: ControlLoop
     simulated: SimulatedJoints | None
     true_position: Callable[[str], float] | None
 
+    def stop(self) -> list[str]:
+        """Relaxes all servos at once, and lets nothing move until `resume`; a line a joint."""
+        problems = self.nodes["servo_bus"].stop()
+        if self.loop.write is None:  # the bus has its own controllers, of its process
+            self.loop.stop(dict)
+        return [stop_report(joint, problem) for joint, problem in problems.items()]
 
-def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Composition:
+    def resume(self) -> list[str]:
+        """Ends that: what was on before goes on, slowly at first; a line that says what."""
+        self.nodes["servo_bus"].resume()
+        self.loop.resume()
+        return ["commands are taken again; what was on goes on, slowly at first"]
+
+
+def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "") -> Composition:
     """Makes the nodes of a run and starts them.
 
     Args:
         plan: which nodes.
         threads: spins them; must be closed before `resources`.
         resources: gets the simulated servos, if there are any.
+        held: why nothing may move yet; see `ControlLoop.hold`.
 
     Raises:
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
+    loop = ControlLoop(buffer.core, JointOwners(exclusive=not plan.allow_others))
+    loop.hold(held)
     simulated: list[SimulatedJoints] = []
 
     def simulate(joints: Sequence[JointConfiguration]) -> str:
@@ -232,6 +252,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
 
     shared: dict[str, Any] = {
         "buffer": buffer,
+        "loop": loop,
         "connect": simulate if plan.simulated else None,
         "start": start_on_request,
         "startable": tuple(on_request),
@@ -241,7 +262,11 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     }
     for spec in plan.nodes:
         start(spec)
-    return Composition(nodes, buffer, simulated[0] if simulated else None, shared["true_position"])
+        if spec is plan.nodes[0] and all(other.name != FEEDS_BUFFER for other in plan.nodes):
+            listen_for(loop, buffer, nodes[spec.name])
+    return Composition(
+        nodes, buffer, loop, simulated[0] if simulated else None, shared["true_position"]
+    )
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
@@ -255,26 +280,32 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         Exception: a node could not start.
     """
     with ExitStack() as resources, closing(NodeThreads()) as threads:
-        head = compose(plan, threads, resources)
-        parameter_files.check(head.nodes.values(), NODE_NAMES)
-        sources = RunSources(
-            head=lambda: head.nodes[plan.head_node].head if plan.head_node else None,
-            bus_status=head.nodes["servo_bus"].status,
-            true_position=head.true_position,
-        )
+        head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        monitor = RunMonitorNode(head.buffer, sources, line)
-        watch_graph(
-            monitor,
+        parameter_files.check(head.nodes.values(), NODE_NAMES)
+        watch = GraphWatch(
+            head.nodes["servo_bus"],
             plan.enclave,
-            lambda _reason: None,
+            head.loop.hold,
             simulated=plan.simulated,
             allow_others=plan.allow_others,
         )
-        threads.start(monitor)
+        head_node = head.nodes.get(plan.head_node)
+        monitor = RunMonitor(
+            RunSources(
+                head=head_node.interface if head_node else None,
+                bus_status=head.nodes["servo_bus"].status,
+                true_position=head.true_position,
+            )
+        )
+
+        def look() -> None:
+            watch.look()
+            line.show(monitor.look())
+
         try:
-            threads.wait(stop, plan.duration)
+            threads.wait(stop, plan.duration, look)
         finally:
             line.end(monitor.summary())
     return threads.exit_code()

@@ -15,7 +15,7 @@ import head_tracking
 PACKAGE = Path(head_tracking.__file__).parent
 CORE = {
     "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
-    "parameters",
+    "control", "parameters",
 }  # fmt: skip
 
 ALLOWED: dict[str, set[str]] = {
@@ -31,19 +31,23 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": {"dynamixel"},
+    "control": {"dynamixel", "transforms"},
     "share": set(),
     "tf": {"transforms"},
-    "ros": {"tracking", "transforms", "gaze", "dynamixel", "vision", "parameters", "tf", "output"},
+    "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
+    | {"output"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"},
     "nodes": CORE | {"tf", "share", "viewer", "ros", "status_line"},
     "tools": CORE | {"output", "tf", "share", "ros", "command_line"},
     "status_line": set(),
+    "run_monitor": {"ros", "tracking"},
     "node_sets": {"nodes", "scene"},
     "__main__": {"ros", "runner", "output"},
     "viewer_process": set(),
     "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
     "runner": CORE
-    | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line", "status_line"},
+    | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line"}
+    | {"status_line", "run_monitor"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

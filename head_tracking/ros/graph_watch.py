@@ -14,13 +14,11 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.spinning import steady_timer
 
 LOOK_TIME = 3.0
 """So long [s] a run looks before anything moves: a node is heard of after 0.1 to 0.5 s, but when
 an announcement is lost, with the next one, up to 3 s later."""
 
-_PERIOD = 0.25  # s
 _CERTAIN = 0.5  # s: what is gone before was on its way out
 _CERTAIN_LATER = 2.0  # s: a run that refuses to start is gone before, and none moves before
 
@@ -140,20 +138,6 @@ class GraphWatch:
             found = self._node.get_service_names_and_types_by_node(name, namespace)
             return {service for service, _ in found}
         return set()
-
-
-def watch_graph(
-    node: Node,
-    enclave: str,
-    hold: Callable[[str], object],
-    *,
-    simulated: bool,
-    allow_others: bool = False,
-) -> GraphWatch:
-    """A `GraphWatch` that looks by itself as long as its node spins."""
-    watch = GraphWatch(node, enclave, hold, simulated=simulated, allow_others=allow_others)
-    steady_timer(node, _PERIOD, watch.look)
-    return watch
 
 
 def own_enclave() -> str:

@@ -12,7 +12,6 @@ from head_tracking.tracking.fictitious_target import FictitiousTarget, Fictitiou
 from head_tracking.tracking.laws import (
     LAWS,
     JointReading,
-    LawParameters,
     PositionLaw,
     PredictiveLaw,
     PredictiveLawParameters,
@@ -30,9 +29,10 @@ from head_tracking.tracking.target_state import (
     TargetStateParameters,
 )
 from head_tracking.tracking.track_record import TrackRecord
-from head_tracking.tracking.tracker import Delays, Tracker, TrackingStep
+from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
 
 __all__ = [
+    "CAUTIOUS_SPEED",
     "LAWS",
     "ClockWatch",
     "Delays",
@@ -42,7 +42,6 @@ __all__ = [
     "FictitiousTargetParameters",
     "HeadBase",
     "JointReading",
-    "LawParameters",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
