@@ -750,7 +750,7 @@ def main() -> int:
             print(*chaos.journal[-40:], *chaos.state(), sep="\n", file=sys.stderr)
             for log in sorted(folder.glob("*.log")):
                 lines = log.read_text(errors="replace").splitlines()
-                lines = [line for line in lines if not line.startswith("pan ")]
+                lines = [line for line in lines if "| bus " not in line]
                 print(f"--- {log.name}", *lines[-25:], sep="\n", file=sys.stderr)
             return 1
         print(
