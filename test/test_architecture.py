@@ -38,7 +38,7 @@ ALLOWED = {
     "status_line": set(),
     "node_sets": {"nodes", "scene"},
     "__main__": {"ros", "runner"},
-    "viewer_process": set(),
+    "viewer_process": {"ros", "nodes"},
     "bus_process": {"ros", "nodes", "dynamixel", "simulation"},
     "runner": CORE
     | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line", "status_line"},

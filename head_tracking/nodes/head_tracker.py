@@ -7,11 +7,12 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.parameters import parameter
+from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.head_interface import HeadInterface
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -77,6 +78,8 @@ class HeadTrackerNode(Node):
             self._on_head,
             self._reset,
         )
+        self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
+        self._enabled.publish(Bool(data=True))
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(self, self._period, self._step)
@@ -192,7 +195,7 @@ class HeadTrackerNode(Node):
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(in_namespace(self, message))
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         reading = self._interface.reading()
@@ -204,6 +207,7 @@ class HeadTrackerNode(Node):
             self._tracker.joints_read(reading.stamp, reading.positions)
         self._interface.send(self._tracker.enable(request.data, self._interface.now))
         self._report_state()
+        self._enabled.publish(Bool(data=request.data))
         response.success = True
         response.message = "tracking is on" if request.data else "tracking is off; the head stops"
         return response

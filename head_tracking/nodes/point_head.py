@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.gaze import PanTiltHead, Pointing, PointingParameters
@@ -14,6 +15,7 @@ from head_tracking.ros.head_interface import HeadInterface, HeadReading
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import HeadBase, Refusal
 
 
@@ -47,6 +49,8 @@ class PointHeadNode(Node):
             self._step,
         )
         self._enabled = True
+        self._says_enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
+        self._says_enabled.publish(Bool(data=True))
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(self, 1.0 / p.rate, self._step)
@@ -101,6 +105,7 @@ class PointHeadNode(Node):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
+        self._says_enabled.publish(Bool(data=request.data))
         response.success = True
         response.message = f"pointing is {'on' if request.data else 'off; targets are not taken'}"
         return response

@@ -32,6 +32,7 @@ from head_tracking.ros.bus_parameters import (
 )
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.joint_configuration import (
     ControllerParameters,
     MotorParameters,
@@ -297,7 +298,7 @@ class ServoBusNode(Node):
             status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
         )
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(in_namespace(self, message))
 
 
 class StatesMessage:

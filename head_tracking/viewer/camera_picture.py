@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
+from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.robot import Robot
+from head_tracking.viewer.other_topics import OtherTopics
 
 _NONE = "no picture"
 _PERIOD = 0.1  # s
@@ -28,11 +29,13 @@ class CameraPicture:
 
     Args:
         gui: viser's control panel, with the container open that gets them.
-        robot: has the pictures.
+        topics: have the pictures.
+        modes: starts the simulated camera.
     """
 
-    def __init__(self, gui: Any, robot: Robot) -> None:
-        self._robot = robot
+    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes) -> None:
+        self._topics = topics
+        self._modes = modes
         self._menu = gui.add_dropdown(
             "Camera picture", [_NONE], hint="Pictures that nodes publish (sensor_msgs/Image)."
         )
@@ -54,7 +57,7 @@ class CameraPicture:
             return
         self._next = now + _PERIOD
         topic = self._menu.value
-        picture = None if topic == _NONE else self._robot.picture(topic)
+        picture = None if topic == _NONE else self._topics.picture(topic)
         self._image.visible = picture is not None
         self._line.content = _NOTHING if topic != _NONE and picture is None else ""
         if picture is None:
@@ -66,12 +69,12 @@ class CameraPicture:
 
     def refresh(self) -> None:
         """Follows pictures that come and go."""
-        topics = self._robot.images()
+        topics = self._topics.images()
         if self._menu.options != (_NONE, *topics):
             chosen = self._menu.value
             self._menu.options = (_NONE, *topics)
             self._menu.value = chosen if chosen in topics else _NONE
-        self._start.visible = self._robot.can_start_camera()
+        self._start.visible = self._modes.can_start(CAMERA)
         if self._known is not None:
             come = [topic for topic in topics if topic not in self._known]
             if come and self._menu.value == _NONE:
@@ -80,7 +83,7 @@ class CameraPicture:
                 self._known = None
 
     def _on_start(self, event: viser.GuiEvent[Any]) -> None:
-        known = set(self._robot.images())
-        outcome = self._robot.start_camera()
+        known = set(self._topics.images())
+        outcome = self._modes.start(CAMERA)
         self._known = known if outcome.done else None
         notify(event, outcome, "Camera")

@@ -1,4 +1,4 @@
-"""What a person reads: banner, state, error as a plot, the bus, the servos; and STOP."""
+"""What a person reads: banner, state, error as a plot, the bus, the servos."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import viser
 from head_tracking.viewer.advice import Trouble, troubles
 from head_tracking.viewer.health_table import health_table
 from head_tracking.viewer.notify import notify
+from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.plots import ErrorPlot
-from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.robot import Robot
 
 
 class StatusPanel:
@@ -21,13 +22,6 @@ class StatusPanel:
     def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
         self._server = server
         self._robot = robot
-        stop = server.gui.add_button(
-            "STOP: relax everything", color="red", icon=viser.Icon.HAND_STOP,
-            hint="Switches the torque of all servos off. Afterwards nothing moves until torque "
-            "is switched on again, in the tab Joints.",
-        )  # fmt: skip
-        stop.on_click(self._on_stop)
-        # below, so that the button does not move away when the banner comes
         self._banner = server.gui.add_html("", visible=False)
         self._line = server.gui.add_html("")
 
@@ -52,15 +46,12 @@ class StatusPanel:
         self._plot.add(live.stamp * 1e-9, live.error)
         self._bus.content = health_table(health)
         self._messages.content = _list("Notices", notices) + _list(
-            "Warnings of nodes", self._robot.warnings()[-6:]
+            "Warnings of nodes", self._robot.topics.warnings()[-6:]
         )
-        self._recover.visible = self._robot.can_recover()
-
-    def _on_stop(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        notify(event, self._robot.stop(), "Stop")
+        self._recover.visible = self._robot.joints.can_recover
 
     def _on_recover(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        notify(event, self._robot.recover(), "Clear faults")
+        notify(event, self._robot.joints.recover(), "Clear faults")
 
 
 def _banner(found: Sequence[Trouble]) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 import viser
 
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.robot import Outcome, Robot, Setting
+from head_tracking.viewer.observation import Outcome, Setting
+from head_tracking.viewer.other_parameters import OtherParameters
 from head_tracking.viewer.steering_panel import refusal
 
 _HELD = 1.5  # s: an input that a person changes is left alone for so long
@@ -22,9 +23,9 @@ _LARGEST_RATIO = 1e4
 class TuningPanel:
     """A folder for each node; inputs set the real parameters and show what was refused."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
+    def __init__(self, server: viser.ViserServer, parameters: OtherParameters) -> None:
         self._gui = server.gui
-        self._robot = robot
+        self._parameters = parameters
         self._refusal = self._gui.add_html("")
         self._box = self._gui.add_folder(None)
         self._folders: dict[str, Any] = {}
@@ -33,7 +34,7 @@ class TuningPanel:
 
     def refresh(self) -> None:
         """Follows parameters that others change, and nodes that come and go."""
-        settings = {(one.node, one.name): one for one in self._robot.settings()}
+        settings = {(one.node, one.name): one for one in self._parameters.settings()}
         for key in self._inputs.keys() - settings.keys():
             self._inputs.pop(key).remove()
         nodes = {node for node, _ in settings}
@@ -71,7 +72,7 @@ class TuningPanel:
         except ValueError as error:
             outcome = Outcome(False, f"{setting.name}: {error}")
         else:
-            outcome = self._robot.set_value(setting.node, setting.name, value)
+            outcome = self._parameters.set(setting.node, setting.name, value)
         if outcome.done:
             self._refusal.content = ""
             return

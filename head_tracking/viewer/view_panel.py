@@ -12,7 +12,8 @@ from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.camera_view import CameraView
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
-from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.observation import Observation
+from head_tracking.viewer.robot import Robot
 
 _NONE, _ALL = "none", "all frames"
 
@@ -22,7 +23,7 @@ class ViewPanel:
 
     def __init__(self, server: viser.ViserServer, robot: Robot, view: ViewParameters) -> None:
         self._gui = server.gui
-        self._robot = robot
+        self._buffer = robot.buffer
         self._gaze: GazeScene | None = None
         self._frames_scene: FramesScene | None = None
         self._parts: dict[str, Any] = {}
@@ -31,7 +32,7 @@ class ViewPanel:
         )
         self._box = self._gui.add_folder(None)
         self._camera = CameraView(server, view)
-        self._picture = CameraPicture(self._gui, robot)
+        self._picture = CameraPicture(self._gui, robot.topics, robot.modes)
 
     def set_scenes(self, gaze: GazeScene, frames: FramesScene) -> None:
         """What is switched on and off."""
@@ -55,7 +56,7 @@ class ViewPanel:
 
     def refresh(self) -> None:
         """Follows frames and pictures that come and go."""
-        frames = (_NONE, _ALL, *self._robot.frames())
+        frames = (_NONE, _ALL, *self._buffer.frames())
         if self._frames.options != frames:
             chosen = self._frames.value
             self._frames.options = frames

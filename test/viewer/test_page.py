@@ -12,10 +12,12 @@ from viewer_client import ReadingClient
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.gaze_scene import ViewParameters
+from head_tracking.viewer.head_modes import Mode
+from head_tracking.viewer.observation import Health, Level, Observation, Outcome, Servo, Setting
 from head_tracking.viewer.page import Page, PageParameters
 from head_tracking.viewer.recording import Recording
-from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
 
 PATIENCE = 60.0
 
@@ -32,6 +34,25 @@ class FakeRobot:
         self.seen = 0
         self.asked: list[Any] = []
         self.broken = False
+        self.buffer = SimpleNamespace(frames=self._frames)
+        self.parameters = SimpleNamespace(settings=self._settings)
+        self.stop = SimpleNamespace(outcome=None, can_resume=False, cancel=lambda: None)
+        self.modes = SimpleNamespace(
+            mode=lambda: Mode.TRACK,
+            possible=lambda: tuple(Mode),
+            can_start=lambda _: False,
+            look_at=self._look_at,
+        )
+        self.joints = SimpleNamespace(
+            free=False,
+            can_recover=False,
+            servos=lambda: (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),),
+        )
+        self.topics = SimpleNamespace(
+            images=tuple,
+            picture=lambda _: None,
+            warnings=lambda: tuple(f"warning {number}" for number in range(self.seen % 7)),
+        )
 
     def model(self) -> RobotModel:
         return self._model
@@ -57,49 +78,29 @@ class FakeRobot:
     def notices(self) -> tuple[str, ...]:
         return ()
 
-    def warnings(self) -> tuple[str, ...]:
-        return tuple(f"warning {number}" for number in range(self.seen % 7))
-
-    def frames(self) -> tuple[str, ...]:
-        # one comes and goes
-        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+    def badge(self, live: Observation) -> Badge:
+        return Badge(Word.MOVING, f"message {self.seen}")
 
     def health(self) -> tuple[Health, ...]:
         level = Level.ERROR if self.seen % 40 > 20 else Level.OK
         return (Health("servo_bus: pan", level, f"message {self.seen}", {"torque": "on"}),)
 
-    def servos(self) -> tuple[Servo, ...]:
-        return (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),)
+    def stop_everything(self) -> Outcome:
+        self.asked.append("stop")
+        return Outcome(True, "head_pan_joint relaxed")
 
-    def settings(self) -> tuple[Setting, ...]:
+    def _frames(self) -> tuple[str, ...]:
+        # one comes and goes
+        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+
+    def _settings(self) -> tuple[Setting, ...]:
         k = Setting("/head_tracker", "k_pan", 1.0 + self.seen % 10, "Speed per error.", 0.1, 20.0)
         extra = Setting("/late", "center", [0.0, 0.0, 0.1 * (self.seen % 5)], "", -1e3, 1e3)
         return (k, extra) if self.seen % 80 > 40 else (k,)
 
-    def images(self) -> tuple[str, ...]:
-        return ()
-
-    def picture(self, topic: str) -> None:
-        return None
-
-    def mode(self) -> Mode:
-        return Mode.TRACK
-
-    def tracking(self) -> bool:
-        return True
-
-    def free_joints(self) -> bool:
-        return False
-
-    def can_recover(self) -> bool:
-        return False
-
-    def __getattr__(self, name: str) -> Callable[..., Outcome]:
-        def ask(*arguments: Any) -> Outcome:
-            self.asked.append((name, *arguments))
-            return Outcome(True, "done")
-
-        return ask
+    def _look_at(self, *arguments: Any, **_: Any) -> Outcome:
+        self.asked.append(("look_at", *arguments))
+        return Outcome(True, "done")
 
 
 def long_arm(links: int) -> RobotModel:

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.recording import Recorder, Recording, RecordingError
-from head_tracking.viewer.robot import Observation
 
 SECOND = 1_000_000_000
 
