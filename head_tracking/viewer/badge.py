@@ -103,4 +103,6 @@ def badge(
             return Badge(Word.HOLDING, said or "no target has come yet")
         on_target = live.error < _ON_TARGET
         return Badge(Word.ON_TARGET if on_target else Word.MOVING, said)
+    if found is Word.ON_TARGET and (live.error or 0.0) > _ON_TARGET:
+        return Badge(Word.MOVING, "the head turns after the target")
     return Badge(found, reason)

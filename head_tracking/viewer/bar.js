@@ -26,6 +26,7 @@
     #head-badge span { display: block; font-size: 12px; max-height: 62px; overflow: hidden; }
     #head-veil { position: fixed; inset: 0; z-index: 9000; background: #f1f3f588; cursor: not-allowed; }
     #head-veil[hidden] { display: none; }
+    .mantine-Notifications-root { top: 72px !important; }
     @media (max-width: 800px) { #head-badge span { max-height: 31px; } }`;
   let heard = performance.now(), told = "", toldUntil = 0;
 
