@@ -91,7 +91,7 @@ def badge(
     if not on:
         return Badge(Word.HOLDING, "nothing turns the head")
     if complaint:
-        return Badge(Word.REFUSED, complaint)
+        return Badge(Word.REFUSED if "refused" in complaint else Word.HOLDING, complaint)
     said = live.state.partition(": ")[2]
     word, _, reason = said.partition(": ")
     if _REFUSED in reason:

@@ -151,6 +151,7 @@ class Page:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
             self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
+            self._status.add_strip()
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
         with tabs.add_tab("Tune"):
@@ -184,6 +185,7 @@ class Page:
             self._recorder.add(live)
         if not self.browsers:
             return
+        self._status.take(live)
         replayed = self._recording.replayed()
         with self._server.atomic():
             self._show(replayed or live)

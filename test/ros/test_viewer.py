@@ -237,19 +237,92 @@ def test_what_a_camera_sees_is_shown(robot, page):
     robot.node.destroy_publisher(camera)
 
 
-def test_stop_relaxes_everything(robot, page):
+def is_relaxed(robot: Robot) -> bool:
+    states = robot.composition.nodes["servo_bus"].status().states
+    return [bool(state.torque) for state in states.values()] == [False, False]
+
+
+def point_left(robot: Robot, page: Any) -> None:
     open_tab(page, "Steer")
+    choose(page, "Look at", "point")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
+    choose(page, "Frame", "base_link")
     press(page, "Point head")
     wait_for(
         lambda: abs(robot.true("head_pan_joint") - math.atan2(0.5, 1 - 0.0115)) < 2 * DEGREE,
         PATIENCE,
     )
-    press(page, "STOP")
-    bus = robot.composition.nodes["servo_bus"]
+
+
+def word(page: Any) -> str:
+    """What the badge says."""
+    return str(page.locator("#head-badge").get_attribute("data-word"))
+
+
+def test_stop_is_in_view_on_every_tab_and_when_the_panel_is_folded_away(viewer, browser):
+    for width, height in ((1280, 800), (390, 700)):
+        page = open_page(browser, viewer.page.port, width, height, 0.25)
+
+        def in_view(page: Any = page) -> bool:
+            box = page.locator("#head-stop").bounding_box()
+            return bool(
+                page.evaluate(
+                    "([x, y]) => document.elementFromPoint(x, y)?.id === 'head-stop'",
+                    [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2],
+                )
+                and box["height"] >= 48
+                and box["x"] >= 0
+                and box["y"] >= 0
+            )
+
+        for tab in ("Steer", "Joints", "Tune", "Health", "View", "Record"):
+            open_tab(page, tab)
+            page.mouse.wheel(0, 4000)
+            assert in_view(), tab
+        page.get_by_text("kinectbot", exact=True).or_(
+            page.get_by_text("head_tracking", exact=True)
+        ).first.click(force=True)
+        assert in_view()
+        page.close()
+
+
+def test_stop_relaxes_everything_and_the_badge_says_so(robot, viewer, page):
+    point_left(robot, page)
     wait_for(
-        lambda: [bool(s.torque) for s in bus.status().states.values()] == [False, False], PATIENCE
+        lambda: (
+            print(
+                page.locator("#head-badge").inner_text(),
+                robot.pan,
+                robot.tilt,
+                viewer.robot.observe(),
+                flush=True,
+            )
+            or word(page) == "on target"
+        ),
+        PATIENCE,
     )
+    press(page, "STOP")
+    wait_for(lambda: is_relaxed(robot), PATIENCE)
+    wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
+    page.get_by_text("relaxed").first.wait_for()
+
+
+def test_escape_stops_wherever_the_cursor_is(robot, page):
+    robot.call("torque_enable", True)
+    point_left(robot, page)
+    field = row(page, "x y z (m)").locator("input:visible").first
+    field.click(force=True)
+    field.press("Escape")
+    wait_for(lambda: is_relaxed(robot), PATIENCE)
+
+
+def test_a_viewer_that_has_gone_is_disconnected_and_takes_no_input(viewer, page):
+    page.route("**/head/status", lambda route: route.abort())
+    wait_for(lambda: word(page) == "disconnected", PATIENCE)
+    assert page.locator("#head-veil").is_visible()
+    page.unroute("**/head/status")
+    wait_for(lambda: word(page) != "disconnected", PATIENCE)
+    assert not page.locator("#head-veil").is_visible()
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):

@@ -49,8 +49,9 @@ def test_a_refusal_says_why():
     found = badge(live, (), ON, stopped=False, on=True)
     assert found == (Word.REFUSED, "it is behind the head")
     pointed = Observation(1, {"pan": 0.0}, error=0.0, state="point_head: arrived")
-    found = badge(pointed, (), ON, stopped=False, on=True, complaint="out of reach")
-    assert found == (Word.REFUSED, "out of reach")
+    found = badge(pointed, (), ON, stopped=False, on=True, complaint="refused: out of reach")
+    assert found == (Word.REFUSED, "refused: out of reach")
+    assert word(pointed, complaint="did not arrive") is Word.HOLDING
 
 
 def test_a_node_that_publishes_no_state_is_judged_by_its_error():
