@@ -25,7 +25,9 @@ from head_tracking.dynamixel import (
     ServoState,
 )
 from head_tracking.ros.bus_parameters import (
+    ControllerParameters,
     EepromParameters,
+    MotorParameters,
     ServoBusParameters,
     TemperatureParameters,
     bus_settings,
@@ -33,11 +35,7 @@ from head_tracking.ros.bus_parameters import (
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.joint_configuration import (
-    ControllerParameters,
-    MotorParameters,
-    declare_joint,
-)
+from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 
@@ -319,7 +317,7 @@ class StatesMessage:
         """The message, with these states."""
         message = self._message
         stamp = message.header.stamp
-        each = states.values()
+        each = [states[name] for name in message.name]  # whichever answered first
         total = 0
         positions, velocities, efforts = [], [], []
         for state in each:

@@ -16,6 +16,7 @@ import viser
 from head_tracking.parameters import parameter
 from head_tracking.transforms import Vector3
 from head_tracking.viewer.badge import Badge, Word
+from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
@@ -151,6 +152,7 @@ class Page:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
             self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
+            self._picture = CameraPicture(server.gui, robot.topics, robot.modes)
             self._status.add_strip()
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
@@ -203,6 +205,7 @@ class Page:
         self._frames.show(shown.frames)
         self._steering.show(shown)
         self._views.show(shown)
+        self._picture.show(self._gaze)
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
         notices = [*self._look_notices, *self._robot.notices()]
@@ -217,6 +220,7 @@ class Page:
         self._joints.refresh(live)
         self._tuning.refresh()
         self._views.refresh()
+        self._picture.refresh()
         self._recording.refresh()
 
     def _status_now(self) -> dict[str, Any]:
