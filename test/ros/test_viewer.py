@@ -300,7 +300,7 @@ def test_stop_relaxes_everything_and_the_badge_says_so(robot, page):
     press(page, "STOP")
     wait_for(lambda: is_relaxed(robot), PATIENCE)
     wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
-    page.get_by_text("relaxed").first.wait_for()
+    wait_for(lambda: "head_tilt_joint" in page.locator("#head-text").inner_text(), PATIENCE)
 
 
 def test_escape_stops_wherever_the_cursor_is(robot, page):
@@ -390,6 +390,7 @@ def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(
     choose(second, "Frame", "base_link")
     fields = row(page, "x y z (m)").locator("input:visible")
     wait_for(lambda: [f.input_value() for f in fields.all()] == ["1", "-0.5", "0.5"], PATIENCE)
+    choose(second, "Look at", "point")
     press(second, "Point head")
     for one in (page, second):
         wait_for(
