@@ -13,7 +13,7 @@ from typing import Any
 
 import viser
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.camera_picture import CameraPicture
@@ -278,7 +278,7 @@ def _check_address(host: str) -> None:
         with socket.socket(family, kind) as attempt:
             attempt.bind(address)
     except OSError as error:
-        raise ValueError(
+        raise ParameterError(
             f"the page can't listen on {host!r}: {error}; give 127.0.0.1, 0.0.0.0 or an address of "
             "this machine"
         ) from error

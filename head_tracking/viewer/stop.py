@@ -114,16 +114,22 @@ class Stop:
             pending.append((client, future))
             return True
 
+        relax_asked = False
         while not attempt.over:
             attempt.answered.clear()
-            stop_asked = ask(self._stop)
-            if stop_asked and attempt.answered.wait(_HANGS):
+            try:
+                stop_asked = ask(self._stop)
+                if not (stop_asked and attempt.answered.wait(_HANGS)):
+                    relax_asked = ask(self._relax)
+            except Exception:
+                # whatever it is, the next attempt may do better
+                if not self._own.node.context.ok():
+                    return
+                stop_asked = relax_asked = False
+            if stop_asked or relax_asked:
                 attempt.wait(_AGAIN)
-                continue
-            if not ask(self._relax) and not stop_asked:
+            else:
                 time.sleep(_POLL)  # neither is known yet
-                continue
-            attempt.wait(_AGAIN)
         for client, future in pending:
             client.remove_pending_request(future)
 

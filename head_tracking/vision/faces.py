@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Frame
@@ -45,7 +46,7 @@ class FaceDetector:
     """Finds faces that look about into the camera.
 
     Raises:
-        FileNotFoundError: OpenCV came without its cascades.
+        HeadTrackingError: OpenCV came without its cascades.
     """
 
     def __init__(self, parameters: FaceParameters) -> None:
@@ -122,7 +123,7 @@ def _cascade_file() -> Path:
     for folder in folders:
         if (file := Path(folder) / _CASCADE).is_file():
             return file
-    raise FileNotFoundError(
+    raise HeadTrackingError(
         f"OpenCV's face detector {_CASCADE} is in none of {', '.join(folders)}; install "
         "opencv-python-headless (pip) or opencv-data (apt)"
     )

@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.node_starter import NodeStarterNode
 from head_tracking.ros.spinning import NodeThreads
 
@@ -64,7 +65,7 @@ def test_a_controller_that_is_started_is_switched_on_and_others_just_run(threads
 def test_what_keeps_a_node_from_doing_its_work_is_the_answer(threads, ask):
     def start(name: str) -> None:
         if name == "broken":
-            raise ValueError("there is no camera here")
+            raise HeadTrackingError("there is no camera here")
         node = Node(name)
 
         def refuse(_: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot, wait_for
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
@@ -192,7 +193,7 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
     assert ended.value.code == 2
     assert "pip install 'head_tracking[viewer]'" in capsys.readouterr().err
     monkeypatch.setattr("head_tracking.nodes.viewer.installed", lambda: False)
-    with pytest.raises(ValueError, match="pip install"):
+    with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()
 
 
