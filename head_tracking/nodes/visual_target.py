@@ -17,6 +17,7 @@ from head_tracking.ros.images import camera_of, image_message, raw_image
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
+from head_tracking.ros.switch import Switch
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
@@ -94,6 +95,9 @@ class VisualTargetNode(Node):
         self._camera: Camera | None = None
         self._frame: Frame | None = None
         self._placed = False
+        self._switch = Switch(
+            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
+        )
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
@@ -159,7 +163,8 @@ class VisualTargetNode(Node):
         self._frame = frame
         if sighting is not None:
             target = Target(frame.stamp, header.frame_id, sighting.point)
-            self._publisher.publish(target_message(target))
+            if self._switch.on:
+                self._publisher.publish(target_message(target))
             self._region.publish(_region(sighting.candidate.box, frame))
         elif self._tracker.without_distance:
             self._complain(
