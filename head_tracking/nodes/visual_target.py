@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
@@ -17,6 +17,7 @@ from head_tracking.ros.images import camera_of, image_message, raw_image
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
+from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
@@ -74,8 +75,19 @@ class VisualTargetParameters:
     )
 
 
+class _Shot(NamedTuple):
+    """Messages of one moment; the first one's stamp and frame count."""
+
+    stamped: Image
+    image: Image | None
+    depth: Image | None
+
+
 class VisualTargetNode(Node):
-    """Publishes `target_point` from `image`, `depth` and `camera_info`."""
+    """Publishes `target_point` from `image`, `depth` and `camera_info`.
+
+    Looking has a thread of its own, which takes the newest image.
+    """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("visual_target", **options)
@@ -94,6 +106,7 @@ class VisualTargetNode(Node):
         self._camera: Camera | None = None
         self._frame: Frame | None = None
         self._placed = False
+        self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
@@ -106,7 +119,15 @@ class VisualTargetNode(Node):
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
+    def destroy_node(self) -> None:
+        """Ends the thread that looks too."""
+        self._looking.close()
+        super().destroy_node()
+
     def _on_parameters(self, _: Any) -> None:
+        self._looking.do(self._take_parameters)
+
+    def _take_parameters(self) -> None:
         self._tracker.detector.parameters = self._detector_parameters.value
         self._tracker.distances = self._distances.value
         self._tracker.identity.parameters = self._identity.value
@@ -120,11 +141,11 @@ class VisualTargetNode(Node):
 
     def _on_image(self, message: Image) -> None:
         if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
-            self._look(message, message, None)
+            self._looking.offer(_Shot(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._look(pair[0], *pair)
+            self._looking.offer(_Shot(pair[0], *pair))
         elif self._pairs.dropped > 2:
             self._complain(
                 f"the depth images do not fit the images: {self._pairs.dropped} images without "
@@ -133,22 +154,24 @@ class VisualTargetNode(Node):
 
     def _on_depth(self, message: Image) -> None:
         if self._settings.follow == "nearest":
-            self._look(message, None, message)
+            self._looking.offer(_Shot(message, None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._look(pair[0], *pair)
+            self._looking.offer(_Shot(pair[0], *pair))
 
-    def _look(self, stamped: Image, image: Image | None, depth: Image | None) -> None:
+    def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
-        if self._camera is None:
+        stamped, image, depth = shot
+        camera = self._camera
+        if camera is None:
             self._complain("no image is looked at: there is no usable camera_info yet")
             return
         header = stamped.header
         try:
             frame = Frame(
                 stamp_to_ns(header.stamp),
-                self._camera,
+                camera,
                 None if image is None else decode_picture(raw_image(image)),
                 None if depth is None else decode_depth(raw_image(depth)),
             )
@@ -160,13 +183,15 @@ class VisualTargetNode(Node):
         if sighting is not None:
             target = Target(frame.stamp, header.frame_id, sighting.point)
             self._publisher.publish(target_message(target))
-            self._region.publish(_region(sighting.candidate.box, frame))
+            if self._region.get_subscription_count():
+                self._region.publish(_region(sighting.candidate.box, frame))
         elif self._tracker.without_distance:
             self._complain(
                 "something is seen, but not how far away: there is no depth for it; without a "
                 "depth camera set object_size or distance"
             )
-        self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+        if self._confidence.get_subscription_count():
+            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
         if self._annotated.get_subscription_count():
             self._show(frame, sighting, stamped)
 
@@ -196,6 +221,9 @@ class VisualTargetNode(Node):
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
+        self._looking.do(lambda: self._select(message))
+
+    def _select(self, message: RegionOfInterest) -> None:
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
         if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
             self._complain(
@@ -206,7 +234,7 @@ class VisualTargetNode(Node):
         self._tracker.select(self._frame, box)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._tracker.reset()
+        self._looking.do(self._tracker.reset)
         response.success, response.message = True, "looking for a new target"
         return response
 
