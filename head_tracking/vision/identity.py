@@ -21,6 +21,9 @@ Appearance: TypeAlias = npt.NDArray[np.float32]
 _ACCELERATION = 2.0  # m/s²: how abruptly people and things change their speed
 _CONFIRMED_OF = 5  # images
 _IMPOSSIBLE = 1e6
+_FARTHEST = 0.5
+"""What was out of sight is the same only so near [m] to where it should be: how far it may have
+gone grows with every second, and the people within reach with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +196,12 @@ class Identity:
             return _IMPOSSIBLE
         cosine = sum(a * b for a, b in zip(expected, located.point, strict=True)) / away / distance
         angle = math.acos(max(-1.0, min(1.0, cosine)))
-        reach = 0.03 + located.radius + 3.0 * math.sqrt(track.covariance[0, 0]) / away
+        unknown = min(_FARTHEST, 3.0 * math.sqrt(track.covariance[0, 0]))
+        reach = 0.03 + located.radius + unknown / away
         ratio = abs(math.log(distance / away))
+        measured = located.depth_known and track.latest.depth_known
+        if measured and abs(distance - away) > unknown + 0.1 * away:
+            return _IMPOSSIBLE
         looks = appearance_distance(track.appearance, located.appearance)
         if angle > reach or ratio > 0.7 or looks > 0.75:
             return _IMPOSSIBLE
