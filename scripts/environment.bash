@@ -134,11 +134,6 @@ add_test_tools() {
   add_viewer
   add_playwright ||
     say "  not installed: the viewer's tests in a browser will be skipped"
-  if has_wheels; then
-    step "building tf2_msgs, which has no wheel, for the tests of /tf (a minute)" \
-      "$root/scripts/build_tf2_msgs" "$venv/bin/python" "$venv/tf2_msgs" ||
-      say "  not built (it needs cmake and a C++ compiler): the tests of /tf will be skipped"
-  fi
   type -P chromium >/dev/null ||
     say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"
 }
@@ -172,7 +167,7 @@ select_environment() {
     { read -r seen && read -r made; } <"$venv/head_tracking.base" || true
   fi
   if [[ $1 == test ]]; then
-    tests=$(checksum requirements/{test,tools,ros-build,viewer,browser,tf2_msgs}.txt)
+    tests=$(checksum requirements/{test,tools,ros-build,viewer,browser}.txt)
     if [[ -e $venv/head_tracking.test && $(<"$venv/head_tracking.test") != "$tests" ]]; then
       seen="" made=""
     fi
@@ -188,6 +183,9 @@ select_environment() {
     add_test_tools
     printf '%s\n' "$tests" >"$venv/head_tracking.test"
   fi
+  if [[ -n $tests ]] && has_wheels; then
+    "$root/test/messages/build" "$venv/bin/python" "$venv/messages"
+  fi
 
   trap - EXIT
   exec 9>>"$venv/head_tracking.in-use"
@@ -198,9 +196,9 @@ select_environment() {
   # First on the path, so that a sourced workspace's installed copy is not taken instead.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
   if has_wheels; then export AMENT_PREFIX_PATH=$venv; fi
-  if [[ $1 == test && -e $venv/tf2_msgs ]]; then
-    export AMENT_PREFIX_PATH=$venv/tf2_msgs:$AMENT_PREFIX_PATH
-    export LD_LIBRARY_PATH=$venv/tf2_msgs/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
-    PYTHONPATH+=:$(echo "$venv"/tf2_msgs/lib/python3*/site-packages)
+  if [[ $1 == test && -e $venv/messages ]]; then
+    export AMENT_PREFIX_PATH=$venv/messages:$AMENT_PREFIX_PATH
+    export LD_LIBRARY_PATH=$venv/messages/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+    PYTHONPATH+=:$(echo "$venv"/messages/lib/python3*/site-packages)
   fi
 }
