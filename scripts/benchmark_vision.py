@@ -13,6 +13,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "test" / "support"))
 
+from benchmark_faces import faces  # noqa: E402
 from image_encodings import COLOURLESS, ENCODERS, raw  # noqa: E402
 from rendered_frames import KINECT, SMALL, View, watch  # noqa: E402
 from visual_pursuit import head_yaml, pursue, tutorial_law  # noqa: E402
@@ -50,7 +51,7 @@ def vision() -> str:
     """All tables; also draws docs/camera.jpg."""
     require_opencv()
     draw_camera(ROOT / "docs" / "camera.jpg")
-    parts = (speed, errors, encodings, closed_loop, empty_scene)
+    parts = (faces, speed, errors, encodings, closed_loop, empty_scene)
     return "\n\n".join(part() for part in parts)
 
 
