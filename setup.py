@@ -26,6 +26,7 @@ TOOLS = ("look", "relax", "transforms", "track_report", "check_model", "simulate
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
     "servo": "head_tracking.tools.servo.main:main",
+    "doctor": "head_tracking.tools.doctor.main:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
     **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
 }
@@ -85,7 +86,10 @@ setup(
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
-    extras_require={name: requirements(name) for name in ("ros", "vision", "viewer", "test")},
+    extras_require={
+        **{name: requirements(name) for name in ("ros", "vision", "viewer")},
+        "test": [line for name in ("test", "vision", "viewer") for line in requirements(name)],
+    },
     cmdclass={"install_data": InstallData},
     zip_safe=False,
 )

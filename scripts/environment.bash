@@ -21,7 +21,7 @@ checksum() { (cd -- "$root" && cat -- "$@" | sha256sum | cut -c -16); }
 surroundings() {
   local path
   path=$(type -P "$python") || die "There is no $python here. Install Python 3.11 to 3.13. $choose"
-  printf '%s|' "$(checksum setup.py requirements/{libraries,yourdfpy,ros,build}.txt)" "$root" \
+  printf '%s|' "$(checksum setup.py pyproject.toml requirements/{libraries,yourdfpy,ros}.txt)" "$root" \
     "$(readlink -f -- "$path")" "${PYENV_VERSION:-}" "${ROS_DISTRO:-}" "${AMENT_PREFIX_PATH:-}" \
     "${PYTHONPATH:-}"
 }
@@ -67,7 +67,7 @@ step() {
 install() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq "$@"; }
 
 make_environment() {
-  local lists=(-r "$root/requirements/build.txt" -r "$root/requirements/libraries.txt")
+  local lists=(-r "$root/requirements/libraries.txt")
   "$interpreter" -c 'import ensurepip, venv' 2>/dev/null ||
     die "$interpreter cannot make virtual environments. Install its venv module (on Debian and" \
       "Ubuntu: apt install python3-venv, or python$version-venv) and start again."
@@ -97,7 +97,7 @@ make_environment() {
   fi
   step "installing yourdfpy, without its mesh tools" \
     install --no-deps -r "$root/requirements/yourdfpy.txt"
-  step "linking this checkout" install --no-deps --no-build-isolation -e "$root"
+  step "linking this checkout" install --no-deps -e "$root"
   step "checking that everything loads" "$venv/bin/python" -c \
     'import dynamixel_sdk, numpy, rclpy, sensor_msgs.msg, xacro, yaml, yourdfpy'
 }
@@ -120,20 +120,22 @@ add_opencv() {
 
 add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
 
-# What drives a browser; the browser itself is Debian's.
-add_playwright() { add_library playwright browser "installing playwright (55 MB to download)"; }
+# Benchmarks and pictures; not all of it is there for every machine: what is missing is left out.
+add_contenders() {
+  local stamp=$venv/head_tracking.benchmark now
+  now=$(checksum requirements/benchmark.txt)
+  if [[ -e $stamp && $(<"$stamp") == "$now" ]]; then return; fi
+  step "installing what to compare with and to draw with" \
+    install -r "$root/requirements/benchmark.txt" -c <(same_numpy) && printf '%s\n' "$now" >"$stamp"
+}
 
 add_test_tools() {
-  local lists=(-r "$root/requirements/test.txt" -r "$root/requirements/tools.txt")
-  if has_wheels; then lists+=(-r "$root/requirements/ros-build.txt"); fi
+  local lists=(test.txt vision.txt viewer.txt)
   : >"$venv/head_tracking.test"
   trap "$unfinished" EXIT
   say "adding the test tools to .venv, once (160 MB to download, half a GB on disk, a minute)"
-  step "installing pytest, ruff, mypy, colcon and OpenCV" \
-    install "${lists[@]}" -c <(same_numpy)
-  add_viewer
-  add_playwright ||
-    say "  not installed: the viewer's tests in a browser will be skipped"
+  step "installing pytest, ruff, mypy, colcon, playwright, OpenCV and viser" \
+    install "${lists[@]/#/-r$root/requirements/}" -c <(same_numpy)
   step "fetching photographs of people, for the tests of faces (18 MB to download)" \
     "$venv/bin/python" "$root/test/support/photographs.py" ||
     say "  not fetched: the tests of faces will be skipped"
@@ -170,7 +172,7 @@ select_environment() {
     { read -r seen && read -r made; } <"$venv/head_tracking.base" || true
   fi
   if [[ $1 == test ]]; then
-    tests=$(checksum requirements/{test,tools,ros-build,viewer,browser}.txt)
+    tests=$(checksum requirements/{test,vision,viewer}.txt)
     if [[ -e $venv/head_tracking.test && $(<"$venv/head_tracking.test") != "$tests" ]]; then
       seen="" made=""
     fi

@@ -21,14 +21,12 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     HeadBase,
-    LawParameters,
-    PredictiveLawParameters,
     Refusal,
-    SpeedLawParameters,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
     Tracker,
+    TrackingLaw,
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
@@ -45,8 +43,8 @@ class HeadTrackerParameters:
     )
     law: str = parameter(
         "predictive",
-        "What steers the head: with the target's motion, by the tutorials' speeds, or straight "
-        "to the newest point.",
+        "What steers the head: "
+        + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
     )
 
@@ -58,8 +56,10 @@ class HeadTrackerNode(Node):
         super().__init__("head_tracker", **options)
         self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._on_own)
         self._limits = NodeParameters(self, SpeedLimits, on_change=self._tune)
-        self._speed = NodeParameters(self, SpeedLawParameters, on_change=self._tune)
-        self._predictive = NodeParameters(self, PredictiveLawParameters, on_change=self._tune)
+        self._laws = {
+            name: NodeParameters(self, law.Parameters, on_change=self._tune)
+            for name, law in LAWS.items()
+        }
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._law = self._own.value.law
@@ -89,8 +89,9 @@ class HeadTrackerNode(Node):
         return None if self._tracker is None else self._tracker.head
 
     def _on_head(self, head: PanTiltHead, base: HeadBase | None) -> None:
-        law = LAWS[self._law](head, self._period, self._law_parameters)
-        tracker = Tracker(head, law, self._estimator.value, self._target_state.value, base)
+        tracker = Tracker(
+            head, self._make_law(head), self._estimator.value, self._target_state.value, base
+        )
         if self._tracker is not None:
             self._reset("another robot_description has come")
             tracker.machine.enabled = self._tracker.machine.enabled
@@ -104,22 +105,22 @@ class HeadTrackerNode(Node):
             self._interface.send(self._tracker.reset(reason, self._interface.now))
             self._report_state()
 
-    @property
-    def _law_parameters(self) -> LawParameters:
-        return LawParameters(self._limits.value, self._speed.value, self._predictive.value)
+    def _make_law(self, head: PanTiltHead) -> TrackingLaw:
+        own = self._laws[self._law].value
+        return LAWS[self._law](head, self._period, self._limits.value, own)
 
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
             return
         self._law = parameters.law
         if self._tracker is not None:
-            head = self._tracker.head
-            self._tracker.law = LAWS[self._law](head, self._period, self._law_parameters)
+            self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
     def _tune(self, _: object) -> None:
         if self._tracker is not None:
-            self._tracker.law.parameters = self._law_parameters
+            self._tracker.law.limits = self._limits.value
+            self._tracker.law.parameters = self._laws[self._law].value
             self._tracker.estimator.parameters = self._estimator.value
             self._tracker.machine.parameters = self._target_state.value
 

@@ -25,18 +25,16 @@ from head_tracking.dynamixel import (
     ServoState,
 )
 from head_tracking.ros.bus_parameters import (
+    ControllerParameters,
     EepromParameters,
+    MotorParameters,
     ServoBusParameters,
     TemperatureParameters,
     bus_settings,
 )
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
-from head_tracking.ros.joint_configuration import (
-    ControllerParameters,
-    MotorParameters,
-    declare_joint,
-)
+from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 

@@ -1,10 +1,18 @@
-"""What can be configured of the servo bus besides its joints."""
+"""What can be configured of the servo bus and its joints; needs no ROS."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Final
 
-from head_tracking.dynamixel import BusSettings, EepromSettings
+from head_tracking.dynamixel import (
+    BusSettings,
+    ConfigurationError,
+    EepromSettings,
+    JointConfiguration,
+    ServoCalibration,
+    servo_model,
+)
 from head_tracking.parameters import parameter
 
 
@@ -100,6 +108,64 @@ class EepromParameters:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class ControllerParameters:
+    """A joint that a servo turns."""
+
+    joint_name: str = parameter("", "The joint that the servo turns.", fixed=True)
+    joint_speed: float = parameter(
+        2.0, "Speed for commands that give none.", unit="rad/s", minimum=0.02, maximum=12.0
+    )
+    max_speed: float = parameter(
+        0.0,
+        "Highest speed ever asked of the servo; 0 for what its model can do.",
+        unit="rad/s",
+        minimum=0.0,
+        maximum=12.0,
+    )
+    port_name: str = parameter(
+        "", "Serial port of the servo; empty for the node's port_name.", fixed=True
+    )
+    baud_rate: int = parameter(
+        0,
+        "Speed of that port; 0 for the node's baud_rate.",
+        unit="bit/s",
+        minimum=0,
+        maximum=4_500_000,
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class MotorParameters:
+    """The servo of a joint; `min` above `max` says that it is mounted the other way round."""
+
+    model: str = parameter("AX-12", "Model of the servo, such as XM430-W350.", fixed=True)
+    id: int = parameter(-1, "Id of the servo on the bus.", minimum=-1, maximum=253, fixed=True)
+    init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
+    min: int = parameter(0, "The joint's lower limit.", unit="ticks")
+    max: int = parameter(1023, "The joint's upper limit.", unit="ticks")
+
+
+@dataclass(frozen=True, slots=True)
+class SecondMotorParameters:
+    """The other servo of a joint that two of them drive, of the same model."""
+
+    id: int = parameter(
+        -1, "Id of the second servo; -1: none.", minimum=-1, maximum=253, fixed=True
+    )
+    init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
+    min: int = parameter(0, "The joint's lower limit.", unit="ticks", fixed=True)
+    max: int = parameter(1023, "The joint's upper limit.", unit="ticks", fixed=True)
+
+
+TUTORIAL_HEAD: Final[dict[str, dict[str, Any]]] = {
+    "head_pan": {"id": 1},
+    "head_tilt": {"id": 2, "min": 300, "max": 800},
+}
+"""What the motors of the tutorials' head are where nobody says otherwise."""
+
+
 def bus_settings(p: ServoBusParameters, temperature: TemperatureParameters) -> BusSettings:
     """How the bus deals with silence, faults and heat.
 
@@ -112,4 +178,39 @@ def bus_settings(p: ServoBusParameters, temperature: TemperatureParameters) -> B
         warm=temperature.warn,
         hot=temperature.error,
         rest=temperature.rest,
+    )
+
+
+def configured_joint(
+    dynamixel: str,
+    controller: ControllerParameters,
+    motor: MotorParameters,
+    second_motor: SecondMotorParameters,
+) -> JointConfiguration:
+    """The joint that a servo, named as in the list `dynamixels`, turns.
+
+    Raises:
+        ConfigurationError: the servo can't do what is configured, or has no id.
+    """
+    if motor.id < 0:
+        raise ConfigurationError(
+            f"the servo {dynamixel!r} has no id; set the parameter {dynamixel}_controller.motor.id"
+        )
+    model, name = servo_model(motor.model), controller.joint_name
+    second = None
+    if second_motor.id >= 0:
+        second = ServoCalibration(
+            name, second_motor.id, second_motor.init, second_motor.min, second_motor.max, model
+        )
+    return JointConfiguration(
+        name,
+        f"{dynamixel}_controller",
+        motor.id,
+        motor.init,
+        motor.min,
+        motor.max,
+        controller.joint_speed,
+        controller.max_speed or None,
+        model,
+        second,
     )

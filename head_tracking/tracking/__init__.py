@@ -12,7 +12,6 @@ from head_tracking.tracking.fictitious_target import FictitiousTarget, Fictitiou
 from head_tracking.tracking.laws import (
     LAWS,
     JointReading,
-    LawParameters,
     PositionLaw,
     PredictiveLaw,
     PredictiveLawParameters,
@@ -42,7 +41,6 @@ __all__ = [
     "FictitiousTargetParameters",
     "HeadBase",
     "JointReading",
-    "LawParameters",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",

@@ -7,9 +7,10 @@ now as the target will move when the servos act.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead, together
 from head_tracking.parameters import parameter
@@ -90,18 +91,8 @@ class PredictiveLawParameters:
 
 
 @dataclass(frozen=True, slots=True)
-class LawParameters:
-    """Those of all laws; each law takes what it needs.
-
-    Attributes:
-        limits: of all.
-        speed: of the law `speed`.
-        predictive: of the law `predictive`.
-    """
-
-    limits: SpeedLimits = field(default_factory=SpeedLimits)
-    speed: SpeedLawParameters = field(default_factory=SpeedLawParameters)
-    predictive: PredictiveLawParameters = field(default_factory=PredictiveLawParameters)
+class NoParameters:
+    """Of a law that has none of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,54 +115,74 @@ def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, fl
     return head.pan_limits.clamp(positions[0]), head.tilt_limits.clamp(positions[1])
 
 
-class TrackingLaw(Protocol):
+class TrackingLaw(ABC):
     """Steers the head. Times are in seconds, on the clock of the stamps.
 
-    Every method is given the newest reading of the joints and the time.
+    Its methods are given the newest reading of the joints and the time.
+
+    Args:
+        head: the head to steer.
+        period: time between two commands [s].
+        limits: of all laws.
+        parameters: the law's own, of its class `Parameters`.
 
     Attributes:
+        Parameters: a dataclass of parameters; their names differ from those of the other laws.
+        description: what it does, for who chooses one.
+        limits: may change at any time.
         parameters: may change at any time.
     """
 
-    parameters: LawParameters
+    Parameters: ClassVar[type[Any]] = NoParameters
+    description: ClassVar[str]
+    parameters: Any
+
+    def __init__(
+        self,
+        head: PanTiltHead,
+        period: float,
+        limits: SpeedLimits | None = None,
+        parameters: Any = None,
+    ) -> None:
+        self.limits = limits or SpeedLimits()
+        self.parameters = parameters or self.Parameters()
+        self._head = head
+        self._period = period
 
     @property
     def horizon(self) -> float:
         """How long after a command the head has moved as told [s]."""
+        return 0.0
 
     @property
     def delays(self) -> tuple[float, float]:
         """From a command to the motion it causes, of pan and tilt [s]."""
+        return 0.0, 0.0
 
+    @abstractmethod
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """The command that keeps the head on a target, and the gaze it aims at."""
 
+    @abstractmethod
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
     ) -> HeadCommand:
         """The command for a way to pan and tilt [rad], not faster than `speed` [rad/s]."""
 
+    @abstractmethod
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """The command that stops the head at once: the goal is the present position."""
 
 
-class PositionLaw:
+class PositionLaw(TrackingLaw):
     """Both joints go to the newest point and arrive together; it knows nothing of motion.
 
     If the node dies, the head still goes where the target last was.
-
-    Attributes:
-        parameters: may change at any time.
     """
 
-    horizon = 0.0
-    delays = (0.0, 0.0)
-
-    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
-        self.parameters = parameters
-        self._head = head
+    description = "straight to the newest point"
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -179,7 +190,7 @@ class PositionLaw:
         """See `TrackingLaw`."""
         gaze = self._head.look(target.sight, *joints.positions)
         goal = gaze.pan, gaze.tilt
-        return together(joints.positions, goal, self.parameters.limits.speed(_USUAL_SPEED)), gaze
+        return together(joints.positions, goal, self.limits.speed(_USUAL_SPEED)), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -190,25 +201,27 @@ class PositionLaw:
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         goal = inside(self._head, joints.positions)
-        return together(goal, goal, self.parameters.limits.speed(_USUAL_SPEED))
+        return together(goal, goal, self.limits.speed(_USUAL_SPEED))
 
 
 _TUTORIALS_SPEED = 0.5  # rad/s
 
 
-class SpeedLaw:
-    """Speeds in proportion to the errors of pan and tilt.
+class SpeedLaw(TrackingLaw):
+    """Speeds in proportion to the errors of pan and tilt."""
 
-    Attributes:
-        parameters: may change at any time.
-    """
+    Parameters = SpeedLawParameters
+    description = "by the tutorials' speeds"
+    parameters: SpeedLawParameters
 
-    horizon = 0.0
-    delays = (0.0, 0.0)
-
-    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
-        self.parameters = parameters
-        self._head = head
+    def __init__(
+        self,
+        head: PanTiltHead,
+        period: float,
+        limits: SpeedLimits | None = None,
+        parameters: SpeedLawParameters | None = None,
+    ) -> None:
+        super().__init__(head, period, limits, parameters)
         self._joints = _JointLaw(), _JointLaw()
         self._held: tuple[float, float] | None = None
 
@@ -244,7 +257,7 @@ class SpeedLaw:
             wanted: pan and tilt that look at the target [rad].
             present: pan and tilt as measured [rad].
         """
-        p, limits = self.parameters.speed, self.parameters.limits
+        p, limits = self.parameters, self.limits
         fastest, lead = limits.speed(_TUTORIALS_SPEED), limits.lead_target_angle
         (pan, pan_speed), (tilt, tilt_speed) = (
             joint.step(there - here, here, gain, threshold, fastest, lead)
@@ -263,7 +276,7 @@ class SpeedLaw:
         )
 
     def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
-        speed = self.parameters.limits.speed(_TUTORIALS_SPEED)
+        speed = self.limits.speed(_TUTORIALS_SPEED)
         return HeadCommand(*goal, speed, speed)
 
     def _forget(self) -> None:
@@ -301,26 +314,26 @@ _MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
 
 
-class PredictiveLaw:
+class PredictiveLaw(TrackingLaw):
     """Feeds the target's motion forward, through the exact gaze, to where and when it is needed.
 
     A joint is steered in three steps: where it should be when the servo acts (gaze at the
     predicted target), how it gets there within its limits (`JointMotion`), and at which speed the
     servo's setpoint must move for that (`ServoModel`). Commands stay speeds with a goal ahead.
-
-    Args:
-        head: the head to steer.
-        period: time between two commands [s].
-        parameters: of the laws.
-
-    Attributes:
-        parameters: may change at any time.
     """
 
-    def __init__(self, head: PanTiltHead, period: float, parameters: LawParameters) -> None:
-        self.parameters = parameters
-        self._head = head
-        self._period = period
+    Parameters = PredictiveLawParameters
+    description = "with the target's motion"
+    parameters: PredictiveLawParameters
+
+    def __init__(
+        self,
+        head: PanTiltHead,
+        period: float,
+        limits: SpeedLimits | None = None,
+        parameters: PredictiveLawParameters | None = None,
+    ) -> None:
+        super().__init__(head, period, limits, parameters)
         self._drives: tuple[JointController, JointController] | None = None
         self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
         self._known_accelerations = (math.inf, math.inf)
@@ -336,8 +349,8 @@ class PredictiveLaw:
     @property
     def delays(self) -> tuple[float, float]:
         """See `TrackingLaw`."""
-        if self.parameters.predictive.servo_delay > 0.0:
-            return self.parameters.predictive.servo_delay, self.parameters.predictive.servo_delay
+        if self.parameters.servo_delay > 0.0:
+            return self.parameters.servo_delay, self.parameters.servo_delay
         if self._drives is not None:
             pan, tilt = self._drives
             self._known_delays = pan.servo.delay, tilt.servo.delay
@@ -369,7 +382,7 @@ class PredictiveLaw:
             )
             for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
         ]
-        return self._steer(references, self.parameters.limits.speed(_USUAL_SPEED), now), gaze
+        return self._steer(references, self.limits.speed(_USUAL_SPEED), now), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -382,7 +395,7 @@ class PredictiveLaw:
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         self._drives = self._path = None
-        speed = self.parameters.limits.speed(_USUAL_SPEED)
+        speed = self.limits.speed(_USUAL_SPEED)
         return HeadCommand(*inside(self._head, joints.positions), speed, speed)
 
     def _take(self, joints: JointReading, now: float) -> tuple[JointController, JointController]:
@@ -399,7 +412,7 @@ class PredictiveLaw:
             for drive, known in zip(self._drives, self._known_accelerations, strict=True):
                 drive.servo.acceleration = known
         for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
-            drive.servo.learning = self.parameters.predictive.servo_delay == 0.0
+            drive.servo.learning = self.parameters.servo_delay == 0.0
             drive.servo.delay = delay
             drive.measured(joints.stamp, position, elapsed)
         self._mean_delay = 0.5 * sum(self.delays)
@@ -436,7 +449,7 @@ class PredictiveLaw:
 
     def _steer(self, references: Sequence[Reference], speed: float, now: float) -> HeadCommand:
         assert self._drives is not None
-        p = self.parameters.predictive
+        p = self.parameters
         acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
         limits = (self._head.pan_limits, self._head.tilt_limits)
         (pan, pan_speed), (tilt, tilt_speed) = (
@@ -447,7 +460,7 @@ class PredictiveLaw:
                 drive.servo.delay - self._mean_delay,
                 MotionLimits(min(speed, joint.velocity), acceleration, p.max_joint_jerk),
                 p.dead_band,
-                self.parameters.limits.lead_target_angle,
+                self.limits.lead_target_angle,
             )
             for drive, reference, joint in zip(self._drives, references, limits, strict=True)
         )
@@ -476,9 +489,9 @@ class _Path:
         return pan + ratio * (next_pan - pan), tilt + ratio * (next_tilt - tilt)
 
 
-LAWS: Mapping[str, Callable[[PanTiltHead, float, LawParameters], TrackingLaw]] = {
+LAWS: Mapping[str, type[TrackingLaw]] = {
     "predictive": PredictiveLaw,
     "speed": SpeedLaw,
     "position": PositionLaw,
 }
-"""Each takes the head, the time between two commands [s] and the parameters."""
+"""All that a law needs is an entry here: `head_tracker` declares its parameters and offers it."""

@@ -107,7 +107,7 @@ class Tracker:
         self.stamp_error = StampError()
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
-        self._cautious = PositionLaw(head, 0.02, law.parameters)
+        self._cautious = PositionLaw(head, 0.02, law.limits)
         self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
@@ -204,8 +204,7 @@ class Tracker:
             self.stamp_error.calm_down()
         cautious = now < self._cautious_until
         if cautious:
-            limits = replace(self.law.parameters.limits, max_joint_speed=_CAUTIOUS_SPEED)
-            self._cautious.parameters = replace(self.law.parameters, limits=limits)
+            self._cautious.limits = replace(self.law.limits, max_joint_speed=_CAUTIOUS_SPEED)
         elif now > self._cautious_until + 2.0 * self._pause:
             self._pause = _FIRST_PAUSE
         self.machine.swung = (

@@ -9,7 +9,6 @@ from closed_loop import ClosedLoop, Conditions, SimulatedHead, ax12
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    LawParameters,
     PredictiveLawParameters,
     SpeedLimits,
     TargetState,
@@ -29,11 +28,10 @@ def sine(frequency):
     return lambda t: around(0.5 * math.sin(math.tau * frequency * t))
 
 
-def tracker(head, law="predictive", parameters=None, rate=50.0):
-    parameters = parameters or LawParameters()
+def tracker(head, law="predictive", rate=50.0, limits=None, parameters=None):
     return Tracker(
         head,
-        LAWS[law](head, 1.0 / rate, parameters),
+        LAWS[law](head, 1.0 / rate, limits, parameters),
         EstimatorParameters(),
         TargetStateParameters(),
     )
@@ -71,8 +69,8 @@ def test_points_that_get_lost_double_or_jump_do_no_harm(head, calm):
 
 def test_the_tutorials_law_trails(head):
     conditions = Conditions(6.0, rate=10.0)
-    parameters = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
-    theirs = run(head, sine(0.5), conditions, tracker(head, "speed", parameters, 10.0))
+    limits = SpeedLimits(max_joint_speed=2.0)
+    theirs = run(head, sine(0.5), conditions, tracker(head, "speed", 10.0, limits))
     assert 0.3 < theirs.recording.between(2.0).rms < 0.45
 
 
@@ -103,7 +101,7 @@ def test_it_works_at_other_rates(head, rate):
 
 
 def test_a_stated_delay_is_used(head):
-    parameters = LawParameters(predictive=PredictiveLawParameters(servo_delay=0.04))
+    parameters = PredictiveLawParameters(servo_delay=0.04)
     controller = tracker(head, parameters=parameters)
     outcome = run(head, sine(0.5), Conditions(4.0), controller)
     assert controller.delays.servos == (0.04, 0.04)
@@ -152,7 +150,7 @@ def hardest(recording, step=0.02):
 
 def test_another_target_is_no_jerk(head):
     bearings = (0.0, 0.6, -0.5, 0.1)
-    parameters = LawParameters(predictive=PredictiveLawParameters(max_joint_acceleration=20.0))
+    parameters = PredictiveLawParameters(max_joint_acceleration=20.0)
     outcome = run(
         head,
         lambda t: around(bearings[min(int(t), 3)]),

@@ -10,7 +10,6 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     HeadBase,
-    LawParameters,
     Target,
     TargetPlacer,
     TargetState,
@@ -70,7 +69,7 @@ def errors(model, head, yaw, fixed_frame):
     base = HeadBase(buffer, "odom", head.base_frame) if fixed_frame == "odom" else None
     tracker = Tracker(
         head,
-        LAWS["predictive"](head, PERIOD, LawParameters()),
+        LAWS["predictive"](head, PERIOD),
         EstimatorParameters(),
         TargetStateParameters(),
         base,

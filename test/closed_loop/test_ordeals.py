@@ -10,7 +10,6 @@ from closed_loop import ClosedLoop, Conditions, PlainServo
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    LawParameters,
     TargetState,
     TargetStateParameters,
     Tracker,
@@ -36,7 +35,7 @@ def circle(t):
 
 
 def tracker(head, law="predictive"):
-    steered = LAWS[law](head, 0.02, LawParameters())
+    steered = LAWS[law](head, 0.02)
     return Tracker(head, steered, EstimatorParameters(), TargetStateParameters())
 
 

@@ -1,4 +1,4 @@
-"""Thousands of cycles on a simulated bus that is never well; see also `scripts/benchmark bus`."""
+"""Thousands of cycles on a simulated bus that is never well; see also the benchmark `bus`."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def calls(function):
 
 
 def test_a_nearly_square_head_takes_little_more_work_than_a_square_one():
-    """In calls, which do not depend on the machine; `scripts/benchmark pointing` has the times."""
+    """In calls, which do not depend on the machine; the benchmark `pointing` has the times."""
     _, square = make_head({})
     for seed in range(20):
         _, head = make_head(nearly_square(random.Random(seed)))

@@ -13,7 +13,6 @@ from head_tracking.tracking import (
     LAWS,
     ClockWatch,
     EstimatorParameters,
-    LawParameters,
     Target,
     TargetPlacer,
     TargetState,
@@ -152,7 +151,7 @@ class Rig:
         self.head = head
         self.tracker = Tracker(
             head,
-            LAWS[law](head, DT, LawParameters()),
+            LAWS[law](head, DT),
             EstimatorParameters(),
             TargetStateParameters(),
         )

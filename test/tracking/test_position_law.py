@@ -3,7 +3,6 @@ import pytest
 from head_tracking.tracking import (
     EstimatorParameters,
     JointReading,
-    LawParameters,
     PositionLaw,
     SpeedLimits,
     TargetEstimator,
@@ -24,7 +23,7 @@ def estimate(head):
 
 @pytest.fixture
 def law(head):
-    return PositionLaw(head, 0.02, LawParameters(limits=SpeedLimits(max_joint_speed=2.0)))
+    return PositionLaw(head, 0.02, SpeedLimits(max_joint_speed=2.0))
 
 
 def test_the_goal_is_where_the_target_is(law, head, estimate):

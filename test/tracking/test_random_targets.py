@@ -10,7 +10,6 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    LawParameters,
     PredictiveLawParameters,
     SpeedLimits,
     Target,
@@ -56,7 +55,7 @@ def streams(draw):
 class Rig:
     """A tracker between a buffer of transforms and a servo with delay and coarse encoders."""
 
-    def __init__(self, model, law, parameters, life):
+    def __init__(self, model, law, life, limits=None, parameters=None):
         self.buffer = TransformBuffer()
         self.buffer.set_model(model)
         self.head = PanTiltHead(
@@ -64,7 +63,7 @@ class Rig:
         )
         self.tracker = Tracker(
             self.head,
-            LAWS[law](self.head, PERIOD / SECOND, parameters),
+            LAWS[law](self.head, PERIOD / SECOND, limits, parameters),
             EstimatorParameters(),
             life,
         )
@@ -123,8 +122,8 @@ def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, 
     rig = Rig(
         kinectbot,
         law,
-        LawParameters(limits=SpeedLimits(max_joint_speed=fastest)),
         TargetStateParameters(recenter_timeout=1.0 if recenter else 0.0, default_joint_speed=0.8),
+        SpeedLimits(max_joint_speed=fastest),
     )
     for gap, frame, age, point in stream:
         rig.offer(frame, age, point)
@@ -147,8 +146,8 @@ def test_speeds_grow_no_faster_than_allowed(kinectbot, stream, acceleration):
     rig = Rig(
         kinectbot,
         "predictive",
-        LawParameters(predictive=PredictiveLawParameters(max_joint_acceleration=acceleration)),
         TargetStateParameters(),
+        parameters=PredictiveLawParameters(max_joint_acceleration=acceleration),
     )
     change = acceleration * PERIOD / SECOND
     before = (0.0, 0.0)

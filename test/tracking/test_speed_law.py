@@ -3,7 +3,6 @@ import pytest
 from head_tracking.tracking import (
     EstimatorParameters,
     JointReading,
-    LawParameters,
     SpeedLaw,
     SpeedLimits,
     TargetEstimator,
@@ -12,7 +11,7 @@ from head_tracking.tracking import (
 
 @pytest.fixture
 def law(head):
-    return SpeedLaw(head, 0.1, LawParameters())
+    return SpeedLaw(head, 0.1)
 
 
 @pytest.fixture
@@ -25,11 +24,11 @@ def estimate(head):
     return make
 
 
-def test_names_and_defaults_are_the_tutorials():
-    p = LawParameters()
-    assert (p.speed.k_pan, p.speed.k_tilt) == (1.5, 1.5)
-    assert (p.speed.pan_threshold, p.speed.tilt_threshold) == (0.01, 0.01)
-    assert p.limits.lead_target_angle == 0.5
+def test_names_and_defaults_are_the_tutorials(law):
+    p = law.parameters
+    assert (p.k_pan, p.k_tilt) == (1.5, 1.5)
+    assert (p.pan_threshold, p.tilt_threshold) == (0.01, 0.01)
+    assert law.limits.lead_target_angle == 0.5
 
 
 def test_it_aims_at_the_newest_point(law, head, estimate):
@@ -40,7 +39,7 @@ def test_it_aims_at_the_newest_point(law, head, estimate):
 
 
 def test_a_cap_that_was_set_is_kept(head):
-    law = SpeedLaw(head, 0.1, LawParameters(limits=SpeedLimits(max_joint_speed=0.2)))
+    law = SpeedLaw(head, 0.1, SpeedLimits(max_joint_speed=0.2))
     assert law.step((2.0, 0.0), (0.0, 0.0)).pan_speed == 0.2
 
 

@@ -7,7 +7,6 @@ import pytest
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    LawParameters,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
@@ -27,10 +26,10 @@ def law(request):
 @pytest.fixture
 def make(head):
     def make(law="predictive", **life):
-        parameters = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
+        limits = SpeedLimits(max_joint_speed=2.0)
         return Tracker(
             head,
-            LAWS[law](head, DT, parameters),
+            LAWS[law](head, DT, limits),
             EstimatorParameters(),
             TargetStateParameters(**life),
         )
@@ -186,7 +185,7 @@ def test_recentring_forgets_the_target(make, law):
 def test_the_law_can_be_changed_on_the_way(make, head):
     bench = Bench(make("speed")).run(0.4, TARGET)
     for name in ("predictive", "position", "speed", "predictive"):
-        bench.tracker.law = LAWS[name](head, DT, LawParameters())
+        bench.tracker.law = LAWS[name](head, DT)
         bench.run(1.0, TARGET)
     assert head.miss(TARGET, *bench.positions) < 0.02
 

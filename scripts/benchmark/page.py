@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from browser import open_browser, open_page, open_tab
 from simulated_run import (
     SimulatedRun,
     command,
@@ -23,14 +24,10 @@ from simulated_run import (
     threads,
 )
 from sixty_links import ARM, sixty_links
+from viewer_client import ReadingClient
 
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
-
-from browser import open_browser, open_page, open_tab
-from viewer_client import ReadingClient
 
 SAMPLES = 8
 FIRST = 2.0  # minutes: until then the last minute, which is kept for a recording, fills up

@@ -564,7 +564,7 @@ def cycle_times(port_name: str) -> list[float]:
 
 
 def _in_another_process(port_name: str) -> list[float]:
-    program = f"import benchmark_bus as b; print(*b.cycle_times({port_name!r}))"
+    program = f"import bus as b; print(*b.cycle_times({port_name!r}))"
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=Path(__file__).parent,

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from faces import faces
+from image_encodings import COLOURLESS, ENCODERS, raw
+from rendered_frames import KINECT, SMALL, View, watch
+from visual_pursuit import head_yaml, pursue, tutorial_law
 
-ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "test" / "support"))
-
-from benchmark_faces import faces  # noqa: E402
-from image_encodings import COLOURLESS, ENCODERS, raw  # noqa: E402
-from rendered_frames import KINECT, SMALL, View, watch  # noqa: E402
-from visual_pursuit import head_yaml, pursue, tutorial_law  # noqa: E402
-
-from head_tracking.scene import make_scene  # noqa: E402
-from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE  # noqa: E402
-from head_tracking.share import robot_file  # noqa: E402
-from head_tracking.transforms import load_robot_model  # noqa: E402
-from head_tracking.vision import (  # noqa: E402
+from head_tracking.scene import make_scene
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+from head_tracking.vision import (
     DETECTORS,
     DistanceParameters,
     FaceParameters,
@@ -34,8 +29,9 @@ from head_tracking.vision import (  # noqa: E402
     decode_picture,
     depth_picture,
 )
-from head_tracking.vision.opencv import cv2, require_opencv  # noqa: E402
+from head_tracking.vision.opencv import cv2, require_opencv
 
+ROOT = Path(__file__).parents[2]
 METHODS = (
     # what is followed, scene, its name there, width of a rectangle drawn around it, least rate
     ("colour", "ball", "ball", 0.0, 30),

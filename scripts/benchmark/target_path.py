@@ -1,6 +1,6 @@
 """Counts what one target point passes through: from its message to the command for the joints.
 
-    ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/target_path.py
+    ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/benchmark/target_path.py
 
 A head_tracker node that has followed a moving target for two seconds is handed one more message,
 and then asked for its step, as its executor does. Only functions of this package are counted.

@@ -10,14 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from browser import PATIENCE, choose, open_browser, open_page, open_tab, press, row
 
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import compose, parse_arguments, ros_arguments
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
-
-from browser import PATIENCE, choose, open_browser, open_page, open_tab, press, row
 
 SIZE = (1200, 760)
 SETTLING = 6.0  # s: trails and plots need something to show

@@ -1,39 +1,16 @@
-"""Benchmarks of head_tracking; each makes one table of docs/results.md."""
+"""By how much the tutorials' formula misses, and what exact pointing costs."""
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
 import random
-import re
-import resource
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Callable
-from pathlib import Path
-
-from benchmark_bus import bus
-from benchmark_page import fluidity, left_open
-from benchmark_soak import soak
-from benchmark_tracking import tracking
-from benchmark_transforms import transforms
-from benchmark_viewer import viewer
-from benchmark_vision import vision
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModel, load_robot_model, parse_robot_model
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results.md"
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
-
-TUTORIAL = """\
-/**/head_tracker:
-  ros__parameters: {law: speed, rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}
-"""
 
 
 def pointing() -> str:
@@ -138,92 +115,3 @@ def _tutorial(model: RobotModel, target: list[float]) -> tuple[float, float]:
     T_tilt_pan = model.transform("head_tilt_link", "head_pan_link", {PAN: 0.0})
     x, y, z = T_tilt_pan @ target
     return pan, -math.atan2(z, math.hypot(x, y))
-
-
-def run() -> str:
-    """The fictitious target in a whole run, followed with the tutorials' values and with ours."""
-    rows = [
-        _follow(robot, name, parameters)
-        for robot in ("kinectbot", "turtlebot")
-        for name, parameters in (
-            ("tutorials' (k 1.5, 0.5 rad/s, 10 Hz)", TUTORIAL % 0.5),
-            ("tutorials', faster (k 1.5, 2.0 rad/s, 10 Hz)", TUTORIAL % 2.0),
-            ("config/head.yaml (law predictive, 50 Hz)", ""),
-        )
-    ]
-    head_row = "| robot | values | error rms | error max | bus cycles | faults | processor |"
-    return "\n".join([head_row, "|---|---|---|---|---|---|---|", *rows])
-
-
-def _follow(robot: str, name: str, parameters: str) -> str:
-    seconds = 20
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-        file.write(parameters or "/**:\n  ros__parameters: {use_sim_time: false}\n")
-        file.flush()
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        finished = subprocess.run(
-            [
-                *(sys.executable, "-m", "head_tracking", "--sim", "--robot", robot),
-                *("--duration", str(seconds), "--params", file.name),
-            ],
-            stdout=subprocess.PIPE,
-            text=True,
-            check=True,
-            env=os.environ,
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    summary = finished.stdout.splitlines()[-1]
-    found = re.search(r"error ([\d.]+)° rms, ([\d.]+)° max.*; (\d+) bus cycles, (\d+)", summary)
-    assert found is not None, summary
-    rms, largest, cycles, faults = found.groups()
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return (
-        f"| {robot} | {name} | {rms}° | {largest}° | {cycles} | {faults} | "
-        f"{100 * used / seconds:.0f} % of a core |"
-    )
-
-
-BENCHMARKS: dict[str, Callable[[], str]] = {
-    "bus": bus,
-    "pointing": pointing,
-    "run": run,
-    "tracking": tracking,
-    "transforms": transforms,
-    "viewer": viewer,
-    "viewer-fluid": fluidity,
-    "vision": vision,
-}
-
-
-def write(name: str, table: str) -> None:
-    """Puts the table between its marks in docs/results.md."""
-    text = RESULTS.read_text()
-    marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-    assert marks.search(text), f"{RESULTS} has no place for {name}"
-    RESULTS.write_text(marks.sub(lambda match: f"{match[1]}{table}\n{match[2]}", text))
-
-
-def main() -> None:
-    """Runs one benchmark and writes its table."""
-    parser = argparse.ArgumentParser(prog="scripts/benchmark", description=__doc__)
-    parser.add_argument("name", choices=sorted([*BENCHMARKS, "soak"]))
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        help="of soak (default: 10), or how long to leave the viewer's page open instead of "
-        "measuring what it costs",
-    )
-    options = parser.parse_args()
-    name, minutes = options.name, options.minutes
-    if name == "soak":
-        table = soak(minutes or 10.0)
-    elif name == "viewer" and minutes:
-        name, table = "viewer-open", left_open(minutes)
-    else:
-        table = BENCHMARKS[name]()
-    print(table)
-    write(name, table)
-
-
-if __name__ == "__main__":
-    main()

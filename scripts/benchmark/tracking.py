@@ -26,7 +26,6 @@ from head_tracking.simulation import SimulatedServo
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    LawParameters,
     Recording,
     SpeedLimits,
     TargetEstimate,
@@ -42,7 +41,7 @@ from head_tracking.transforms import Vector3
 HEAD = PanTiltHead(
     kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
 )
-DOCS = File(__file__).parents[1] / "docs"
+DOCS = File(__file__).parents[2] / "docs"
 NOISE = 0.002  # rad
 LATE = 0.1  # s
 DISTANCE = 2.0  # m
@@ -239,7 +238,7 @@ class PlainFilter:
 
 def ours(law: str = "predictive", rate: float = 50.0) -> Tracker:
     """A law with its default parameters."""
-    steered = LAWS[law](HEAD, 1.0 / rate, LawParameters())
+    steered = LAWS[law](HEAD, 1.0 / rate)
     return Tracker(HEAD, steered, EstimatorParameters(), TargetStateParameters())
 
 
@@ -257,8 +256,7 @@ def plain() -> Tracker:
 
 def tutorial() -> Tracker:
     """The tutorials' law, k = 1.5, cap 2.0 rad/s."""
-    parameters = LawParameters(limits=SpeedLimits(max_joint_speed=2.0))
-    law = LAWS["speed"](HEAD, 0.1, parameters)
+    law = LAWS["speed"](HEAD, 0.1, SpeedLimits(max_joint_speed=2.0))
     return Tracker(HEAD, law, EstimatorParameters(), TargetStateParameters())
 
 

@@ -1,7 +1,7 @@
 """AX servos behind a pty, byte by byte at the pace of the wire; a process of its own.
 
 Holds registers, checks checksums, knows ping, read, write and sync write, and spins to answer at
-the microsecond. For `scripts/benchmark bus`; `simulated_bus` is the colleague that moves.
+the microsecond. For `scripts/benchmark/measure bus`; `simulated_bus` is the colleague that moves.
 
 Usage: paced_bus.py RETURN_DELAY_US [SILENT_ID ...]; prints the port to open.
 """

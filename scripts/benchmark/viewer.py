@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from simulated_run import SimulatedRun, processor_time
 
-SUPPORT = Path(__file__).parents[1] / "test" / "support"
+SUPPORT = Path(__file__).parents[2] / "test" / "support"
 SECONDS = 20
 ROUNDS = 3
 BROWSERS = 3

@@ -1,0 +1,1 @@
+"""The tool `doctor`: looks at everything that a head needs, and says what to do."""

@@ -1,0 +1,60 @@
+"""A head that is struck by whatever can happen, for a while: see test/support/chaos.py."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import Any
+
+PROGRAM = Path(__file__).parents[2] / "test" / "support" / "chaos.py"
+SECONDS = 40.0  # of one robot's life
+LAYOUTS = (
+    ("a composed run", ("--run", "composed")),
+    ("a process for each node", ("--run", "nodes")),
+    ("a run with its bus in another process", ("--run", "bus-process")),
+    ("a composed run whose clock jumps", ("--run", "composed", "--clock")),
+    ("a process for each node, and the clock jumps", ("--run", "nodes", "--clock")),
+)
+
+
+def chaos(minutes: float, seed: int) -> str:
+    """The table: one robot after the other, each with a seed of its own, counted up."""
+    end = time.monotonic() + 60.0 * minutes
+    told: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    broken: list[str] = []
+    while time.monotonic() < end:
+        for name, layout in LAYOUTS:
+            command = [sys.executable, str(PROGRAM), "--seed", str(seed), *layout]
+            done = subprocess.run(
+                [*command, "--seconds", str(SECONDS)], capture_output=True, text=True, check=False
+            )
+            if done.returncode:
+                broken.append(f"`{done.stderr.splitlines()[0] if done.stderr else command}`")
+                print(done.stderr, file=sys.stderr, flush=True)
+            else:
+                told[name].append(json.loads(done.stdout))
+                print(name, seed, done.stdout, file=sys.stderr, end="", flush=True)
+            seed += 1
+    rows = [
+        "| robot | robots | blows | STOPs | slowest STOP | recoveries | slowest recovery |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    struck: Counter[str] = Counter()
+    for name, robots in told.items():
+        blows: Counter[str] = sum((Counter(one["struck"]) for one in robots), Counter())
+        struck += blows
+        rows.append(
+            f"| {name} | {len(robots)} | {blows.total()} | "
+            f"{sum(one['stops'] for one in robots)} | "
+            f"{max(one['slowest_stop'] for one in robots):.2f} s | "
+            f"{sum(one['recoveries'] for one in robots)} | "
+            f"{max(one['slowest_recovery'] for one in robots):.2f} s |"
+        )
+    blows_told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in struck.most_common())
+    rows += ["", f"Blows: {blows_told}.", ""]
+    rows += [f"Did not hold {len(broken)} times{':' if broken else '.'}", *broken]
+    return "\n".join(rows)
