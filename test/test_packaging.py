@@ -34,6 +34,7 @@ EXECUTABLES = {
     "transforms",
     "viewer",
     "visual_target",
+    "detection_target",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.images import camera_of, image_message, raw_image
+from head_tracking.ros.images import camera_of, depth_of, frame_pose, image_message, picture_of
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
@@ -21,7 +23,7 @@ from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
-from head_tracking.transforms import LATEST, Transform, TransformException
+from head_tracking.transforms import Transform
 from head_tracking.vision import (
     DETECTORS,
     Box,
@@ -36,11 +38,11 @@ from head_tracking.vision import (
     Sighting,
     VisualTracker,
     annotated,
-    decode_depth,
-    decode_picture,
     depth_picture,
     require_opencv,
 )
+
+AnyImage: TypeAlias = Image | CompressedImage
 
 # an image that nobody had time for is of no use any more
 _NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -59,6 +61,18 @@ class VisualTargetParameters:
     )
     use_depth: bool = parameter(
         True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
+    )
+    image_transport: str = parameter(
+        "raw",
+        "How pictures come: raw, or compressed on the topic <image>/compressed.",
+        choices=("raw", "compressed"),
+        fixed=True,
+    )
+    depth_transport: str = parameter(
+        "raw",
+        "How depths come: raw, or compressed on the topic <depth>/compressedDepth.",
+        choices=("raw", "compressedDepth"),
+        fixed=True,
     )
     depth_tolerance: float = parameter(
         0.02,
@@ -79,9 +93,9 @@ class VisualTargetParameters:
 class _Shot(NamedTuple):
     """Messages of one moment; the first one's stamp and frame count."""
 
-    stamped: Image
-    image: Image | None
-    depth: Image | None
+    stamped: AnyImage
+    image: AnyImage | None
+    depth: AnyImage | None
 
 
 class VisualTargetNode(Node):
@@ -104,7 +118,7 @@ class VisualTargetNode(Node):
             self.get_logger().warning(detector.shortcoming)
         self._tracker = VisualTracker(detector, self._distances.value, self._identity.value)
         self._buffer = (buffer or listening_buffer(self)).core
-        self._pairs: Pairing[Image, Image] = Pairing(round(p.depth_tolerance * 1e9))
+        self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._camera: Camera | None = None
         self._frame: Frame | None = None
         self._placed = False
@@ -115,9 +129,9 @@ class VisualTargetNode(Node):
         self._annotated = self.create_publisher(Image, "~/image", 2)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
         if p.follow != "nearest":
-            self.create_subscription(Image, "image", self._on_image, _NEWEST)
+            self._subscribe("image", p.image_transport, self._on_image)
         if p.use_depth or p.follow == "nearest":
-            self._depth = self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
+            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
@@ -134,6 +148,14 @@ class VisualTargetNode(Node):
         self._tracker.distances = self._distances.value
         self._tracker.identity.parameters = self._identity.value
 
+    def _subscribe(
+        self, topic: str, transport: str, callback: Callable[[AnyImage], None]
+    ) -> Subscription:
+        if transport == "raw":
+            return self.create_subscription(Image, topic, callback, _NEWEST)
+        topic = f"{self.resolve_topic_name(topic)}/{transport}"
+        return self.create_subscription(CompressedImage, topic, callback, _NEWEST)
+
     def _on_info(self, message: CameraInfo) -> None:
         try:
             self._camera = camera_of(message)
@@ -141,7 +163,7 @@ class VisualTargetNode(Node):
             self._camera = None
             self._complain(str(error))
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: AnyImage) -> None:
         if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
             self._looking.offer(_Shot(message, message, None))
             return
@@ -154,7 +176,7 @@ class VisualTargetNode(Node):
                 f"one within {self._settings.depth_tolerance:g} s (depth_tolerance)"
             )
 
-    def _on_depth(self, message: Image) -> None:
+    def _on_depth(self, message: AnyImage) -> None:
         if self._settings.follow == "nearest":
             self._looking.offer(_Shot(message, None, message))
             return
@@ -174,8 +196,8 @@ class VisualTargetNode(Node):
             frame = Frame(
                 stamp_to_ns(header.stamp),
                 camera,
-                None if image is None else decode_picture(raw_image(image)),
-                None if depth is None else decode_depth(raw_image(depth)),
+                None if image is None else picture_of(image),
+                None if depth is None else depth_of(depth),
             )
             sighting = self._tracker.step(frame, self._pose(header.frame_id, frame.stamp))
         except ImageError as error:
@@ -198,22 +220,13 @@ class VisualTargetNode(Node):
             self._show(frame, sighting, stamped)
 
     def _pose(self, frame_id: str, stamp: int) -> Transform | None:
-        """The camera in the fixed frame when the image was taken, or as near as is known."""
-        found = None
-        for time in (stamp, LATEST) if self._settings.fixed_frame else ():
-            try:
-                found = self._buffer.lookup_transform(
-                    self._settings.fixed_frame, frame_id, time
-                ).transform
-                break
-            except TransformException:
-                continue
+        found = frame_pose(self._buffer, self._settings.fixed_frame, frame_id, stamp)
         if (found is not None) != self._placed:
             self._placed = found is not None
             self._tracker.identity.reset()
         return found
 
-    def _show(self, frame: Frame, sighting: Sighting | None, stamped: Image) -> None:
+    def _show(self, frame: Frame, sighting: Sighting | None, stamped: AnyImage) -> None:
         if frame.picture is not None:
             picture = frame.picture.bgr
         else:

@@ -25,6 +25,7 @@ _EXPLAINED = (
     ("head_tracking.transforms", "RobotModelError"),
     ("head_tracking.transforms", "TransformException"),
     ("head_tracking.vision.opencv", "OpenCVMissingError"),
+    ("head_tracking.ros.detections", "MessagesMissingError"),
 )
 
 

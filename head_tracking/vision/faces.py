@@ -192,8 +192,8 @@ class _Net:
     """
 
     _SMALL = 13.7  # pixels: what the first step still finds
-    _GUESS = 0.05
-    _GUESSES = 8
+    _GUESS, _LIKELY = 0.05, 0.5  # scores of the first step
+    _GUESSES = 4  # of those that are not likely, so many are looked at again
     _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
     _TURNS = (0.0, math.radians(30.0), math.radians(-30.0))
     _STILL_THERE = 0.6
@@ -236,7 +236,7 @@ class _Net:
         rows = self._first.detect(small)[1]
         found = [] if rows is None else [_face(row, 1 / scale) for row in rows.tolist()]
         found.sort(key=lambda face: -face.score)
-        return found[: self._GUESSES]
+        return [f for i, f in enumerate(found) if i < self._GUESSES or f.score >= self._LIKELY]
 
     def _look(
         self,

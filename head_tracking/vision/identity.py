@@ -132,6 +132,14 @@ class Identity:
         self.followed: Track | None = None
         self._number = 0
 
+    @property
+    def sighted(self) -> Track | None:
+        """The one that is followed, if it was found in the newest image and is certain enough."""
+        track = self.followed
+        if track is None or track.located is None or not track.believed:
+            return None
+        return track if track.confidence >= self.parameters.min_confidence else None
+
     def reset(self) -> None:
         """Forgets everybody."""
         self.tracks, self.followed = [], None
@@ -190,6 +198,8 @@ class Identity:
         """How unlikely it is that they are the same; 1 is about as far as it may go."""
         if located.candidate.label != track.label:
             return _IMPOSSIBLE
+        if located.candidate.unique:
+            return 0.0
         expected = T_optical_fixed @ track.position.tolist()
         away, distance = math.hypot(*expected), math.hypot(*located.point)
         if away < 1e-6 or distance < 1e-6:
