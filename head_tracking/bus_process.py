@@ -1,8 +1,9 @@
 """The program servo_bus, with simulated servos if wanted, as a child that ends with its parent.
 
 Started by `head_tracking.nodes.bus_process`, with the descriptor of its end of a connection, and a
-dictionary in JSON: "simulated", and the node's "parameters". Whatever comes on the connection is
-answered by a `Report`; its end, which also a killed parent brings about, ends the program.
+dictionary in JSON: "simulated", and the node's "parameters". None on the connection is answered by
+a `Report`, "stop" and "resume" by what the node's methods return; its end, which also a killed
+parent brings about, ends the program.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
+from head_tracking.output import output_may_get_lost
 from head_tracking.ros.stop_signal import ENDING, StopSignal
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 def main() -> int:
     """Runs the bus until a signal, or until the parent has gone; returns the exit code."""
     descriptor, wanted = int(sys.argv[1]), json.loads(sys.argv[2])
-    with StopSignal() as stop:
+    with output_may_get_lost(), StopSignal() as stop:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # held back by the parent until now
         return _Program(wanted["simulated"], wanted["parameters"]).run(Connection(descriptor), stop)
 
@@ -37,6 +39,7 @@ class _Program:
         self._simulated, self._parameters = simulated, parameters
         self._report: Callable[[], Report] | None = None
         self._newest: Report | None = None
+        self._node: ServoBusNode | None = None
 
     def run(self, parent: Connection[Any, Any], stop: StopSignal) -> int:
         threading.Thread(target=self._answer, args=(parent, stop), daemon=True).start()
@@ -49,7 +52,10 @@ class _Program:
     def _answer(self, parent: Connection[Any, Any], stop: StopSignal) -> None:
         with suppress(EOFError, OSError):
             while True:
-                parent.recv()
+                wanted = parent.recv()
+                if wanted is not None:
+                    parent.send(None if self._node is None else getattr(self._node, wanted)())
+                    continue
                 if self._report is not None:
                     report = self._report()
                     if not stop():  # a bus that is being closed looks like one that is unplugged
@@ -84,7 +90,7 @@ class _Program:
                 {joint: servos.true_position(joint) for joint, servos in simulated.items()},
             )
 
-        self._newest, self._report = report(), report
+        self._newest, self._report, self._node = report(), report, node
         return node
 
 

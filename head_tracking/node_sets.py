@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
 
+import head_tracking.nodes
 from head_tracking.nodes.bus_process import BusProcessNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.head_tracker import HeadTrackerNode
@@ -30,9 +32,10 @@ class NodeSpec:
         name: the node's name.
         make: its class.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
-            "connect", the port of simulated servos, or None; "true_position", where a simulated
-            joint really is [rad], or None; "start", to start more nodes; "startable", their names;
-            "simulated", whether the servos are; "arguments", ROS's own.
+            "loop", its controllers; "connect", the port of simulated servos, or None;
+            "true_position", where a simulated joint really is [rad], or None; "start", to start
+            more nodes; "startable", their names; "simulated", whether the servos are;
+            "arguments", ROS's own.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -43,17 +46,30 @@ class NodeSpec:
 
 
 ROBOT = (
-    NodeSpec("servo_bus", ServoBusNode, takes=("connect",)),
-    NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer",)),
-    NodeSpec("joint_state_publisher", JointStatePublisherNode),
+    NodeSpec("servo_bus", ServoBusNode, takes=("connect", "loop")),
+    NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer", "loop")),
+    NodeSpec("joint_state_publisher", JointStatePublisherNode, takes=("loop",)),
 )
+
+NODE_NAMES = tuple(module.name for module in pkgutil.iter_modules(head_tracking.nodes.__path__))
+"""The names of all our nodes, which parameter files may speak of."""
+
+FEEDS_BUFFER = "robot_state_publisher"
+"""The node that brings the process's buffer up to date."""
+
+HEAD = "head"
+"""Whatever node turns the head, as something to leave out."""
+
+LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
+"""What a robot may have already, so that a run can do without."""
+
 
 BUS_PROCESS = NodeSpec("servo_bus", BusProcessNode, takes=("simulated", "arguments"))
 """In the place of servo_bus: it runs in a process of its own."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", HeadTrackerNode, takes=("buffer",)),
-    "point": NodeSpec("point_head", PointHeadNode, takes=("buffer",)),
+    "track": NodeSpec("head_tracker", HeadTrackerNode, takes=("buffer", "loop")),
+    "point": NodeSpec("point_head", PointHeadNode, takes=("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
@@ -67,7 +83,7 @@ def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
-    "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode),),
+    "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode, takes=("loop",)),),
     "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),
@@ -112,6 +128,7 @@ def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[Node
         NodeSpec(
             "fictitious_target",
             FictitiousTargetNode,
+            takes=("loop",),
             parameters={
                 "frame_id": frame_id,
                 "center": list(point),

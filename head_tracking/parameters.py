@@ -10,7 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
+
 _KEY = "parameter"
+
+
+class ParameterError(HeadTrackingError, ValueError):
+    """A parameter's value is not allowed; the message says what is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,22 +72,22 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
         value: what somebody set; a sequence becomes a tuple.
 
     Raises:
-        ValueError: wrong type, out of range or not finite; says what is allowed.
+        ParameterError: wrong type, out of range or not finite; says what is allowed.
     """
     if isinstance(default, tuple):
         if isinstance(value, str) or not hasattr(value, "__iter__"):
-            raise ValueError(f"{name} is {value!r}; it must be a list")
+            raise ParameterError(f"{name} is {value!r}; it must be a list")
         element = default[0] if default else ""
         return tuple(checked(f"{name}[{i}]", info, element, v) for i, v in enumerate(value))
     wanted = type(default)
     if wanted is float and type(value) is int:
         value = float(value)
     if type(value) is not wanted:
-        raise ValueError(f"{name} is {value!r}; it must be a {wanted.__name__}")
+        raise ParameterError(f"{name} is {value!r}; it must be a {wanted.__name__}")
     if wanted in (int, float) and not info.minimum <= value <= info.maximum:
-        raise ValueError(f"{name} is {value}; allowed is {allowed(info)}")
+        raise ParameterError(f"{name} is {value}; allowed is {allowed(info)}")
     if info.choices and value not in info.choices:
-        raise ValueError(f"{name} is {value!r}; allowed are {', '.join(info.choices)}")
+        raise ParameterError(f"{name} is {value!r}; allowed are {', '.join(info.choices)}")
     return value
 
 

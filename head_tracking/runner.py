@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from head_tracking.command_line import seconds
+from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
     BUS_PROCESS,
+    FEEDS_BUFFER,
+    HEAD,
+    LEFT_OUT,
     MODES,
+    NODE_NAMES,
     ROBOT,
     SCENES,
     SIMULATED_PORT,
@@ -30,15 +35,22 @@ from head_tracking.node_sets import (
     simulated_camera,
     started_on_request,
 )
-from head_tracking.nodes.run_monitor import RunMonitorNode, RunSources
 from head_tracking.nodes.viewer import MISSING, installed
+from head_tracking.ros import parameter_files
+from head_tracking.ros.graph_watch import GraphWatch, own_enclave
+from head_tracking.ros.joint_owners import stop_report
+from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
+from head_tracking.ros.start import start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.run_monitor import RunMonitor, RunSources
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.status_line import StatusLine
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
+
+_LOOKING = "looking for other heads"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +59,14 @@ class Run:
 
     Attributes:
         nodes: the nodes to start, in order.
-        head_node: the one that turns the head.
+        head_node: the one that turns the head; empty: none does.
         simulated: the servos are simulated.
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until somebody stops it.
         viewer: show it in a browser.
         arguments: the command line, ROS's own arguments among it.
+        enclave: by which its processes know each other; see `GraphWatch`.
+        allow_others: other heads in the graph keep it from nothing, and the last command wins.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -62,6 +76,8 @@ class Run:
     duration: float | None
     viewer: bool
     arguments: tuple[str, ...]
+    enclave: str
+    allow_others: bool
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -69,7 +85,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser = argparse.ArgumentParser(
         prog="head_tracking",
         description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
-        epilog="ROS's own arguments follow --ros-args.",
+        epilog="ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
+        "unless ROS_AUTOMATIC_DISCOVERY_RANGE says something else.",
     )
     servos = parser.add_mutually_exclusive_group()
     servos.add_argument("--sim", action="store_true", help="simulate the servos")
@@ -106,11 +123,26 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         action="store_true",
         help="give the servo bus a process of its own, which no busy thread can delay",
     )
+    parser.add_argument(
+        "--without",
+        action="append",
+        choices=sorted(LEFT_OUT),
+        default=[],
+        metavar="NODE",
+        help="leave out what the robot has already: joint_state_publisher, robot_state_publisher, "
+        "or head (what turns it); can be given several times",
+    )
+    parser.add_argument(
+        "--allow-others",
+        action="store_true",
+        help="start, and go on, although another head, or another publisher of joint_commands, is "
+        "in the graph",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
-    options = parser.parse_args(remove_ros_args([parser.prog, *arguments])[1:])
+    options = parser.parse_args(without_ros_arguments([parser.prog, *arguments])[1:])
     if options.viewer and not installed():
         parser.error(MISSING)
     if options.target is None:
@@ -130,17 +162,22 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     servo_bus, *publishers = ROBOT
     if options.bus_process:
         servo_bus = BUS_PROCESS
+    left_out = {head.name if name == HEAD else name for name in options.without}
+    nodes = [
+        replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
+        for node in (servo_bus, *publishers, head, *targets, *starter)
+        if node.name not in left_out
+    ]
     return Run(
-        tuple(
-            replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-            for node in (servo_bus, *publishers, head, *targets, *starter)
-        ),
-        head.name,
+        tuple(nodes),
+        "" if head.name in left_out else head.name,
         options.sim,
         (*_robot_parameters(options.robot), *options.params),
         options.duration,
         options.viewer,
         tuple(arguments),
+        _said_enclave(arguments) or own_enclave(),
+        options.allow_others,
     )
 
 
@@ -151,28 +188,46 @@ class Composition:
     Attributes:
         nodes: by name.
         buffer: the transforms that they share.
+        loop: what they do in each cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
         true_position: where a joint really is [rad]; None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
     buffer: Buffer
+    loop: ControlLoop
     simulated: SimulatedJoints | None
     true_position: Callable[[str], float] | None
 
+    def stop(self) -> list[str]:
+        """Relaxes all servos at once, and lets nothing move until `resume`; a line a joint."""
+        problems = self.nodes["servo_bus"].stop()
+        if self.loop.write is None:  # the bus has its own controllers, of its process
+            self.loop.stop(dict)
+        return [stop_report(joint, problem) for joint, problem in problems.items()]
 
-def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Composition:
+    def resume(self) -> list[str]:
+        """Ends that: what was on before goes on, slowly at first; a line that says what."""
+        self.nodes["servo_bus"].resume()
+        self.loop.resume()
+        return ["commands are taken again; what was on goes on, slowly at first"]
+
+
+def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "") -> Composition:
     """Makes the nodes of a run and starts them.
 
     Args:
         plan: which nodes.
         threads: spins them; must be closed before `resources`.
         resources: gets the simulated servos, if there are any.
+        held: why nothing may move yet; see `ControlLoop.hold`.
 
     Raises:
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
+    loop = ControlLoop(buffer.core, JointOwners(exclusive=not plan.allow_others))
+    loop.hold(held)
     simulated: list[SimulatedJoints] = []
 
     def simulate(joints: Sequence[JointConfiguration]) -> str:
@@ -197,6 +252,7 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
 
     shared: dict[str, Any] = {
         "buffer": buffer,
+        "loop": loop,
         "connect": simulate if plan.simulated else None,
         "start": start_on_request,
         "startable": tuple(on_request),
@@ -206,7 +262,11 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack) -> Compositio
     }
     for spec in plan.nodes:
         start(spec)
-    return Composition(nodes, buffer, simulated[0] if simulated else None, shared["true_position"])
+        if spec is plan.nodes[0] and all(other.name != FEEDS_BUFFER for other in plan.nodes):
+            listen_for(loop, buffer, nodes[spec.name])
+    return Composition(
+        nodes, buffer, loop, simulated[0] if simulated else None, shared["true_position"]
+    )
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
@@ -220,18 +280,32 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         Exception: a node could not start.
     """
     with ExitStack() as resources, closing(NodeThreads()) as threads:
-        head = compose(plan, threads, resources)
-        sources = RunSources(
-            head=lambda: head.nodes[plan.head_node].head,
-            bus_status=head.nodes["servo_bus"].status,
-            true_position=head.true_position,
-        )
+        head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        monitor = RunMonitorNode(head.buffer, sources, line)
-        threads.start(monitor)
+        parameter_files.check(head.nodes.values(), NODE_NAMES)
+        watch = GraphWatch(
+            head.nodes["servo_bus"],
+            plan.enclave,
+            head.loop.hold,
+            simulated=plan.simulated,
+            allow_others=plan.allow_others,
+        )
+        head_node = head.nodes.get(plan.head_node)
+        monitor = RunMonitor(
+            RunSources(
+                head=head_node.interface if head_node else None,
+                bus_status=head.nodes["servo_bus"].status,
+                true_position=head.true_position,
+            )
+        )
+
+        def look() -> None:
+            watch.look()
+            line.show(monitor.look())
+
         try:
-            threads.wait(stop, plan.duration)
+            threads.wait(stop, plan.duration, look)
         finally:
             line.end(monitor.summary())
     return threads.exit_code()
@@ -239,11 +313,13 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
 
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
     """Runs the head until somebody stops it; returns the exit code."""
-    plan = parse_arguments(arguments)
     line = StatusLine()
     line.prepare_logging()
-    rclpy.init(args=ros_arguments(plan), signal_handler_options=SignalHandlerOptions.NO)
     try:
+        plan = parse_arguments(arguments)
+        if plan.simulated:  # a colleague's head is not this run's to turn
+            os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        start_ros(ros_arguments(plan))
         return run(plan, stop, line)
     except Exception as error:
         line.end(f"head_tracking: {describe(error)}")
@@ -254,8 +330,10 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
 
 def ros_arguments(plan: Run) -> list[str]:
     """What `rclpy.init` must be told of a run: its parameter files, and what a person said."""
-    files = [["--params-file", str(file)] for file in plan.parameter_files]
-    return ["--ros-args", *(word for words in files for word in words), "--", *plan.arguments]
+    said = [["--params-file", str(file)] for file in plan.parameter_files]
+    if plan.enclave:  # a person's own, in the arguments, wins
+        said.append(["--enclave", plan.enclave])
+    return ["--ros-args", *(word for words in said for word in words), "--", *plan.arguments]
 
 
 def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
@@ -273,6 +351,12 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
             "frame such as 1,0.5,0@base_link"
         )
     return fixed_target((x, y, z), frame_id), ""
+
+
+def _said_enclave(arguments: Sequence[str]) -> str:
+    """The enclave that a person gives among ROS's arguments; the last one counts."""
+    said = [after for word, after in pairwise(arguments) if word in ("-e", "--enclave")]
+    return said[-1] if said else ""
 
 
 def _existing_file(text: str) -> Path:

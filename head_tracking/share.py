@@ -6,7 +6,13 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from head_tracking.exceptions import HeadTrackingError
+
 PACKAGE = "head_tracking"
+
+
+class NotInstalledError(HeadTrackingError, FileNotFoundError):
+    """A robot's model, or the package's own files, are not where they are looked for."""
 
 
 @cache
@@ -17,7 +23,7 @@ def share_directory() -> Path:
     share/head_tracking below every parent of this file and below the Python environment (pip).
 
     Raises:
-        FileNotFoundError: it is nowhere; says where it was looked for.
+        NotInstalledError: it is nowhere; says where it was looked for.
     """
     here = Path(__file__).resolve()
     candidates = [
@@ -29,7 +35,7 @@ def share_directory() -> Path:
     for candidate in candidates:
         if (candidate / "urdf").is_dir() and (candidate / "config").is_dir():
             return candidate
-    raise FileNotFoundError(
+    raise NotInstalledError(
         f"the share directory of {PACKAGE} with urdf/ and config/ is not in: "
         f"{', '.join(map(str, candidates))}; install the package again"
     )
@@ -39,7 +45,7 @@ def robot_file(name_or_path: str) -> Path:
     """The model file of a robot given by its name (`kinectbot`) or by a path.
 
     Raises:
-        FileNotFoundError: there is neither; lists the names.
+        NotInstalledError: there is neither; lists the names.
     """
     robots = {
         file.name.removesuffix(".urdf.xacro"): file
@@ -47,7 +53,7 @@ def robot_file(name_or_path: str) -> Path:
     }
     path = robots.get(name_or_path, Path(name_or_path))
     if not path.is_file():
-        raise FileNotFoundError(
+        raise NotInstalledError(
             f"there is no robot {name_or_path!r}: give one of {', '.join(sorted(robots))} or the "
             "path of a URDF or xacro file"
         )

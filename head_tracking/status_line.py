@@ -15,9 +15,9 @@ _FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"
 class StatusLine:
     """Writes over its last text on a terminal; elsewhere a new line once a second."""
 
-    def __init__(self, stream: TextIO = sys.stdout) -> None:
-        self._stream = stream
-        self._terminal = stream.isatty()
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stdout
+        self._terminal = self._stream.isatty()
         self._last = -1.0
         self._ended = False
         self._lock = threading.Lock()

@@ -159,6 +159,8 @@ class ServoBus:
         self._cycles = 0
         self._last_cycle = 0
         self._usual = 0.0  # ns that a cycle without steps and without trouble takes
+        self._took = self._spent = 0  # ns of this cycle: reading; asking one that is lost
+        self._there = self._troubled = False  # the port, in this cycle; anything not as usual
         self._plan: list[_Part] | None = None
         self._lost: tuple[str, ...] = ()
         self._missing = True  # some servo may be lost
@@ -446,7 +448,13 @@ class ServoBus:
     # Owner's thread: the cycle
 
     def step(self) -> BusReading:
-        """Run one cycle: read every servo, write all goals, take steps of what is under way.
+        """Run one cycle: `read`, then `write`."""
+        reading = self.read()
+        events = self.write()
+        return reading._replace(events=(*reading.events, *events)) if events else reading
+
+    def read(self) -> BusReading:
+        """Begin a cycle: read every servo, and look after those that are not as usual.
 
         Returns:
             What was read in this cycle; joints that did not answer are absent.
@@ -462,38 +470,65 @@ class ServoBus:
         stamp = self._clock()
         states: dict[str, ServoState] = {}
         failed: tuple[str, ...] = ()
+        self._there = self._troubled = False
+        self._spent = 0
         try:
             if (self._look_again_at is None and self._port.is_open) or self._port_is_there():
                 if self._watched and start - self._last_cycle > self._watchdog:
                     self._stood_still(start - self._last_cycle)
                 self._last_cycle = start
                 plan = self._plan
-                troubled = plan is None
+                self._troubled = plan is None
                 if plan is None:
                     plan = self._make_plan()
-                if self._read(plan, stamp, states) or troubled:
-                    troubled = True
+                if self._read(plan, stamp, states) or self._troubled:
+                    self._troubled = True
                     failed = self._settle(plan, states, start)
-                spent = self._poll_one_lost() if self._missing else 0
-                if self._inbox:
-                    self._take_goals()
-                if self._tasks:
-                    troubled = True
-                    self._take_steps(spent)
-                    if self._inbox:
-                        self._take_goals()  # of a joint whose torque has come on
-                self._write_goals()
-                if not (troubled or spent):
-                    took = self._monotonic() - start
-                    self._usual += _GAIN * (took - self._usual) if self._usual else took
+                self._spent = self._poll_one_lost() if self._missing else 0
+                self._there = True
         except PortLostError as cause:
-            if not self._port.comes_back:
-                raise
-            self._lose_port(str(cause))
-        events: tuple[BusEvent, ...] = ()
-        if self._events:
-            events, self._events = tuple(self._events), []
-        return BusReading(self._cycles, stamp, states, failed, self._lost, events)
+            self._forgive(cause)
+        self._took = self._monotonic() - start
+        return BusReading(self._cycles, stamp, states, failed, self._lost, self._told_events())
+
+    def write(self) -> tuple[BusEvent, ...]:
+        """End a cycle: write all goals, take steps of what is under way.
+
+        Returns:
+            What has happened meanwhile.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
+        if not self._there or not self._connected:
+            return ()
+        start = self._monotonic()
+        try:
+            if self._inbox:
+                self._take_goals()
+            if self._tasks:
+                self._troubled = True
+                self._take_steps(self._spent)
+                if self._inbox:
+                    self._take_goals()  # of a joint whose torque has come on
+            self._write_goals()
+            if not (self._troubled or self._spent):
+                took = self._took + self._monotonic() - start
+                self._usual += _GAIN * (took - self._usual) if self._usual else took
+        except PortLostError as cause:
+            self._forgive(cause)
+        return self._told_events()
+
+    def _forgive(self, cause: PortLostError) -> None:
+        if not self._port.comes_back:
+            raise cause
+        self._lose_port(str(cause))
+
+    def _told_events(self) -> tuple[BusEvent, ...]:
+        if not self._events:
+            return ()
+        events, self._events = tuple(self._events), []
+        return events
 
     def _read(self, plan: list[_Part], stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was not as usual."""
@@ -838,6 +873,46 @@ class ServoBus:
                 self._note(kind, joint, joint.torque.value)
         if problems:
             raise TorqueError(False, problems)
+
+    def relax_at_once(self, timeout: float) -> Mapping[str, str]:
+        """Relax all joints, whatever else is under way, and go on trying where that fails.
+
+        Args:
+            timeout: How long servos may take to confirm, s.
+
+        Returns:
+            For each joint what went wrong; empty where its servos have confirmed.
+        """
+        deadline = self._monotonic() + round(timeout * 1e9)
+        for joint in self._all:
+            self._drop_goal(joint)
+            joint.relaxed = True
+        self._plan = None
+        problems = dict.fromkeys(self._joints, "")
+        for joint in self._all:
+            try:
+                joint.cut()
+            except DynamixelError as cause:
+                problems[joint.name] = str(cause)
+        for joint in self._all:
+            if not problems[joint.name]:
+                problems[joint.name] = self._relaxed_by(joint, deadline)
+        if self._connected and any(problems.values()):
+            troubled = [name for name, problem in problems.items() if problem]
+            self._enqueue(self._relaxing(troubled, stop=False))
+        return problems
+
+    def _relaxed_by(self, joint: Joint, deadline: int) -> str:
+        """What keeps a joint from confirming by a time, ns, that it is relaxed."""
+        steps = joint.confirm_relaxed()
+        try:
+            while self._monotonic() < deadline:
+                self._pause(next(steps))
+        except StopIteration as end:
+            return str(end.value)
+        except DynamixelError as cause:
+            return str(cause)
+        return "it has not confirmed in time"
 
     def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
         chosen = self._require_connection(joints)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from head_tracking.exceptions import HeadTrackingError
+
 
 def _join(values: Iterable[object]) -> str:
     return ", ".join(str(value) for value in values) or "none"
 
 
-class DynamixelError(Exception):
+class DynamixelError(HeadTrackingError):
     """Root of all errors of this room."""
 
 

@@ -14,7 +14,12 @@ from typing import Any, TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
 from head_tracking.dynamixel.configuration import JointConfiguration
-from head_tracking.dynamixel.exceptions import BusStoppedError, ConfigurationError, GoalError
+from head_tracking.dynamixel.exceptions import (
+    BusStoppedError,
+    ConfigurationError,
+    DynamixelError,
+    GoalError,
+)
 from head_tracking.dynamixel.servo import Steps
 from head_tracking.dynamixel.state import BusReading, CommandResult, Goal, Torque
 
@@ -81,6 +86,8 @@ class BusThread:
         on_reading: Gets every reading, in this thread. It must return soon, and must not wait for
             a future of `call`.
         on_error: Gets the exception that ended the thread, after the servos were relaxed.
+        update: Gets every reading before the goals are written, in this thread; it commands the
+            bus. While it runs nobody waits for the bus.
 
     Raises:
         ConfigurationError: The rate is not from 1 to 1000.
@@ -92,6 +99,7 @@ class BusThread:
         update_rate: float,
         on_reading: Callable[[BusReading], object],
         on_error: Callable[[BaseException], object] | None = None,
+        update: Callable[[BusReading], object] = lambda _: None,
     ) -> None:
         if not 1.0 <= update_rate <= 1000.0:
             raise ConfigurationError(
@@ -101,6 +109,7 @@ class BusThread:
         self._update_rate = update_rate
         self._on_reading = on_reading
         self._on_error = on_error
+        self._update = update
         self._wake = threading.Condition()
         self._owner = threading.Lock()  # held while the bus is used
         self._requests: deque[tuple[Callable[[ServoBus], Any], Future[Any]]] = deque()
@@ -194,6 +203,25 @@ class BusThread:
         future.set_exception(BusStoppedError("the servo bus has stopped"))
         return future
 
+    def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
+        """Run a function in this thread, whatever the owner's does, as soon as the port is free.
+
+        Args:
+            function: Gets the bus; it must take no steps that wait.
+            timeout: How long to wait for the port, s.
+
+        Raises:
+            BusStoppedError: The bus has stopped, or the port hangs.
+        """
+        if not self._owner.acquire(timeout=timeout):
+            raise BusStoppedError(f"the port {self._bus.port_name} hangs")
+        try:
+            if self._ended:
+                raise BusStoppedError("the servo bus has stopped")
+            return function(self._bus)
+        finally:
+            self._owner.release()
+
     def _run(self) -> None:
         try:
             self._run_cycles()
@@ -227,8 +255,15 @@ class BusThread:
             with self._owner:
                 if self._ended:  # somebody has closed the bus while a callback hung
                     return
-                reading = self._bus.step()
+                reading = self._bus.read()
+            self._update(reading)
+            with self._owner:
+                if self._ended:
+                    return
+                events = self._bus.write()
             end = time.monotonic_ns()
+            if events:
+                reading = reading._replace(events=(*reading.events, *events))
             self._longest = max(self._longest, end - begin)
             window_cycles += 1
             if end - window_start >= _SECOND:
@@ -282,6 +317,7 @@ class Buses:
         update_rate: Cycles per second.
         on_reading: Gets the bus and each of its readings, in its thread; see `BusThread`.
         on_error: Gets the exception that ended a thread, in that thread.
+        update: Gets the bus and each of its readings before the goals are written; see `BusThread`.
 
     Raises:
         ConfigurationError: Two buses have a joint or a controller of the same name.
@@ -293,9 +329,16 @@ class Buses:
         update_rate: float,
         on_reading: Callable[[ServoBus, BusReading], object],
         on_error: Callable[[BaseException], object],
+        update: Callable[[ServoBus, BusReading], object] = lambda *_: None,
     ) -> None:
         self._threads = [
-            (bus, BusThread(bus, update_rate, partial(on_reading, bus), on_error)) for bus in buses
+            (
+                bus,
+                BusThread(
+                    bus, update_rate, partial(on_reading, bus), on_error, partial(update, bus)
+                ),
+            )
+            for bus in buses
         ]
         self._by_joint: dict[str, tuple[ServoBus, BusThread]] = {}
         controllers: set[str] = set()
@@ -405,6 +448,31 @@ class Buses:
             thread.call(partial(_swapped, function, tuple(share)))
             for thread, share in shares.items()
         ]
+
+    def relax_at_once(self, timeout: float = 0.4) -> dict[str, str]:
+        """Relax all joints of all buses, whatever their threads do; for any thread.
+
+        Args:
+            timeout: How long it may take, s.
+
+        Returns:
+            For each joint what went wrong; empty where its servos have confirmed.
+        """
+        problems: dict[str, str] = {}
+
+        def relax(bus: ServoBus, thread: BusThread) -> None:
+            try:
+                problems.update(thread.at_once(lambda b: b.relax_at_once(timeout), timeout / 2))
+            except DynamixelError as cause:
+                problems.update((joint.joint_name, str(cause)) for joint in bus.joints)
+
+        helpers = [threading.Thread(target=relax, args=pair) for pair in self._threads[1:]]
+        for helper in helpers:
+            helper.start()
+        relax(*self._threads[0])
+        for helper in helpers:
+            helper.join()
+        return problems
 
     def _find(self, joint: str) -> tuple[ServoBus, BusThread]:
         try:

@@ -141,6 +141,11 @@ class Pointing:
             (self.head.pan_limits.clamp(0.0), self.head.tilt_limits.clamp(0.0)), present, now
         )
 
+    def stop(self, present: tuple[float, float], now: float) -> HeadCommand | None:
+        """The command that ends a turn where the head is; None if none is under way."""
+        self._target = None
+        return None if self._judged else self._go(present, present, now)
+
     def miss(self, present: tuple[float, float]) -> float | None:
         """By how much the head misses its target now [rad]; None without one."""
         return None if self._target is None else self.head.miss(self._target, *present)

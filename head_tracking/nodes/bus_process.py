@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.stop_signal import ENDING
@@ -26,7 +27,7 @@ _END_TIMEOUT = 8.0  # s
 _WATCH_PERIOD = 0.1  # s
 
 
-class BusProcessError(ValueError):
+class BusProcessError(HeadTrackingError):
     """The process of the servo bus has ended by itself, or does not answer."""
 
 
@@ -99,6 +100,18 @@ class BusProcessNode(Node):
         """Where a simulated joint really is [rad], or was when it was last known."""
         return self._newest().true_positions[joint]
 
+    def stop(self) -> dict[str, str]:
+        """Relaxes all servos at once; see `ServoBusNode.stop`."""
+        problems = self._ask("stop")
+        if problems is None:
+            joints = self._report.status.states or ("the servos",)
+            return dict.fromkeys(joints, "the servo bus's process does not answer")
+        return dict(problems)
+
+    def resume(self) -> str:
+        """Ends a stop; see `ServoBusNode.resume`."""
+        return str(self._ask("resume") or "")
+
     def make_safe(self) -> list[str]:
         """Ends the process, which relaxes the servos; what went wrong."""
         if self._problems is None:
@@ -156,15 +169,14 @@ class BusProcessNode(Node):
             self._report = report
         return self._report
 
-    def _ask(self) -> Report | None:
+    def _ask(self, what: str | None = None) -> Any:
         """What the child says; None if it says nothing (yet, or any more)."""
         with self._asking, suppress(EOFError, OSError):
             while self._child.poll():  # an answer that came too late
                 self._child.recv()
-            self._child.send(None)
+            self._child.send(what)
             if self._child.poll(_REPLY_TIMEOUT):
-                report: Report | None = self._child.recv()
-                return report
+                return self._child.recv()
         return None
 
     def _watch(self) -> None:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import Point, PointStamped
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.time import Time
 from std_srvs.srv import SetBool
 
+from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
-from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
+from head_tracking.ros.target_output import TargetOutput
+from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:
     from visualization_msgs.msg import Marker
@@ -32,19 +36,21 @@ class TargetFrameParameters:
 
 
 class FictitiousTargetNode(Node):
-    """Publishes `target_point`, and a marker on `target_point_marker` for RViz."""
+    """Publishes `target_point`, and a marker on `target_point_marker` for RViz.
 
-    def __init__(self, **options: Any) -> None:
+    Args:
+        loop: that of the process; None: there is none.
+    """
+
+    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("fictitious_target", **options)
         p = NodeParameters(self, TargetFrameParameters).value
         self._frame_id = p.frame_id
         self._target = FictitiousTarget(
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
-        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
-        self._marker_publisher = (
-            self.create_publisher(Marker, "target_point_marker", 1) if Marker else None
-        )
+        self._output = TargetOutput(self, loop)
+        self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._enabled = True
         self._sent: Time | None = None
         self.create_service(SetBool, "~/enable", self._on_enable)
@@ -64,14 +70,10 @@ class FictitiousTargetNode(Node):
         if not self._enabled or now == self._sent:
             return  # (simulated time stands still, and so does the target)
         self._sent = now
-        x, y, z = self._target.advance()
-        message = PointStamped()
-        message.header.frame_id = self._frame_id
-        message.header.stamp = now.to_msg()
-        message.point = Point(x=x, y=y, z=z)
-        self._publisher.publish(message)
-        if self._marker_publisher is not None:
-            self._marker_publisher.publish(_marker(message))
+        target = Target(now.nanoseconds, self._frame_id, self._target.advance())
+        self._output.send(target)
+        if self._marker is not None and self._marker.wanted:
+            self._marker.publish(_marker(target_message(target)))
 
 
 def _marker(target: PointStamped) -> Any:

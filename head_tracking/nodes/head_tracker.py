@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
-from head_tracking.gaze import PanTiltHead
+from head_tracking.control import ControlLoop
+from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.ros.head_interface import HeadInterface, HeadReading
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import (
+    CAUTIOUS_SPEED,
     LAWS,
     EstimatorParameters,
     HeadBase,
@@ -30,7 +32,7 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_STATE_PERIOD = 0.25  # s
+_ARRIVED = 0.03  # rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +52,18 @@ class HeadTrackerParameters:
 
 
 class HeadTrackerNode(Node):
-    """Follows `target_point`."""
+    """Follows `target_point`.
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    Args:
+        buffer: the transforms that the process shares; None: this node listens itself.
+        loop: that of the process; None: this node runs it.
+    """
+
+    what = "tracking"
+
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
         super().__init__("head_tracker", **options)
         self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._on_own)
         self._limits = NodeParameters(self, SpeedLimits, on_change=self._tune)
@@ -63,51 +74,51 @@ class HeadTrackerNode(Node):
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._law = self._own.value.law
-        self._period = 1.0 / self._own.value.rate
-        self._stepped = 0.0
+        self._period = max(1.0 / self._own.value.rate, loop.period if loop else 0.0)
+        self._stepped = 0.0, 0.0
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
         self._states = self.create_publisher(String, "~/state", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._interface = HeadInterface(
-            self,
-            self._own.value.camera_link,
-            "~/tracking_error",
-            buffer,
-            self._on_head,
-            self._reset,
+        self.interface = HeadInterface(
+            self, self._own.value.camera_link, "~/tracking_error", buffer, loop, self
         )
-        self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
-        steady_timer(self, self._period, self._step)
-        steady_timer(self, _STATE_PERIOD, self._report_state)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.interface.begin()
 
     @property
-    def head(self) -> PanTiltHead | None:
-        """The head that is turned, once the robot's model is known."""
-        return None if self._tracker is None else self._tracker.head
+    def failure(self) -> Exception | None:
+        """What has ended its part in the loop."""
+        return self.interface.failure
 
-    def _on_head(self, head: PanTiltHead, base: HeadBase | None) -> None:
+    def head_known(self, head: PanTiltHead, base: HeadBase | None) -> None:
+        """See `HeadTurner`."""
         tracker = Tracker(
             head, self._make_law(head), self._estimator.value, self._target_state.value, base
         )
         if self._tracker is not None:
-            self._reset("another robot_description has come")
-            tracker.machine.enabled = self._tracker.machine.enabled
+            self.reset("another robot_description has come")
         self._tracker = tracker
+        self.switched()
         self.get_logger().info(
             f"ready to keep {head.pointing_frame} on target_point, by the law {self._law}"
         )
 
-    def _reset(self, reason: str) -> None:
+    def reset(self, reason: str) -> None:
+        """See `HeadTurner`."""
         if self._tracker is not None:
-            self._interface.send(self._tracker.reset(reason, self._interface.now))
-            self._report_state()
+            self.interface.send(self._tracker.reset(reason, self.interface.now))
+            self.report()
+
+    @property
+    def _speed_limits(self) -> SpeedLimits:
+        limits = self._limits.value
+        return replace(limits, max_joint_speed=CAUTIOUS_SPEED) if self.interface.slow else limits
 
     def _make_law(self, head: PanTiltHead) -> TrackingLaw:
         own = self._laws[self._law].value
-        return LAWS[self._law](head, self._period, self._limits.value, own)
+        return LAWS[self._law](head, self._period, self._speed_limits, own)
 
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
@@ -117,41 +128,63 @@ class HeadTrackerNode(Node):
             self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
-    def _tune(self, _: object) -> None:
-        if self._tracker is not None:
-            self._tracker.law.limits = self._limits.value
+    def _tune(self, _: object = None) -> None:
+        if self._tracker is None:
+            return
+        with self.interface.lock:
+            self._tracker.law.limits = self._speed_limits
             self._tracker.law.parameters = self._laws[self._law].value
             self._tracker.estimator.parameters = self._estimator.value
             self._tracker.machine.parameters = self._target_state.value
 
-    def _step(self) -> None:
-        reading, tracker = self._interface.reading(), self._tracker
-        if reading is None or tracker is None:
-            return
+    def step(self, reading: HeadReading) -> HeadCommand | None:
+        """See `HeadTurner`."""
+        tracker = self._tracker
         now, stamp, positions = reading
-        if 0.0 <= now - self._stepped < 0.5 * self._period:
-            return  # simulated time is slow, or stands still
-        self._stepped = now
+        before, measured = self._stepped
+        again = 0.0 <= stamp - measured < 0.75 * self._period
+        if tracker is None or (again and 0.0 <= now - before < 1.5 * self._period):
+            return None  # joints are measured more often; or simulated time is slow, or stands
+        self._stepped = now, stamp
         tracker.joints_read(stamp, positions)
-        for target, point in self._interface.take_targets(positions, now):
+        for target, point in self.interface.take_targets(positions, now):
             verdict = tracker.target_seen(
                 target.stamp * 1e-9 if target.stamp else now,
                 point,
                 now,
-                moving=bool(target.stamp) and self._interface.moves_with_head(target.frame_id),
+                moving=bool(target.stamp) and self.interface.moves_with_head(target.frame_id),
             )
             if not verdict.used and tracker.machine.refusal == verdict:
-                self._interface.refuse(Refusal(target, verdict))
-        refused = self._interface.take_refusal()
+                self.interface.refuse(Refusal(target, verdict))
+        refused = self.interface.take_refusal()
         if refused:
             tracker.machine.refused(refused, now)
         step = tracker.step(now)
-        self._interface.send(step.command)
-        self._interface.publish_error(step.error)
-        self._report_state()
+        self.interface.tell_error(step.error)
+        if self.interface.slow and step.error is not None and step.error < _ARRIVED:
+            self.interface.slow = False
+            self._tune()
+        return step.command
 
-    def _report_state(self) -> None:
-        trouble = self._interface.trouble
+    def switched(self) -> None:
+        """See `HeadTurner`."""
+        if self._tracker is None:
+            return
+        off = self.interface.off
+        self._tracker.machine.off = off
+        self._tracker.enable(not off, self.interface.now)
+        self._tune()
+
+    def halt(self, reading: HeadReading | None) -> HeadCommand | None:
+        """See `HeadTurner`."""
+        if self._tracker is None or reading is None:
+            return None
+        self._tracker.joints_read(reading.stamp, reading.positions)
+        return self._tracker.enable(False, reading.now)
+
+    def report(self) -> None:
+        """See `HeadTurner`."""
+        trouble = self.interface.trouble
         if self._tracker is None or (trouble and self._tracker.machine.enabled):
             state, reason = TargetState.IDLE, trouble
         else:
@@ -180,7 +213,7 @@ class HeadTrackerNode(Node):
                     f"{1e3 * self._tracker.stamp_error.value:.0f}"
                 ),
             }
-        hampered = self._interface.trouble or self._state in (
+        hampered = self.interface.trouble or self._state in (
             TargetState.STALLED,
             TargetState.CAUTIOUS,
         )
@@ -195,29 +228,18 @@ class HeadTrackerNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        reading = self._interface.reading()
-        if self._tracker is None:
-            response.message = "there is no model of the robot yet"
-            return response
-        self._interface.forget_targets()
-        if reading is not None:
-            self._tracker.joints_read(reading.stamp, reading.positions)
-        self._interface.send(self._tracker.enable(request.data, self._interface.now))
-        self._report_state()
-        response.success = True
-        response.message = "tracking is on" if request.data else "tracking is off; the head stops"
-        return response
-
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._interface.reading() is None or self._tracker is None:
-            response.message = "the head cannot be recentred: there is no model or no joint state"
-            return response
-        if not self._tracker.machine.enabled:
-            response.message = "the head cannot be recentred: tracking is switched off"
-            return response
-        self._interface.forget_targets()
-        self._tracker.recenter()
+        with self.interface.lock:
+            if self.interface.reading() is None or self._tracker is None:
+                response.message = (
+                    "the head cannot be recentred: there is no model or no joint state"
+                )
+                return response
+            if self.interface.off:
+                response.message = f"the head cannot be recentred: {self.interface.off}"
+                return response
+            self.interface.forget_targets()
+            self._tracker.recenter()
         response.success = True
         response.message = "recentring; the next target is followed again"
         return response

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any
@@ -11,13 +12,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
-from head_tracking.parameters import parameter
+from head_tracking.control import ControlLoop, Measured
+from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node
+from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
     LARGEST_POSITION,
-    JointState,
+    JointSample,
     JointStates,
     Mimic,
     RobotModelError,
@@ -53,9 +57,13 @@ class JointStatePublisherNode(Node):
     A joint that nobody measured is sent only if `zeros.<joint>` states its position, if
     `dependent_joints.<joint>.parent`, `.factor` and `.offset` tie it to another, or all of them if
     `publish_default_positions` is set.
+
+    Args:
+        loop: that of the process. If the servos are in it, they need not be listened to; else this
+            node runs it.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("joint_state_publisher", **options)
         p = NodeParameters(self, JointStatePublisherParameters).value
         self._default_positions = p.publish_default_positions
@@ -63,11 +71,19 @@ class JointStatePublisherNode(Node):
         self._dependents = self._declare_dependents()
         self._states: JointStates | None = None
         self._measured = False
-        self._publisher = self.create_publisher(JointStateMsg, "joint_states", 10)
+        self._output = Output(self, JointStateMsg, "joint_states", own=0 if loop is None else 1)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
+        self._loop = loop
+        own = ""
+        if loop is not None:
+            own = self.resolve_topic_name("servo_states") if loop.driven else ""
+            loop.driven = True
+            loop.complete = self._complete
+            loop.after.append(self._publish)
         for topic in p.source_list:
-            self.create_subscription(JointStateMsg, topic, self._on_measurement, MEASUREMENT)
-        self.create_timer(1.0 / p.rate, self._publish_defaults)
+            if self.resolve_topic_name(topic) != own:
+                self.create_subscription(JointStateMsg, topic, self._on_measurement, MEASUREMENT)
+        steady_timer(self, 1.0 / p.rate, self._publish_defaults)
 
     def _declare_zeros(self) -> dict[str, float]:
         """The defaults that were given; their names are those of the model's joints."""
@@ -97,7 +113,7 @@ class JointStatePublisherNode(Node):
         )
         value = self.declare_parameter(name, default, descriptor).value
         if not isinstance(value, int | float):
-            raise ValueError(f"{name} is {value!r}; it must be a number")
+            raise ParameterError(f"{name} is {value!r}; it must be a number")
         return float(value)
 
     def _on_description(self, message: String) -> None:
@@ -112,11 +128,8 @@ class JointStatePublisherNode(Node):
             self.get_logger().error(f"robot_description is not used: {error}")
 
     def _on_measurement(self, message: JointStateMsg) -> None:
-        self._measured = True
-        if self._states is None:
-            return
         measured = {
-            name: JointState(position, velocity, effort)
+            name: Measured(position, velocity, effort)
             for name, position, velocity, effort in zip(
                 message.name,
                 message.position,
@@ -132,23 +145,36 @@ class JointStatePublisherNode(Node):
                 f"{list(measured)} are used: each needs a name of its own and a finite position",
                 throttle_duration_sec=1.0,
             )
-        self._publish(self._states.complete(measured), message.header.stamp)
+        self._take(stamp_to_ns(message.header.stamp), measured)
+
+    def _take(self, stamp: int, measured: Mapping[str, JointSample]) -> None:
+        if self._loop is None:
+            self._publish(stamp, self._complete(measured))
+            return
+        states = self._loop.joints_read(stamp, measured)
+        self._loop.update(measured)
+        self._loop.publish(measured, stamp, states)
+
+    def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
+        """The measured joints, and what follows from them or is stated; see `JointStates`."""
+        self._measured = True
+        return {} if self._states is None else self._states.complete(measured)
 
     def _publish_defaults(self) -> None:
-        if self._states is not None and not self._measured:
-            self._publish(self._states.complete({}), self.get_clock().now().to_msg())
+        if not self._measured:
+            self._take(self.get_clock().now().nanoseconds, {})
         self._measured = False
 
-    def _publish(self, states: dict[str, JointState], stamp: Any) -> None:
-        if not states:
+    def _publish(self, stamp: int, states: Mapping[str, JointSample]) -> None:
+        if not states or not self._output.wanted:
             return
         message = JointStateMsg()
-        message.header.stamp = stamp
+        message.header.stamp = ns_to_stamp(stamp)
         message.name = list(states)
         message.position = [state.position for state in states.values()]
         message.velocity = [state.velocity for state in states.values()]
         message.effort = [state.effort for state in states.values()]
-        self._publisher.publish(message)
+        self._output.publish(message)
 
 
 def main() -> int:

@@ -12,7 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from head_tracking.parameters import parameter
+from head_tracking.control import ControlLoop
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import robot_file
@@ -48,7 +49,10 @@ class RobotStatePublisherParameters:
         "kinectbot", "The model: kinectbot, turtlebot, or a URDF or xacro file.", fixed=True
     )
     world_frame: str = parameter(
-        "world", "A frame put above the robot's root; empty for none.", fixed=True
+        "",
+        "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
+        "has put one there.",
+        fixed=True,
     )
     world_transform: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0325, 0.0, 0.0, 0.0),
@@ -70,7 +74,7 @@ class RobotStatePublisherParameters:
 
     def __post_init__(self) -> None:
         if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
-            raise ValueError(
+            raise ParameterError(
                 f"world_transform is {list(self.world_transform)}; it needs six finite numbers: "
                 "x, y, z, yaw, pitch, roll"
             )
@@ -100,13 +104,16 @@ class RobotStatePublisherNode(Node):
 
     Args:
         buffer: fed by this node; other nodes of the same process can share it.
+        loop: that of the process, which tells of joints that have been read.
 
     Raises:
         RobotModelError: the model can't be used.
         FileNotFoundError: there is no such robot.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
         super().__init__("robot_state_publisher", **options)
         self._settings = NodeParameters(
             self, RobotStatePublisherParameters, on_change=self._on_change, check=_check_model
@@ -119,9 +126,12 @@ class RobotStatePublisherNode(Node):
             self._static_sender = StaticTransformBroadcaster(self)
         self._take(p.model())
         self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
+        self._loop = loop
         TransformListener(
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
+        if loop is not None:
+            loop.after.append(lambda stamp, _: self._send_moving(stamp))
         self.create_service(Trigger, "~/frames", self._on_frames)
 
     def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
@@ -138,7 +148,16 @@ class RobotStatePublisherNode(Node):
         self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
 
     def _on_joints(self, message: JointState) -> None:
-        if broadcasting_possible() and self._limiter.accept(stamp_to_ns(message.header.stamp)):
+        self._send_moving(stamp_to_ns(message.header.stamp))
+        if self._loop is not None and not self._loop.driven:
+            self._loop.update(message.name)
+            self._loop.publish(message.name, 0, {})
+
+    def _send_moving(self, stamp: int) -> None:
+        # (the listener of this node is no reason to send)
+        if not broadcasting_possible() or self._sender.pub_tf.get_subscription_count() < 2:
+            return
+        if self._limiter.accept(stamp):
             moving = self._edges(moving=True)
             if moving:
                 self._sender.sendTransform(moving)
@@ -161,7 +180,7 @@ def _check_model(parameters: RobotStatePublisherParameters) -> None:
     try:
         parameters.model()
     except (RobotModelError, FileNotFoundError) as error:
-        raise ValueError(str(error)) from error
+        raise ParameterError(str(error)) from error
 
 
 def main() -> int:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import array
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64, String
 
+from head_tracking.control import LEASE, ControlLoop, Measured, OwnershipError
 from head_tracking.dynamixel import (
     Buses,
     BusEvent,
@@ -23,6 +26,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoState,
+    Torque,
 )
 from head_tracking.ros.bus_parameters import (
     ControllerParameters,
@@ -35,8 +39,10 @@ from head_tracking.ros.bus_parameters import (
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.joint_configuration import declare_joint
+from head_tracking.ros.joint_owners import owners_message
+from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node
+from head_tracking.ros.spinning import run_node, steady_timer
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -47,7 +53,9 @@ _BAD_NEWS = (
     EventKind.RESTING,
     EventKind.PORT_LOST,
 )
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _SECOND = 1_000_000_000
+_SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
@@ -56,6 +64,7 @@ class ServoBusNode(Node):
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
             Called once for each bus.
+        loop: of the process: its controllers are asked in each cycle; None: there are none.
 
     Raises:
         DynamixelError: the configuration can't work, a port can't be opened, or a servo does not
@@ -65,18 +74,26 @@ class ServoBusNode(Node):
     def __init__(
         self,
         connect: Callable[[Sequence[JointConfiguration]], str] | None = None,
+        loop: ControlLoop | None = None,
         **options: Any,
     ) -> None:
         super().__init__("servo_bus", **options)
+        self._failure: BaseException | None = None
         p = NodeParameters(self, ServoBusParameters).value
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
         self._settings = bus_settings(p, temperature)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
-        self._failure: BaseException | None = None
-        self._failed = self.create_guard_condition(self._on_failure)
-        self._state_publisher = self.create_publisher(JointState, "servo_states", 10)
+        self._states_output = Output(self, JointState, "servo_states")
+        self._goals_output = Output(self, JointState, "joint_goals")
+        self._owners_topic = self.create_publisher(String, "joint_owners", _LATCHED)
+        self._stopped_topic = self.create_publisher(Bool, "stopped", _LATCHED)
+        self._loop = loop = loop or ControlLoop(None)
         self._messages: dict[ServoBus, StatesMessage] = {}
+        self._told_owners = ""
+        self._told_stopped: bool | None = None
+        self._relaxed_before: set[str] = set()
+        self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
@@ -84,12 +101,26 @@ class ServoBusNode(Node):
             self._make_bus(joints, p, name if connect is None else connect(joints), baud_rate)
             for (name, baud_rate), joints in ports.items()
         ]
-        self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error)
+        self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
+        self._names = {
+            bus: frozenset([joint.joint_name for joint in bus.joints])
+            for bus, _ in self._buses.threads
+        }
         self._connect(p.allow_missing)
+        loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
+        loop.owners.on_change = self._tell_owners
         self._create_topics()
-        BusServices(self, self._buses, lambda: self._eeprom.value.settings)
-        self.create_timer(1.0 / p.diagnostics_rate, self._publish_diagnostics)
+        self._bus_services = BusServices(
+            self, self._buses, lambda: self._eeprom.value.settings, self.stop, self.resume
+        )
+        steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
+        self._tell_owners()
         self._buses.start()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What has ended a bus or its services."""
+        return self._failure or self._bus_services.failure
 
     @property
     def joints(self) -> tuple[JointConfiguration, ...]:
@@ -100,9 +131,30 @@ class ServoBusNode(Node):
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
 
+    def stop(self) -> dict[str, str]:
+        """Relaxes all servos at once, and refuses every command until `resume`; for any thread.
+
+        Whatever else hangs, this does not wait for it.
+
+        Returns:
+            For each joint what went wrong; empty where its servos have confirmed.
+        """
+        if not self._loop.owners.stopped:
+            self._relaxed_before = {
+                joint.joint_name
+                for joint in self.joints
+                if self._buses.torque(joint.joint_name) is Torque.OFF_ON_REQUEST
+            }
+        return self._loop.stop(self._buses.relax_at_once)
+
+    def resume(self) -> str:
+        """Takes commands again; what was on before the stop goes on, slowly; what that is."""
+        return self._loop.resume()
+
     def destroy_node(self) -> None:
         """Stops the head, relaxes the servos and closes the ports."""
         self.make_safe()
+        self._bus_services.close()
         super().destroy_node()
 
     def make_safe(self) -> list[str]:
@@ -169,6 +221,7 @@ class ServoBusNode(Node):
 
     def _create_topics(self) -> None:
         self.create_subscription(JointState, "joint_commands", self._on_joint_commands, 1)
+        self.create_subscription(JointState, "joint_claims", self._on_joint_claims, 10)
         for joint in self._buses.joints:
             name, controller = joint.joint_name, joint.controller
             self.create_subscription(
@@ -176,18 +229,58 @@ class ServoBusNode(Node):
             )
             self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
 
+    def _update(self, bus: ServoBus, reading: BusReading) -> None:
+        """Between reading and writing, in the bus's thread."""
+        states = reading.states
+        self._states[bus] = states
+        complete: Mapping[str, Any] = {}
+        if states:
+            stamp = sum([state.stamp for state in states.values()]) // len(states)
+            measured = {
+                name: Measured(state.position, state.velocity, state.load)
+                for name, state in states.items()
+            }
+            complete = self._loop.joints_read(stamp, measured)
+            self._read[bus] = stamp, complete
+        self._loop.update(self._names[bus])
+
     def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
-        """Called in the bus's thread."""
+        """After writing, in the bus's thread."""
         if reading.events:
             for event in reading.events:
                 self._log_event(event)
         states = reading.states
-        self._states[bus] = states
         if states:
-            message = self._messages.get(bus)
-            if message is None or message.joints != states.keys():
-                message = self._messages[bus] = StatesMessage(states)
-            self._state_publisher.publish(message.filled(states))
+            if self._states_output.wanted:
+                message = self._messages.get(bus)
+                if message is None or message.joints != states.keys():
+                    message = self._messages[bus] = StatesMessage(states)
+                self._states_output.publish(message.filled(states))
+            if self._goals_output.wanted:
+                self._publish_goals(states)
+        self._loop.publish(self._names[bus], *self._read.pop(bus, (0, {})))
+
+    def _publish_goals(self, states: Mapping[str, ServoState]) -> None:
+        goals = {name: state.goal for name, state in states.items() if state.goal is not None}
+        message = JointState(name=list(goals), position=list(goals.values()))
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._goals_output.publish(message)
+
+    def _tell_owners(self) -> None:
+        """Publishes who owns which joint, if that has changed; called by whoever changes it."""
+        owners, joints = self._loop.owners, [joint.joint_name for joint in self.joints]
+        message = owners_message(owners.of(joints))
+        if message.data != self._told_owners:
+            self._told_owners = message.data
+            self._owners_topic.publish(message)
+        if owners.stopped != self._told_stopped:
+            resumed, self._told_stopped = self._told_stopped, owners.stopped
+            self._stopped_topic.publish(Bool(data=owners.stopped))
+            if resumed:
+                holding = [joint for joint in joints if joint not in self._relaxed_before]
+                self._switching: list[Future[None]] = self._buses.call(
+                    holding, lambda bus, share: bus.switching_torque(share, True)
+                )
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
@@ -201,37 +294,60 @@ class ServoBusNode(Node):
     def _on_error(self, error: BaseException) -> None:
         """Called in a bus's thread when it has ended."""
         self._failure = error
-        self._failed.trigger()
 
-    def _on_failure(self) -> None:
-        if self._failure is not None:
-            raise self._failure
+    def _on_joint_claims(self, message: JointState) -> None:
+        """Somebody takes joints over, whoever had them."""
+        sender = message.header.frame_id
+        known = {joint.joint_name for joint in self._buses.joints}
+        if not sender or not message.name or not set(message.name) <= known:
+            self.get_logger().error(
+                f"joint_claims refused: {sender!r} wants {list(message.name)}; header.frame_id "
+                f"must name the sender, and there are {', '.join(sorted(known))}",
+                throttle_duration_sec=1.0,
+            )
+            return
+        for controller in self._loop.controllers:
+            if set(controller.joints) & set(message.name):
+                controller.disable(f"{sender} has taken the head over")
+        self._loop.owners.take_over(sender, message.name)
 
     def _on_joint_commands(self, message: JointState) -> None:
         """A stream of goals: the limits clamp it, and joints that take no commands are left out."""
-        log = self.get_logger()
+        sender = message.header.frame_id or _SOMEBODY
         try:
             goals = goals_from_message(message)
-            waiting = [name for name in goals if self._buses.torque(name).waits]
-        except (ValueError, DynamixelError) as error:
-            log.error(f"joint_commands refused: {error}", throttle_duration_sec=1.0)
+            for name in goals:
+                self._buses.torque(name)
+            self._loop.owners.claim(sender, goals, LEASE)
+        except (ValueError, DynamixelError, OwnershipError) as error:
+            named = f" of {sender}" if sender != _SOMEBODY else ""
+            self._refuse(f"joint_commands{named}", error)
             return
-        for name in waiting:
-            log.warning(
-                f"{name}: {self._buses.torque(name).value}; joint_commands does nothing until then "
-                "(torque_enable, start or recover, as the case may be)",
-                throttle_duration_sec=5.0,
-            )
-            del goals[name]
-        if not goals:
-            return
+        self._write(sender, goals)
+
+    def _refuse(self, what: str, error: Exception) -> None:
+        self.get_logger().error(f"{what} refused: {error}", throttle_duration_sec=1.0)
+
+    def _write(self, sender: str, goals: Mapping[str, Goal]) -> None:
+        """Goals of whoever owns the joints."""
+        waiting = [name for name in goals if self._buses.torque(name).waits]
+        if waiting:
+            for name in waiting:
+                self.get_logger().warning(
+                    f"{name}: {self._buses.torque(name).value}; the commands of {sender} do "
+                    "nothing until then (torque_enable, start or recover, as the case may be)",
+                    throttle_duration_sec=5.0,
+                )
+            goals = {name: goal for name, goal in goals.items() if name not in waiting}
+            if not goals:
+                return
         try:
             result = self._buses.command(goals, clamp=True)
         except DynamixelError as error:
-            log.error(f"joint_commands refused: {error}", throttle_duration_sec=1.0)
+            self._refuse("joint_commands", error)
             return
         for name in result.clamped:
-            log.warning(
+            self.get_logger().warning(
                 f"{name}: the goal {goals[name].position:.3f} rad is beyond the servo's limit; "
                 f"{result.positions[name]:.3f} rad is used",
                 throttle_duration_sec=5.0,
@@ -240,8 +356,9 @@ class ServoBusNode(Node):
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
+                self._loop.owners.claim(_SOMEBODY, [joint], LEASE)
                 self._buses.command({joint: Goal(message.data)})
-            except DynamixelError as error:
+            except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")
 
         return callback
@@ -291,6 +408,7 @@ class ServoBusNode(Node):
         ]
 
     def _publish_diagnostics(self) -> None:
+        self._tell_owners()  # claims end by themselves
         message = DiagnosticArray(
             status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
         )

@@ -11,7 +11,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.messages import target_from_message, target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -115,7 +115,7 @@ class TargetMuxNode(Node):
         self.create_subscription(String, "~/pin", self._on_pin, 10)
         for name, p in self._sources.items():
             if self.resolve_topic_name(p.topic) == self._publisher.topic_name:
-                raise ValueError(
+                raise ParameterError(
                     f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
                     "topic of its own"
                 )

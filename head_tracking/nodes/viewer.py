@@ -10,6 +10,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.parameters import NodeParameters
@@ -38,12 +39,12 @@ class ViewerNode(Node):
         buffer: fed by another node of this process; None: this node listens itself.
 
     Raises:
-        ValueError: viser is missing, or the address can't be listened on; says what to do.
+        HeadTrackingError: viser is missing, or the address can't be listened on; says what to do.
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         if not installed():
-            raise ValueError(MISSING)
+            raise HeadTrackingError(MISSING)
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
         from head_tracking.viewer.same_origin import is_loopback

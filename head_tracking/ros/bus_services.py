@@ -6,22 +6,26 @@ which takes it in steps between its cycles, and answers when that is done. Relax
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Awaitable, Callable, Generator, Sequence
+from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Buses, DynamixelError, EepromSettings, ServoBus
+from head_tracking.ros.joint_owners import stop_report
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
 _MEMORY = 10.0  # s
 _POLL = 0.002  # s
+_POLL_END = 0.5  # s
 
 Joints = tuple[str, ...]
 Request = Callable[[ServoBus, Joints], object]
@@ -30,42 +34,88 @@ Request = Callable[[ServoBus, Joints], object]
 class BusServices:
     """Offers torque, relaxing, recovery, stopping and starting, and the servos' memory.
 
+    They have an executor and a thread of their own: no callback of another node of the process
+    delays them, least of all `stop`.
+
     Args:
-        node: offers the services.
-        buses: carry them out.
+        bus: the node servo_bus.
+        buses: carry the requests out.
         eeprom: what to write into the servos' memory when somebody asks for it.
+        stop: relaxes everything at once; for each joint what went wrong, or an empty string.
+        resume: ends that; what goes on.
     """
 
-    def __init__(self, node: Node, buses: Buses, eeprom: Callable[[], EepromSettings]) -> None:
+    def __init__(
+        self,
+        bus: Node,
+        buses: Buses,
+        eeprom: Callable[[], EepromSettings],
+        stop: Callable[[], Mapping[str, str]],
+        resume: Callable[[], str],
+    ) -> None:
         self._buses = buses
         self._eeprom = eeprom
         self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
+        self._node = node = Node(
+            f"{bus.get_name()}_services",
+            context=bus.context,
+            namespace=bus.get_namespace(),
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
         everything = tuple(joint.joint_name for joint in buses.joints)
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
-            self._offer_torque(node, f"{controller}/torque_enable", one)
-            self._offer(node, f"{controller}/stop", partial(self._stop, one))
-            self._offer(node, f"{controller}/start", partial(self._start, one))
-            self._offer(node, f"{controller}/restart", partial(self._restart, one))
-            self._offer(node, f"{controller}/recover", partial(self._recover, one))
-        self._offer_torque(node, "torque_enable", everything)
-        self._offer(node, "relax", lambda: self._switch(everything, False))
-        self._offer(node, "recover", lambda: self._recover(everything))
-        self._offer(node, "~/write_eeprom", lambda: self._write_eeprom(everything))
+            self._offer_torque(f"{controller}/torque_enable", one)
+            self._offer(f"{controller}/stop", partial(self._stop, one))
+            self._offer(f"{controller}/start", partial(self._start, one))
+            self._offer(f"{controller}/restart", partial(self._restart, one))
+            self._offer(f"{controller}/recover", partial(self._recover, one))
+        self._offer_torque("torque_enable", everything)
+        self._offer("relax", lambda: self._switch(everything, False))
+        self._offer("recover", lambda: self._recover(everything))
+        self._offer(
+            f"{bus.get_fully_qualified_name()}/write_eeprom",
+            lambda: self._write_eeprom(everything),
+        )
+        node.create_service(Trigger, "stop", lambda _, response: _stopped(response, stop()))
+        node.create_service(Trigger, "resume", lambda _, response: _resumed(response, resume()))
+        self.failure: Exception | None = None
+        self._ending = threading.Event()
+        self._executor = SingleThreadedExecutor(context=bus.context)
+        self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._spin, name="bus services", daemon=True)
+        self._thread.start()
 
-    def _offer(self, node: Node, name: str, act: Callable[[], Awaitable[str]]) -> None:
+    def close(self) -> None:
+        """Offers nothing any more."""
+        self._ending.set()
+        self._executor.wake()
+        self._thread.join(_TIMEOUT)
+        if not self._thread.is_alive():
+            self._executor.shutdown()
+            self._node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            while not self._ending.is_set():
+                self._executor.spin_once(timeout_sec=_POLL_END)
+        except Exception as error:
+            self.failure = error  # for whoever runs the bus: without services nobody can stop it
+
+    def _offer(self, name: str, act: Callable[[], Awaitable[str]]) -> None:
         async def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             return await _answer(response, act)
 
-        node.create_service(Trigger, name, callback, callback_group=self._group)
+        self._node.create_service(Trigger, name, callback, callback_group=self._group)
 
-    def _offer_torque(self, node: Node, name: str, joints: Joints) -> None:
+    def _offer_torque(self, name: str, joints: Joints) -> None:
         async def callback(
             request: SetBool.Request, response: SetBool.Response
         ) -> SetBool.Response:
             return await _answer(response, lambda: self._switch(joints, request.data))
 
-        node.create_service(SetBool, name, callback, callback_group=self._group)
+        self._node.create_service(SetBool, name, callback, callback_group=self._group)
 
     async def _switch(self, joints: Joints, on: bool) -> str:
         await self._run(joints, lambda bus, share: bus.switching_torque(share, on), cancel=on)
@@ -154,4 +204,16 @@ async def _answer(response: Any, act: Callable[[], Awaitable[str]]) -> Any:
         response.success = True
     except (DynamixelError, TimeoutError) as error:
         response.success, response.message = False, str(error)
+    return response
+
+
+def _stopped(response: Any, problems: Mapping[str, str]) -> Any:
+    response.success = not any(problems.values())
+    response.message = ", ".join(stop_report(*each) for each in problems.items())
+    return response
+
+
+def _resumed(response: Any, what: str) -> Any:
+    response.success = True
+    response.message = f"{what} goes on, slowly at first" if what else "commands are taken again"
     return response

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
 from head_tracking.vision.candidate import Candidate
@@ -34,7 +35,7 @@ __all__ = [
 ]
 
 
-class MessagesMissingError(ImportError):
+class MessagesMissingError(HeadTrackingError, ImportError):
     """A package of messages is not installed; the message says which."""
 
 

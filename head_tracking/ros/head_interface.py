@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Callable
+from collections import deque
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool
 
+from head_tracking.control import ControlLoop, OwnershipError
+from head_tracking.dynamixel import Goal
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
+from head_tracking.ros.joint_owners import owners_from_message
+from head_tracking.ros.listening import listen_for
 from head_tracking.ros.messages import command_message, target_from_message
+from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
-from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf import Buffer
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -30,6 +38,8 @@ from head_tracking.transforms import (
 
 _WATCH_PERIOD = 0.25  # s
 _TELL_PERIOD = 1.0  # s
+_PATIENCE = 0.2  # s
+_MOST_WAITING = 1000  # targets, until the next cycle
 _MOST_TOLD = 100  # things at a time; anybody may send targets in frames of any name
 
 
@@ -122,26 +132,65 @@ class HeadReading(NamedTuple):
     positions: tuple[float, float]
 
 
+class HeadTurner(Protocol):
+    """What a node decides about the head that it turns; asked with the interface's lock held."""
+
+    what: str
+    """What it does, such as "tracking"."""
+
+    def head_known(self, head: PanTiltHead, base: HeadBase | None) -> None:
+        """The robot's model is there, or has changed.
+
+        Args:
+            head: of the model.
+            base: where the head's base is, unless that is the frame that stands still.
+        """
+
+    def reset(self, reason: str) -> None:
+        """The clock has jumped or stopped: what was made of times before is worth nothing."""
+
+    def step(self, reading: HeadReading) -> HeadCommand | None:
+        """What to do now; nothing is sent while it is off."""
+
+    def halt(self, reading: HeadReading | None) -> HeadCommand | None:
+        """The command that stops the head because somebody switches the node off."""
+
+    def switched(self) -> None:
+        """It turns the head from now on, or not any more; the interface's `off` says why not."""
+
+    def report(self) -> None:
+        """Tells others what it does, if that has changed."""
+
+
 class HeadInterface:
-    """Connects a node to the head that it turns.
+    """Connects a node to the head that it turns: one of the controllers of its process.
+
+    In a process with the servo bus its `step` is asked in each cycle of the bus, in the bus's
+    thread, and what it answers is written in the same cycle. Alone in a process it is asked when
+    `joint_states` come, and what it answers is published on `joint_commands`.
 
     Args:
-        node: subscribes `target_point` and publishes `joint_commands`.
+        node: subscribes `target_point`, and publishes `~/enabled`.
         pointing_frame: the frame to point.
         error_topic: where the angle by which the head misses its target goes [rad].
         buffer: fed by another node of this process; None: this node listens itself.
-        on_head: called when the robot's model is there, and again when it changes; with where the
-            head's base is, unless that is the frame that stands still.
-        on_reset: called with the reason when the clock has jumped or stopped: whatever was made
-            of times before is worth nothing.
-        on_target: called when a target has come.
+        loop: of this process; None: there is none.
+        turner: the node's side of it.
 
     Raises:
         ValueError: a parameter is not allowed.
 
     Attributes:
         trouble: why the head is left alone; empty: nothing keeps it from moving.
+        lock: held while the turner is asked anything.
+        off: why the node does not turn the head; empty: it does.
+        slow: it has been stopped, and goes slowly until it has arrived.
+        buffer: the robot's frames.
+        head: the head that is turned, once the robot's model is known.
+        newest_target: as it was sent, once one could be placed.
     """
+
+    failure: Exception | None = None
 
     def __init__(
         self,
@@ -149,19 +198,20 @@ class HeadInterface:
         pointing_frame: str,
         error_topic: str,
         buffer: Buffer | None,
-        on_head: Callable[[PanTiltHead, HeadBase | None], None],
-        on_reset: Callable[[str], None],
-        on_target: Callable[[], None] = lambda: None,
+        loop: ControlLoop | None,
+        turner: HeadTurner,
     ) -> None:
         self.trouble = "waiting for robot_description"
+        self.lock = threading.RLock()
+        self.off = "it has not begun"
+        self.slow = self._resumes = False
+        self.newest_target: Target | None = None
+        self.head: PanTiltHead | None = None
         self._node = node
         self._log = node.get_logger()
         self._parameters = NodeParameters(node, HeadParameters).value
         self._pointing_frame = pointing_frame
-        self._buffer = (buffer or listening_buffer(node)).core
-        self._on_head = on_head
-        self._on_reset = on_reset
-        self._on_target = on_target
+        self._turner = turner
         self._clock = ClockWatch(lambda: float(node.get_clock().now().nanoseconds) * 1e-9)
         self._model: RobotModel | None = None
         self._refused_model: RobotModel | None = None
@@ -171,12 +221,157 @@ class HeadInterface:
         self._base: HeadBase | None = None
         self._placer: TargetPlacer | None = None
         self._listening_since = round(self.now * 1e9)
-        self._commands = node.create_publisher(JointState, "joint_commands", 1)
-        self._errors = node.create_publisher(Float64, error_topic, 10)
+        self._inbox: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
+        self._placed: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_WAITING)
+        self._error: float | None = None
+        self._errors = Output(node, Float64, error_topic)
+        self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
-        steady_timer(node, _WATCH_PERIOD, self.reading)
-        if self._buffer.model is not None:
+        node.create_service(SetBool, "~/enable", self._on_enable)
+        self._owner = ""
+        if loop is None:
+            buffer = buffer or Buffer(node=node)
+            loop = ControlLoop(buffer.core)
+            listen_for(loop, buffer, node)
+        self._loop = loop
+        assert loop.buffer is not None
+        self.buffer = loop.buffer
+        if loop.write is None:  # the servos are in another process
+            self._commands = node.create_publisher(JointState, "joint_commands", 1)
+            self._claims = node.create_publisher(JointState, "joint_claims", 10)
+            node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
+            node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+
+    def begin(self) -> None:
+        """Turns the head from now on, unless another node of this process does."""
+        try:
+            self._loop.owners.claim(self.name, self.joints)
+            self.off = ""
+        except OwnershipError as error:
+            self.off = str(error)
+            self._log.warning(f"{error}; until then this node is switched off")
+        self._tell_enabled()
+        if self.buffer.model is not None:
             self._check_model()
+        self._loop.target_takers.append(self._take_target)
+        self._loop.add(self)
+        steady_timer(self._node, _WATCH_PERIOD, self._watch)
+
+    @property
+    def name(self) -> str:
+        """The node's."""
+        return str(self._node.get_fully_qualified_name())
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Pan and tilt."""
+        return self._parameters.head_pan_joint, self._parameters.head_tilt_joint
+
+    def update(self) -> None:
+        """Asks the turner what to do now, and does it; see `ControlLoop`."""
+        with self.lock:
+            reading = self.reading()
+            if self._placer is not None:
+                while self._inbox:
+                    self._placer.offer(*self._inbox.popleft())
+            if reading is not None:
+                self.send(self._turner.step(reading))
+
+    def publish(self) -> None:
+        """Tells others of the error."""
+        error, self._error = self._error, None
+        if error is not None and self._errors.wanted:
+            self._errors.publish(Float64(data=error))
+        with self.lock:
+            self._turner.report()
+
+    def enable(self, *, slowly: bool) -> None:
+        """Takes the joints over, and lets the turner turn them."""
+        self._loop.take_over(self)
+        if self._loop.write is None:
+            claim = JointState(name=self.joints)
+            claim.header.frame_id = self.name
+            self._claims.publish(claim)
+        self.slow, self._resumes = slowly, False
+        self._switch("")
+
+    def disable(self, reason: str) -> None:
+        """Gives the joints up, because somebody else takes them."""
+        self._resumes = False
+        if not self.off:
+            self._switch(reason)
+            self._loop.owners.release(self.name)
+
+    def stop(self) -> None:
+        """Gives the joints up, because the head is stopped."""
+        if not self.off:
+            self.disable("stopped")
+            self._resumes = True
+
+    def resume(self) -> bool:
+        """Takes the joints over, slowly at first, if a stop has taken them; whether it was so."""
+        resumes = self._resumes
+        if resumes:
+            self.enable(slowly=True)
+        return resumes
+
+    def _switch(self, off: str) -> None:
+        self.off = off
+        # a turner that hangs must not keep others from stopping the head
+        if self.lock.acquire(timeout=_PATIENCE):
+            try:
+                self.forget_targets()
+                self._turner.switched()
+            finally:
+                self.lock.release()
+        self._tell_enabled()
+
+    def _tell_enabled(self) -> None:
+        self._enabled_topic.publish(Bool(data=not self.off))
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        what = self._turner.what
+        response.success = True
+        if request.data:
+            if self.off:
+                self.enable(slowly=self._loop.owners.stopped)
+            response.message = f"{what} is on"
+            return response
+        with self.lock:
+            reading = self.reading()
+            if not self.off:
+                self.send(self._turner.halt(reading))
+        self.disable(f"{what} is switched off")
+        response.message = f"{what} is off; the head stops"
+        return response
+
+    def _on_owners(self, message: String) -> None:
+        """Notices that another process's node has taken the head over."""
+        owner = owners_from_message(message).get(self.joints[0], "")
+        lost, self._owner = self._owner == self.name != owner, owner
+        if lost and owner:
+            self.disable(f"{owner} has taken the head over")
+
+    def _on_stopped(self, message: Bool) -> None:
+        """Follows the servo bus of another process."""
+        if message.data:
+            self.stop()
+        else:
+            self.resume()
+
+    def _watch(self) -> None:
+        with self.lock:
+            self.reading()
+            self._turner.report()
+
+    def take_placed(self) -> list[tuple[float, Vector3]]:
+        """The targets of this node since this was asked last: stamp [s], point in the base [m]."""
+        placed = []
+        while self._placed:
+            stamp, point = self._placed.popleft()
+            base = self._base
+            placed.append((stamp, point if base is None else base.at(stamp).inverse() @ point))
+        return placed
 
     @property
     def now(self) -> float:
@@ -196,7 +391,7 @@ class HeadInterface:
         p, now = self._parameters, self._clock.checked
         found, stamps = [], []
         for joint in (p.head_pan_joint, p.head_tilt_joint):
-            stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
+            stamp, position = self.buffer.latest_joint_position(joint) or (-1, None)
             age = now - (self._listening_since if stamp < 0 else stamp) * 1e-9
             if abs(age) > p.joint_state_timeout:
                 self.trouble = self._clock.standing or (
@@ -212,7 +407,9 @@ class HeadInterface:
                 return None
             found.append(position)
             stamps.append(stamp)
-        self.trouble = self._clock.standing
+        self.trouble = self._clock.standing or self._loop.held
+        if self._loop.held:
+            return None
         return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
     def take_targets(
@@ -225,7 +422,10 @@ class HeadInterface:
             now: the time [s].
         """
         assert self._placer is not None
-        return self._placer.place(now, self._named(positions))
+        placed = self._placer.place(now, self._named(positions))
+        for target, point in placed:
+            self._keep(target, point, now)
+        return placed
 
     def take_newest_target(
         self, positions: tuple[float, float], now: float
@@ -233,7 +433,10 @@ class HeadInterface:
         """The newest target only, and its place in the head's base frame as that is now."""
         assert self._placer is not None
         placed = self._placer.place_newest(now, self._named(positions))
-        if placed is None or self._base is None:
+        if placed is None:
+            return None
+        self._keep(*placed, now)
+        if self._base is None:
             return placed
         unknown = self._base.update()
         if unknown:
@@ -253,29 +456,41 @@ class HeadInterface:
             frames = self._base_frame, frame_id
             here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
             try:
-                one = self._buffer.lookup_transform(*frames, LATEST, joint_positions=here)
-                other = self._buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
+                one = self.buffer.lookup_transform(*frames, LATEST, joint_positions=here)
+                other = self.buffer.lookup_transform(*frames, one.stamp, joint_positions=there)
             except TransformException:
                 return False
             self._carried[frame_id] = one.transform != other.transform
         return self._carried[frame_id]
 
     def send(self, command: HeadCommand | None) -> None:
-        """Publishes a command for both joints, if there is one."""
-        if command is not None:
-            p = self._parameters
+        """Takes a command for both joints to the servos, if there is one and the head is ours."""
+        if command is None or self.off:
+            return
+        if not self._loop.owners.owns(self.name, self.joints[0]):
+            try:
+                self._loop.owners.claim(self.name, self.joints)
+            except OwnershipError as error:
+                self._tell("owner", str(error))
+                return
+        if self._loop.write is not None:
+            pan, tilt = self.joints
+            goals = {
+                pan: Goal(command.pan, command.pan_speed),
+                tilt: Goal(command.tilt, command.tilt_speed),
+            }
+            self._loop.write(self.name, goals)
+        else:
             stamp = self._node.get_clock().now().to_msg()
-            self._commands.publish(
-                command_message(p.head_pan_joint, p.head_tilt_joint, command, stamp)
-            )
+            self._commands.publish(command_message(self.name, self.joints, command, stamp))
 
-    def publish_error(self, error: float | None) -> None:
-        """Publishes by how much the head misses its target [rad], if it has one."""
-        if error is not None:
-            self._errors.publish(Float64(data=error))
+    def tell_error(self, error: float | None) -> None:
+        """Lets others know by how much the head misses its target [rad], if it has one."""
+        self._error = error
 
     def forget_targets(self) -> None:
         """Drops targets that wait for their transforms."""
+        self._inbox.clear()
         if self._placer is not None:
             self._placer.forget()
 
@@ -297,19 +512,19 @@ class HeadInterface:
             self._log.warning(f"{happened}: everything starts anew, and the head holds")
             self._listening_since = now
             if not self._clock.standing:
-                self._buffer.clear()
+                self.buffer.clear()
             self.forget_targets()
-            self._on_reset(happened)
+            self._turner.reset(happened)
 
     def _check_model(self) -> None:
-        model = self._buffer.model
+        model = self.buffer.model
         if model is not None and model is not self._model and model is not self._refused_model:
             try:
                 self._take_model(model)
             except RobotModelError as error:
                 self._refused_model = model
                 if self._model is not None:
-                    self._buffer.set_model(self._model)
+                    self.buffer.set_model(self._model)
                     self._log.error(f"another robot_description is not used: {error}")
                 else:
                     self.trouble = f"robot_description cannot be used: {error}"
@@ -331,19 +546,27 @@ class HeadInterface:
         self._model = model
         self._base_frame = head.base_frame
         self._carried.clear()
-        self._placer = TargetPlacer(self._buffer, fixed_frame, p.transform_timeout)
+        self._placer = TargetPlacer(self.buffer, fixed_frame, p.transform_timeout)
         self._base = (
             None
             if fixed_frame == head.base_frame
-            else HeadBase(self._buffer, fixed_frame, head.base_frame)
+            else HeadBase(self.buffer, fixed_frame, head.base_frame)
         )
-        self._on_head(head, self._base)
+        self.head = head
+        self._turner.head_known(head, self._base)
 
     def _on_message(self, message: PointStamped) -> None:
-        self._check_model()
+        self._take_target(target_from_message(message))
+
+    def _take_target(self, target: Target) -> None:
+        """Keeps a target for the next cycle; for any thread."""
         if self._placer is not None:
-            self._placer.offer(self._dated(target_from_message(message)), self.now)
-            self._on_target()
+            self._inbox.append((self._dated(target), self.now))
+
+    def _keep(self, target: Target, point: Vector3, now: float) -> None:
+        """Remembers where a target was, for those who look on."""
+        self.newest_target = target
+        self._placed.append((target.stamp * 1e-9 if target.stamp else now, point))
 
     def _named(self, positions: tuple[float, float]) -> dict[str, float]:
         p = self._parameters

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from rclpy.node import Node
 
 from head_tracking.dynamixel import ConfigurationError, JointConfiguration
+from head_tracking.parameters import ParameterError
 from head_tracking.ros.bus_parameters import (
     TUTORIAL_HEAD,
     ControllerParameters,
@@ -55,7 +56,7 @@ def declare_joint(
 
     Raises:
         ConfigurationError: the servo can't do what is configured, or has no id.
-        ValueError: a parameter is out of range.
+        ParameterError: a parameter is out of range.
     """
     controller = f"{dynamixel}_controller"
     joint_name = f"{dynamixel}_joint"
@@ -98,4 +99,4 @@ def _refuse_impossible(make: Callable[[], object]) -> None:
     try:
         make()
     except ConfigurationError as error:
-        raise ValueError(str(error)) from error
+        raise ParameterError(str(error)) from error

@@ -12,12 +12,13 @@ from head_tracking.tracking import Target
 
 
 def command_message(
-    pan_joint: str, tilt_joint: str, command: HeadCommand, stamp: Time
+    sender: str, joints: tuple[str, ...], command: HeadCommand, stamp: Time
 ) -> JointState:
-    """A joint_commands message for the whole head."""
+    """A joint_commands message for the whole head: pan and tilt; `frame_id` names the sender."""
     message = JointState()
     message.header.stamp = stamp
-    message.name = [pan_joint, tilt_joint]
+    message.header.frame_id = sender
+    message.name = list(joints)
     message.position = [command.pan, command.tilt]
     message.velocity = [command.pan_speed, command.tilt_speed]
     return message

@@ -13,10 +13,18 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.parameters import ParameterInfo, allowed, checked, parameter_info
+from head_tracking.parameters import (
+    ParameterError,
+    ParameterInfo,
+    allowed,
+    checked,
+    parameter_info,
+)
+from head_tracking.ros.parameter_files import source
 
 P = TypeVar("P")
 
@@ -37,7 +45,7 @@ class NodeParameters(Generic[P]):
         on_change: called with the new value after somebody set a parameter.
 
     Raises:
-        ValueError: a value given at the start is not allowed; says what is.
+        ParameterError: values given at the start are not allowed; names each, and says what is.
     """
 
     def __init__(
@@ -54,17 +62,33 @@ class NodeParameters(Generic[P]):
         self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
         self._on_change = on_change
         self._is_possible = check
-        values = {}
+        values, refused = {}, []
         for name, field in self._fields.items():
-            default = (defaults or {}).get(name, field.default)
-            values[name] = node.declare_parameter(
-                prefix + name,
-                list(default) if isinstance(default, tuple) else default,
-                _descriptor(parameter_info(field), default),
-            ).value
-        self.value: P = kind(**self._checked(values))
+            default, info = (defaults or {}).get(name, field.default), parameter_info(field)
+            try:
+                value = node.declare_parameter(
+                    prefix + name,
+                    list(default) if isinstance(default, tuple) else default,
+                    _descriptor(info, default),
+                ).value
+                values[name] = checked(prefix + name, info, field.default, value)
+            except (ParameterException, ParameterError) as error:
+                refused.append((name, error))
+        if refused:
+            raise ParameterError("; ".join(self._told(*each) for each in refused))
+        self.value: P = kind(**values)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take)
+
+    def _told(self, name: str, error: Exception) -> str:
+        """What is wrong with the value given for a field, and where it comes from."""
+        full_name = self._prefix + name
+        where = f"{source(self._node, full_name)}: {self._node.get_fully_qualified_name()}"
+        if isinstance(error, InvalidParameterTypeException):
+            given = self._node._parameter_overrides[full_name].value
+            wanted = type(self._fields[name].default).__name__
+            return f"{where}: {full_name} is {given!r}; it must be a {wanted}"
+        return f"{where}: {error}"
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         return {

@@ -1,4 +1,4 @@
-"""Runs nodes: one thread and executor each, ended by a signal, by time, or by a node that dies."""
+"""Runs nodes: one executor for all, ended by a signal, by time, or by a node that dies."""
 
 from __future__ import annotations
 
@@ -7,35 +7,34 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Empty
 
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.output import output_may_get_lost
+from head_tracking.ros import parameter_files
+from head_tracking.ros.start import start_ros
 from head_tracking.ros.stop_signal import StopSignal
 
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:  # an older rclpy
+    EventsExecutor = None
+
 _POLL = 0.1  # s
+_PROBE_PERIOD, _PROBE_PATIENCE = 0.005, 1.0  # s
+_TRIED: WeakKeyDictionary[Context, bool] = WeakKeyDictionary()
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
-_EXPLAINED = (
-    ("head_tracking.dynamixel.exceptions", "DynamixelError"),
-    ("head_tracking.transforms", "RobotModelError"),
-    ("head_tracking.transforms", "TransformException"),
-    ("head_tracking.vision.opencv", "OpenCVMissingError"),
-    ("head_tracking.ros.detections", "MessagesMissingError"),
-)
-
-
-def explained_errors() -> tuple[type[Exception], ...]:
-    """Errors whose message is all that a person needs to know.
-
-    What has not been imported has not been raised, and a servo bus needs no vision.
-    """
-    ours = (getattr(sys.modules.get(module), name, None) for module, name in _EXPLAINED)
-    return (ParameterException, FileNotFoundError, ValueError, *filter(None, ours))
+EXPLAINED = (HeadTrackingError, ParameterException)
+"""Errors whose message is all that a person needs to know."""
 
 
 class NodeDied(Exception):
@@ -55,49 +54,74 @@ class NodeDied(Exception):
 def describe(error: Exception) -> str:
     """The error for a person: its message; the traceback too if nobody has foreseen it."""
     cause = error.error if isinstance(error, NodeDied) else error
-    if isinstance(cause, explained_errors()):
+    if isinstance(cause, RefusedError):
+        return str(cause)
+    if isinstance(cause, EXPLAINED):
         return str(error)
     return "".join(traceback.format_exception(cause)) + str(error)
 
 
 class NodeThreads:
-    """Nodes that spin, each in a thread of its own.
+    """Nodes that spin: all in one thread by an EventsExecutor, where that works.
 
-    Small executors answer faster than one big one: each wakes for its own node only.
+    Elsewhere each spins in a thread by a SingleThreadedExecutor of its own, which wakes for its own
+    node only: at each wake-up it looks at all that its nodes have.
 
     Attributes:
         problems: what went wrong at the end, such as servos that may have torque on.
     """
 
     def __init__(self) -> None:
-        self._spinning: list[tuple[Node, threading.Thread]] = []
+        self._nodes: list[Node] = []
+        self._threads: list[tuple[Node | None, threading.Thread]] = []
+        self._events: Executor | None = None
         self._ending = threading.Event()
         self._failure: NodeDied | None = None
         self.problems: list[str] = []
 
     @property
     def failure(self) -> NodeDied | None:
-        """The first node that died."""
+        """The first node that died: in a callback, or as its `failure` says."""
+        for node in self._nodes:
+            error = getattr(node, "failure", None)
+            if self._failure is None and error is not None:
+                self._failure = NodeDied(node.get_name(), error)
         return self._failure
 
     def start(self, node: Node) -> None:
         """Spins a node from now on."""
-        thread = threading.Thread(
-            target=self._spin, args=(node,), name=node.get_name(), daemon=True
-        )
-        self._spinning.append((node, thread))
-        thread.start()
+        if not self._nodes and events_executor_works(node.context):
+            self._events = EventsExecutor(context=node.context)
+            self._start_thread(None, self._events)
+        self._nodes.append(node)
+        if self._events is not None:
+            self._events.add_node(node)
+            return
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        self._start_thread(node, executor)
 
-    def wait(self, stop: StopSignal, duration: float | None = None) -> None:
+    def wait(
+        self,
+        stop: StopSignal,
+        duration: float | None = None,
+        look: Callable[[], object] = lambda: None,
+    ) -> None:
         """Waits until somebody asks to stop, `duration` [s] is over, or a node dies.
+
+        Args:
+            stop: asks to stop.
+            duration: how long to wait [s]; None: for ever.
+            look: called ten times a second.
 
         Raises:
             NodeDied: a node ended with an error.
         """
         end = None if duration is None else time.monotonic() + duration
         while not stop() and (end is None or time.monotonic() < end):
-            if self._failure is not None:
-                raise self._failure
+            if self.failure is not None:
+                raise self.failure
+            look()
             left = _POLL if end is None else max(0.0, min(_POLL, end - time.monotonic()))
             stop.wait(left)
 
@@ -108,17 +132,23 @@ class NodeThreads:
         the method returns what went wrong.
         """
         self._ending.set()
-        for node, _ in self._spinning:
+        for node in self._nodes:
             make_safe = getattr(node, "make_safe", None)
             if make_safe is not None:
                 self.problems += make_safe()
         deadline = time.monotonic() + _PATIENCE
-        while self._spinning:
-            node, thread = self._spinning.pop()
+        hanging = set()
+        for node, thread in self._threads:
             thread.join(max(0.0, deadline - time.monotonic()))
             if thread.is_alive():
+                hanging.add(node)
+        if None in hanging:
+            self.problems.append("a callback does not return")
+        while self._nodes:
+            node = self._nodes.pop()
+            if node in hanging:
                 self.problems.append(f"{node.get_name()}: a callback does not return")
-            else:
+            elif None not in hanging:
                 node.destroy_node()
 
     def exit_code(self) -> int:
@@ -127,17 +157,70 @@ class NodeThreads:
             print(problem, file=sys.stderr)
         return 1 if self.problems else 0
 
-    def _spin(self, node: Node) -> None:
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
+    def _start_thread(self, node: Node | None, executor: Executor) -> None:
+        thread = threading.Thread(
+            target=self._spin,
+            args=(node, executor),
+            name="nodes" if node is None else node.get_name(),
+            daemon=True,
+        )
+        self._threads.append((node, thread))
+        thread.start()
+
+    def _spin(self, node: Node | None, executor: Executor) -> None:
         try:
             while not self._ending.is_set():
                 executor.spin_once(timeout_sec=_POLL)
         except Exception as error:
-            self._failure = self._failure or NodeDied(node.get_name(), error)
+            name = _node_of(error) if node is None else node.get_name()
+            self._failure = self._failure or NodeDied(name, error)
         finally:
-            executor.remove_node(node)
             executor.shutdown()
+
+
+def _node_of(error: Exception) -> str:
+    """The name of the node in whose callback an error was raised."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        owner = frame.f_locals.get("self")
+        node = owner if isinstance(owner, Node) else getattr(owner, "_node", None)
+        if isinstance(node, Node):
+            return str(node.get_name())
+    return "a node"
+
+
+def events_executor_works(context: Context) -> bool:
+    """Whether rclpy has an EventsExecutor that brings timers and messages here; tried once."""
+    if EventsExecutor is None:
+        return False
+    if context not in _TRIED:
+        _TRIED[context] = _probe(context)
+    return _TRIED[context]
+
+
+def _probe(context: Context) -> bool:
+    node = Node(
+        "executor_probe",
+        context=context,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    heard: list[Empty] = []
+    publisher = node.create_publisher(Empty, "~/probe", 1)
+    node.create_subscription(Empty, "~/probe", heard.append, 1)
+    steady_timer(node, _PROBE_PERIOD, lambda: publisher.publish(Empty()))
+    deadline = time.monotonic() + _PROBE_PATIENCE
+    try:
+        executor = EventsExecutor(context=context)
+        executor.add_node(node)
+        while not heard and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=_PROBE_PERIOD)
+        executor.shutdown()
+    except Exception:
+        return False  # whatever it is, the other executor is there
+    finally:
+        node.destroy_node()
+    return bool(heard)
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> None:
@@ -156,16 +239,18 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
         were not confirmed relaxed); the reason is printed.
     """
-    with StopSignal() as stop:
+    with output_may_get_lost(), StopSignal() as stop:
         return run_until(stop, make, args)
 
 
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Runs one node as a program until `stop`; see `run_node`."""
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     threads = NodeThreads()
     try:
-        threads.start(make())
+        start_ros(args)
+        node = make()
+        parameter_files.check([node])
+        threads.start(node)
         threads.wait(stop)
     except Exception as error:
         print(describe(error), file=sys.stderr)

@@ -6,8 +6,10 @@ do.
 
 from __future__ import annotations
 
+from head_tracking.exceptions import HeadTrackingError
 
-class SimulationError(Exception):
+
+class SimulationError(HeadTrackingError):
     """Root of the errors of this room: the simulator was set up or used in a wrong way."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.targets.skeleton import skeleton_frame
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformBuffer, TransformException
@@ -38,7 +38,7 @@ class FrameTargetParameters:
 
     def __post_init__(self) -> None:
         if len(self.offset) != 3:
-            raise ValueError(f"offset is {list(self.offset)}; it needs x, y and z")
+            raise ParameterError(f"offset is {list(self.offset)}; it needs x, y and z")
 
 
 class StaleFrameError(Exception):

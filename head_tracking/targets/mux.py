@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class TargetMux:
     takes over at once. Times are in seconds, on any clock.
 
     Raises:
-        ValueError: there is no source, or two have one name.
+        ParameterError: there is no source, or two have one name.
     """
 
     def __init__(self, sources: Iterable[Source], parameters: MuxParameters) -> None:
@@ -53,7 +53,7 @@ class TargetMux:
         listed = list(sources)
         self.sources = {source.name: source for source in listed}
         if not listed or len(self.sources) != len(listed):
-            raise ValueError(
+            raise ParameterError(
                 f"the sources are {[source.name for source in listed]}; give at least one, each "
                 "with a name of its own"
             )

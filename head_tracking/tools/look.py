@@ -12,14 +12,13 @@ from contextlib import ExitStack, closing
 import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 from head_tracking.command_line import finite
 from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.targets import Arrival
 from head_tracking.tf import Buffer, listening_buffer
@@ -242,12 +241,13 @@ def parse_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
+@program("look")
 def main() -> int:
     """Turns the head; returns the exit code."""
-    arguments = remove_ros_args(sys.argv)[1:]
+    arguments = without_ros_arguments(sys.argv)[1:]
     parse_arguments(arguments)
     with StopSignal() as stop, ExitStack() as resources:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         resources.callback(rclpy.try_shutdown)
         node = Node("look", start_parameter_services=False)
         buffer = listening_buffer(node)

@@ -6,18 +6,19 @@ import sys
 import time
 
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.start import program, start_ros
 from head_tracking.ros.stop_signal import StopSignal
 
 _PATIENCE = 10.0  # s; discovery of a running servo_bus can take a few
 
 
+@program("relax")
 def main() -> int:
     """Calls the service `relax` of the servo bus; 0 if every servo confirmed."""
     with StopSignal() as stop:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         node = rclpy.create_node("relax")
         try:
             client = node.create_client(Trigger, "relax")

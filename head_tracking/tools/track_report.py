@@ -15,8 +15,6 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
 from head_tracking.command_line import seconds
@@ -25,6 +23,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -96,11 +95,12 @@ class TrackReportNode(Node):
             self.record.target_seen(stamp, point, came)
 
 
+@program("track_report")
 def main() -> int:
     """Records a run and writes what came of it; returns the exit code."""
-    options = _parse(remove_ros_args(sys.argv)[1:])
+    options = _parse(without_ros_arguments(sys.argv)[1:])
     with StopSignal() as stop, ExitStack() as resources:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         resources.callback(rclpy.try_shutdown)
         node = TrackReportNode()
         resources.callback(node.destroy_node)

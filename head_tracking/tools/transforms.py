@@ -11,20 +11,20 @@ from contextlib import ExitStack
 
 import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from head_tracking.command_line import above_zero
+from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import StampedTransform, TransformException
 
 
+@program("transforms")
 def main() -> int:
     """Does what the command line says; returns the exit code."""
-    options = _parse(remove_ros_args(sys.argv)[1:])
+    options = _parse(without_ros_arguments(sys.argv)[1:])
     with StopSignal() as stop, ExitStack() as resources:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         resources.callback(rclpy.try_shutdown)
         node = Node("transforms", start_parameter_services=False)
         resources.callback(node.destroy_node)

@@ -29,9 +29,10 @@ from head_tracking.tracking.target_state import (
     TargetStateParameters,
 )
 from head_tracking.tracking.track_record import TrackRecord
-from head_tracking.tracking.tracker import Delays, Tracker, TrackingStep
+from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
 
 __all__ = [
+    "CAUTIOUS_SPEED",
     "LAWS",
     "ClockWatch",
     "Delays",

@@ -42,6 +42,7 @@ class TrackingJudge:
         settling: the head may take so long [s] to find its first target before errors count.
 
     Attributes:
+        head: the head that is judged.
         statistics: of all errors that count.
         error: the newest one [rad]; None before the first.
     """
@@ -49,7 +50,7 @@ class TrackingJudge:
     def __init__(self, head: PanTiltHead, settling: float) -> None:
         self.statistics = ErrorStatistics()
         self.error: float | None = None
-        self._head = head
+        self.head = head
         self._settling = settling
         self._first: float | None = None
         self._before: tuple[float, Vector3] | None = None
@@ -94,7 +95,7 @@ class TrackingJudge:
         return x + share * (u - x), y + share * (v - y), z + share * (w - z)
 
     def _judge(self, time: float, positions: tuple[float, float], point: Vector3) -> None:
-        self.error = self._head.miss(point, *positions)
+        self.error = self.head.miss(point, *positions)
         assert self._first is not None
         if time - self._first >= self._settling:
             self.statistics.add(self.error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
 
 
@@ -34,7 +34,7 @@ class FictitiousTargetParameters:
     def __post_init__(self) -> None:
         for name in ("center", "amplitude"):
             if len(getattr(self, name)) != 3:
-                raise ValueError(f"{name} is {list(getattr(self, name))}; it needs x, y and z")
+                raise ParameterError(f"{name} is {list(getattr(self, name))}; it needs x, y and z")
 
 
 class FictitiousTarget:

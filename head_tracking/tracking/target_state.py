@@ -68,6 +68,7 @@ class TargetStateMachine:
     Attributes:
         parameters: may change at any time.
         enabled: targets are followed.
+        off: why not, while they are not.
         refusal: why a target has led to nothing lately; empty if none has.
         swung: why the head is steered cautiously; empty: it is not.
         stalled: which joints do not do what they are told, and why that may be; empty: they do.
@@ -75,7 +76,7 @@ class TargetStateMachine:
 
     def __init__(self, head: PanTiltHead, parameters: TargetStateParameters) -> None:
         self.parameters = parameters
-        self.enabled = True
+        self.enabled, self.off = True, "tracking is switched off"
         self.stalled = self.swung = ""
         self._state = TargetState.IDLE
         self._reason = "no target has come yet"
@@ -101,7 +102,7 @@ class TargetStateMachine:
     def reason(self) -> str:
         """Why."""
         if not self.enabled:
-            return "tracking is switched off"
+            return self.off
         reason = self.stalled or self.swung or self._reason
         return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
 

@@ -27,7 +27,8 @@ from head_tracking.transforms import Rotation, Vector3
 _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
 _INSTANT = 1e-3  # s
-_CAUTIOUS_SPEED = 0.3  # rad/s
+CAUTIOUS_SPEED = 0.3
+"""What a head may do [rad/s] that has swung by itself, or has been stopped."""
 _FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
 _AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
 _STALL_TIME = 0.8  # s
@@ -204,11 +205,11 @@ class Tracker:
             self.stamp_error.calm_down()
         cautious = now < self._cautious_until
         if cautious:
-            self._cautious.limits = replace(self.law.limits, max_joint_speed=_CAUTIOUS_SPEED)
+            self._cautious.limits = replace(self.law.limits, max_joint_speed=CAUTIOUS_SPEED)
         elif now > self._cautious_until + 2.0 * self._pause:
             self._pause = _FIRST_PAUSE
         self.machine.swung = (
-            f"the head swung by itself: law position at {_CAUTIOUS_SPEED:g} rad/s for "
+            f"the head swung by itself: law position at {CAUTIOUS_SPEED:g} rad/s for "
             f"{self._pause:.0f} s (wrong stamps or servo_delay, or a heavy head?)"
             if cautious
             else ""

@@ -11,7 +11,7 @@ from head_tracking.transforms.exceptions import (
     TransformException,
 )
 from head_tracking.transforms.history import LATEST, JointHistory, TransformHistory
-from head_tracking.transforms.joint_states import JointState, JointStates
+from head_tracking.transforms.joint_states import JointSample, JointState, JointStates
 from head_tracking.transforms.rate_limiter import RateLimiter
 from head_tracking.transforms.robot_model import (
     Joint,
@@ -40,6 +40,7 @@ __all__ = [
     "JointChain",
     "JointHistory",
     "JointLimits",
+    "JointSample",
     "JointState",
     "JointStates",
     "JointType",

@@ -1,7 +1,9 @@
 """What can be wrong with a transform request or a robot model, in tf2's words."""
 
+from head_tracking.exceptions import HeadTrackingError
 
-class TransformException(Exception):
+
+class TransformException(HeadTrackingError):
     """Root of all errors of a transform request."""
 
 
@@ -25,5 +27,5 @@ class TimeoutException(TransformException):
     """The transform did not become available in the time allowed."""
 
 
-class RobotModelError(Exception):
+class RobotModelError(HeadTrackingError):
     """A robot model that cannot be used; the message names the element and the mend."""

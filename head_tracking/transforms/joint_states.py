@@ -4,9 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from head_tracking.transforms.exceptions import RobotModelError
 from head_tracking.transforms.robot_model import Joint, Mimic, RobotModel, resolved_leaders
+
+
+class JointSample(Protocol):
+    """A joint as somebody has measured or stated it; see `JointState`."""
+
+    @property
+    def position(self) -> float:
+        """[rad or m]."""
+
+    @property
+    def velocity(self) -> float:
+        """[rad/s or m/s]."""
+
+    @property
+    def effort(self) -> float:
+        """In whatever unit its source gives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +75,7 @@ class JointStates:
             for joint in independent:
                 self._defaults.setdefault(joint.name, JointState(_default_position(joint)))
 
-    def complete(self, measured: Mapping[str, JointState]) -> dict[str, JointState]:
+    def complete(self, measured: Mapping[str, JointSample]) -> dict[str, JointSample]:
         """The measured joints, those that follow them, and the defaults of the rest.
 
         A joint that is neither measured nor stated is left out, and so is what follows it. One
@@ -66,7 +83,7 @@ class JointStates:
         """
         for name in measured:
             self._defaults.pop(name, None)
-        known = self._defaults | dict(measured)
+        known: dict[str, JointSample] = {**self._defaults, **measured}
         for name, leader in self._leaders.items():
             state = known.get(leader.joint)
             if state is not None and name not in measured:

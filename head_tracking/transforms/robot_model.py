@@ -49,13 +49,13 @@ class JointLimits:
         """These limits, and not beyond `lower` and `upper` either.
 
         Raises:
-            ValueError: nothing would be left.
+            RobotModelError: nothing would be left.
         """
         narrowed = JointLimits(
             max(self.lower, lower), min(self.upper, upper), self.velocity, self.effort
         )
         if not narrowed.lower < narrowed.upper:
-            raise ValueError(
+            raise RobotModelError(
                 f"the limits {self.lower:.3f} to {self.upper:.3f} and {lower:.3f} to {upper:.3f} "
                 "have nothing in common; widen one of them"
             )

@@ -13,7 +13,7 @@ from typing import Any
 
 import viser
 
-from head_tracking.parameters import parameter
+from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
@@ -218,7 +218,7 @@ def _check_address(host: str) -> None:
         with socket.socket(family, kind) as attempt:
             attempt.bind(address)
     except OSError as error:
-        raise ValueError(
+        raise ParameterError(
             f"the page can't listen on {host!r}: {error}; give 127.0.0.1, 0.0.0.0 or an address of "
             "this machine"
         ) from error

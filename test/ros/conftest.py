@@ -1,12 +1,17 @@
+import fcntl
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
 
 # nodes of one process only: neither other programs nor shared memory files
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
 os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
+from program_under_test import Program
 from robot_under_test import Robot
 
 MakeRobot = Callable[..., Robot]
@@ -35,3 +40,40 @@ def pointing_robot(make_robot: MakeRobot) -> Robot:
 @pytest.fixture
 def tracking_robot(make_robot: MakeRobot) -> Robot:
     return make_robot("--target", "none")
+
+
+@pytest.fixture
+def domain() -> Iterator[str]:
+    """A ROS domain of the test's own: heads that share one refuse to run."""
+    for number in range(100, 200):
+        with (Path(tempfile.gettempdir()) / f"head_tracking_test_domain_{number}").open(
+            "w"
+        ) as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield str(number)
+            return
+    raise AssertionError("no ROS domain is left")
+
+
+@pytest.fixture
+def start(domain: str) -> Iterator[Callable[..., Program]]:
+    programs: list[Program] = []
+
+    def start(name: str, *arguments: str, **options: Any) -> Program:
+        program = Program(name, *arguments, domain=domain, **options)
+        programs.append(program)
+        return program
+
+    yield start
+    for program in programs:
+        program.kill()
+
+
+@pytest.fixture
+def port(start, tmp_path) -> str:
+    """A simulated bus of another process."""
+    bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
+    return bus.read_until("servos").strip()

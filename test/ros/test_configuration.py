@@ -2,7 +2,7 @@
 
 import pytest
 
-from head_tracking.ros.spinning import explained_errors
+from head_tracking.ros.spinning import EXPLAINED
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from head_tracking.ros.spinning import explained_errors
     ],
 )
 def test_a_configuration_that_cannot_work_is_an_error(make_robot, ros_args, words):
-    with pytest.raises(explained_errors(), match=words):
+    with pytest.raises(EXPLAINED, match=words):
         make_robot("--mode", "point", ros_args=ros_args)
 
 

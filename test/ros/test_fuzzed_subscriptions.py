@@ -2,6 +2,7 @@
 
 import math
 import random
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -119,7 +120,7 @@ def test_the_state_publishers_survive(ros, urdf):
     model = Parameter("robot_description", value=urdf)
     nodes = RobotStatePublisherNode(parameter_overrides=[model]), JointStatePublisherNode()
     sent: list[JointState] = []
-    nodes[1]._publisher = type("Publisher", (), {"publish": sent.append})
+    nodes[1]._output = SimpleNamespace(publish=sent.append, wanted=True)
     nodes[1]._on_description(String(data=urdf))
     for _ in range(500):
         message = joints(rnd)

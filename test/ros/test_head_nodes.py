@@ -180,7 +180,7 @@ def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
         nonlocal yaw
         yaw = min(yaw + 0.01, 0.8)
         pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
-        head.buffer.core.set_transform(round(head.now * 1e9), "odom", "base_link", pose)
+        head.buffer.set_transform(round(head.now * 1e9), "odom", "base_link", pose)
 
     head.target = at(3.0, 0.0, 0.8, "odom")
     head.until_state("refused: nobody knows where the head is", "'odom' does not exist")
@@ -195,7 +195,7 @@ def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
 def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monkeypatch):
     head = make(fixed_frame="odom")
     head.until_state("idle: no target has come yet")
-    buffer, driven = head.buffer.core, 0
+    buffer, driven = head.buffer, 0
 
     def drive():
         nonlocal driven
@@ -212,7 +212,7 @@ def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monke
 
     monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
     carried = {
-        frame: head.node._interface.moves_with_head(frame)
+        frame: head.node.interface.moves_with_head(frame)
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}

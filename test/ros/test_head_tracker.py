@@ -7,7 +7,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -92,14 +91,13 @@ def test_states_and_their_reasons(robot, tracker):
 
 def test_switched_off_it_stops_at_once(robot):
     look(robot, (1, 1.5, 0), lambda: robot.pan > 0.2)
-    commands = robot.listen("joint_commands", JointState)
     assert robot.call("head_tracker/enable", False).success
     pan = robot.pan
-    robot.at_rest()
-    assert abs(robot.pan - pan) < 0.25  # it was at several rad/s when the service was called
-    count = len(commands)
+    rest, _ = robot.at_rest()
+    assert abs(rest - pan) < 0.25  # it was at several rad/s when the service was called
+    assert robot.composition.loop.owners.of(["head_pan_joint"]) == {"head_pan_joint": ""}
     time.sleep(0.3)
-    assert len(commands) == count
+    assert robot.pan == pytest.approx(rest, abs=0.006)  # a tick
     assert not robot.call("head_tracker/recenter").success
 
 

@@ -3,116 +3,14 @@
 import os
 import re
 import signal
-import subprocess
-import sys
-import threading
-from collections.abc import Iterator
+import time
 from pathlib import Path
 
 import pytest
+from program_under_test import Program
 from robot_under_test import wait_for
 
 from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus, ServoNotFoundError
-
-PATIENCE = 30
-MODULES = {
-    "head_tracking": "head_tracking",
-    "simulated_bus": "head_tracking.tools.simulated_bus",
-    "servo_bus": "head_tracking.nodes.servo_bus",
-    "relax": "head_tracking.tools.relax",
-    "robot_state_publisher": "head_tracking.nodes.robot_state_publisher",
-    "joint_state_publisher": "head_tracking.nodes.joint_state_publisher",
-    "point_head": "head_tracking.nodes.point_head",
-    "head_tracker": "head_tracking.nodes.head_tracker",
-    "fictitious_target": "head_tracking.nodes.fictitious_target",
-    "transforms": "head_tracking.tools.transforms",
-    "frame_target": "head_tracking.nodes.frame_target",
-    "target_mux": "head_tracking.nodes.target_mux",
-    "look": "head_tracking.tools.look",
-    "visual_target": "head_tracking.nodes.visual_target",
-    "detection_target": "head_tracking.nodes.detection_target",
-    "simulated_camera": "head_tracking.nodes.simulated_camera",
-    "viewer": "head_tracking.nodes.viewer",
-}
-
-
-class Program:
-    def __init__(self, name: str, *arguments: str, domain: str, own_group: bool) -> None:
-        environment = os.environ | {
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_DOMAIN_ID": domain,
-            "PYTHONPATH": os.pathsep.join(
-                [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
-            ),
-        }
-        self.process = subprocess.Popen(
-            [sys.executable, "-u", "-m", MODULES[name], *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=environment,
-            start_new_session=own_group,
-        )
-        self.output = ""
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.output += line
-
-    def read_until(self, words: str) -> str:
-        """The line with these words, as soon as it is printed."""
-
-        def found() -> str:
-            lines = [line for line in self.output.splitlines() if words in line]
-            ended = self.process.poll() is not None
-            assert lines or not ended, f"ended without {words!r}:\n{self.output}"
-            return lines[0] if lines else ""
-
-        try:
-            return wait_for(found, PATIENCE)
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{self.output}") from None
-
-    def end(self, number: signal.Signals | None = None) -> int:
-        """The exit code, after a signal or by itself."""
-        if number is not None:
-            self.process.send_signal(number)
-        code = self.process.wait(PATIENCE)
-        self._reader.join()
-        return code
-
-    def kill(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-        self._reader.join()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-
-@pytest.fixture
-def start(request: pytest.FixtureRequest) -> Iterator:
-    programs: list[Program] = []
-    domain = str(100 + (os.getpid() + hash(request.node.name)) % 100)
-
-    def start(name: str, *arguments: str, own_group: bool = False) -> Program:
-        program = Program(name, *arguments, domain=domain, own_group=own_group)
-        programs.append(program)
-        return program
-
-    yield start
-    for program in programs:
-        program.kill()
-
-
-@pytest.fixture
-def port(start, tmp_path) -> str:
-    """A simulated bus of another process."""
-    bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
-    return bus.read_until("servos").strip()
 
 
 def torque(port: str) -> list[int]:
@@ -404,6 +302,135 @@ def test_relax_without_a_servo_bus_says_so(start):
     relax = start("relax")
     assert relax.end() == 1
     assert "no servo_bus answers" in relax.output
+
+
+# what a run does without
+
+
+def test_a_malformed_parameter_file_is_one_line(start, tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("servo_bus:\n  ros__parameters: [\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    assert run.end() == 1
+    assert str(file) in run.output.splitlines()[-1]
+    assert "Traceback" not in run.output
+
+
+def test_an_unknown_parameter_ends_the_run_before_anything_moves(start, tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    assert run.end() == 1
+    last = run.output.splitlines()[-1]
+    assert f"{file}: /servo_bus has no parameter updat_rate (is update_rate meant?)" in last
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"HOME": None, "ROS_LOG_DIR": None},
+        {"ROS_LOG_DIR": "/proc/none"},
+        {"ROS_HOME": "/proc/none"},
+    ],
+    ids=str,
+)
+def test_a_run_goes_on_without_a_log_file_and_says_why(start, environment):
+    run = start("head_tracking", "--sim", "--duration", "1", environment=environment)
+    assert run.end() == 0, run.output
+    assert "no log file is written: " in run.output
+    assert "ROS_LOG_DIR" in run.output
+
+
+def test_a_run_whose_reader_has_gone_goes_on(start):
+    reader, writer = os.pipe()
+    run = start("head_tracking", "--sim", "--duration", "3", stdout=writer)
+    os.close(writer)
+    os.read(reader, 1)
+    os.close(reader)
+    began = time.monotonic()
+    assert run.end() == 0
+    assert time.monotonic() - began > 1.0
+
+
+def test_a_run_goes_on_when_the_disk_is_full(start):
+    with open("/dev/full", "w") as full:
+        assert start("head_tracking", "--sim", "--duration", "2", stdout=full).end() == 0
+
+
+def test_a_terminal_that_has_only_ascii_gets_ascii(start):
+    run = start(
+        "head_tracking", "--sim", "--duration", "2", environment={"PYTHONIOENCODING": "ascii"}
+    )
+    assert run.end() == 0, run.output
+    assert re.search(r"^pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
+
+
+# other heads in the graph
+
+
+def runs(run: Program) -> None:
+    """Waits until it has looked for other heads, and goes on."""
+    wait_for(lambda: run.output.count("| error") > 4, 30.0)
+
+
+def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, port):
+    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    real.read_until("relaxed until a command comes")
+    simulated = start("head_tracking", "--sim")
+    assert simulated.end() == 1
+    last = simulated.output.splitlines()[-1]
+    assert "another head is in this graph: /servo_bus (moves servos)" in last
+    assert "--allow-others" in last
+    assert "Traceback" not in simulated.output
+    assert real.end(signal.SIGINT) == 0
+
+
+def test_of_two_simulated_runs_the_second_refuses_to_start(start):
+    first = start("head_tracking", "--sim")
+    runs(first)
+    second = start("head_tracking", "--sim")
+    assert second.end() == 1
+    assert "/servo_bus (moves servos)" in second.output.splitlines()[-1]
+    assert first.end(signal.SIGINT) == 0
+    assert "another head" not in first.output
+
+
+def test_who_allows_others_runs_beside_them(start):
+    runs(start("head_tracking", "--sim"))
+    second = start("head_tracking", "--sim", "--allow-others")
+    second.read_until("this run goes on")
+    assert second.end(signal.SIGINT) == 0
+
+
+def test_heads_with_names_of_their_own_run_side_by_side(start):
+    runs(start("head_tracking", "--sim"))
+    second = start(
+        "head_tracking", "--sim", "--bus-process", "--duration", "5", "--ros-args", "-r",
+        "__ns:=/second",
+    )  # fmt: skip
+    assert second.end() == 0, second.output
+    assert "another head" not in second.output
+
+
+def test_a_simulated_run_holds_when_somebody_commands_its_servos(start):
+    run = start("head_tracking", "--sim")
+    runs(run)
+    start("head_tracker", "--ros-args", "-r", "__node:=stranger")
+    said = run.read_until("another head is in this graph")
+    assert "/stranger (turns a head); this run holds" in said
+
+
+def test_a_simulated_run_keeps_to_this_machine_unless_told_otherwise(start):
+    for said, kept in ((None, "LOCALHOST"), ("SUBNET", "SUBNET")):
+        run = start(
+            "head_tracking", "--sim", "--bus-process",
+            environment={"ROS_AUTOMATIC_DISCOVERY_RANGE": said},
+        )  # fmt: skip
+        run.read_until("| error")
+        (bus,) = children(run.process.pid)
+        words = Path(f"/proc/{bus}/environ").read_bytes().split(b"\0")
+        assert f"ROS_AUTOMATIC_DISCOVERY_RANGE={kept}".encode() in words
+        assert run.end(signal.SIGINT) == 0
 
 
 # transforms

@@ -7,7 +7,6 @@ from functools import partial
 import pytest
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 DEGREE = math.radians(1)
@@ -65,7 +64,7 @@ def test_a_far_target_in_head_pan_link_centres_the_head_from_anywhere(pointing_r
 @pytest.mark.parametrize("z", [0.05, 0.01])
 def test_a_target_above_the_axis_sent_again_and_again_raises_the_head(pointing_robot, z):
     """With z = 0.01, the tutorial's value, one step is less than half a tick of the servo."""
-    commands = pointing_robot.listen("joint_commands", JointState)
+    commands = pointing_robot.goals()
     pointing_robot.command("head_tilt_controller/command", 0.0)
     pointing_robot.at_rest()
     start = pointing_robot.true("head_tilt_joint")
@@ -73,7 +72,7 @@ def test_a_target_above_the_axis_sent_again_and_again_raises_the_head(pointing_r
     def followed(steps: int) -> bool:
         """Whether the head has been sent on, and has come there; else a target is left out."""
         return len(commands) == steps and pointing_robot.tilt == near(
-            commands[-1].position[commands[-1].name.index("head_tilt_joint")], 0.6 * DEGREE
+            commands[-1]["head_tilt_joint"].position, 0.6 * DEGREE
         )
 
     for step in range(1, 13):

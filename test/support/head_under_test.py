@@ -24,7 +24,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 
 from head_tracking.ros.spinning import NodeThreads
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.transforms import TransformBuffer
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ("head_pan_joint", "head_tilt_joint")
@@ -35,7 +35,7 @@ class Head:
     """Publishes what a robot does 50 times a second, and obeys `joint_commands`.
 
     Args:
-        make: the node under test, from a buffer and options.
+        make: the node under test, from options.
         urdf: the robot's model; empty: nobody publishes one.
         simulated: the node follows /clock.
         parameters: of the node.
@@ -90,12 +90,9 @@ class Head:
             )
             self.threads.start(self.robot)
             overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-            self.buffer = Buffer()
             self.node: Node = make(
-                buffer=self.buffer,
                 parameter_overrides=[Parameter("use_sim_time", value=simulated), *overrides],
             )
-            self._listener = TransformListener(self.buffer, self.node)
             if urdf:
                 self.describe(urdf)
             self.threads.start(self.node)
@@ -107,6 +104,12 @@ class Head:
 
     def close(self) -> None:
         self._resources.close()
+
+    @property
+    def buffer(self) -> TransformBuffer:
+        """What the node knows of the frames."""
+        buffer: TransformBuffer = self.node.interface.buffer
+        return buffer
 
     @property
     def now(self) -> float:

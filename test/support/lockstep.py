@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
 from unittest import mock
@@ -20,13 +20,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 
-from head_tracking.dynamixel import JointConfiguration
+from head_tracking.control import ControlLoop
+from head_tracking.dynamixel import Goal, JointConfiguration
 from head_tracking.nodes import simulated_camera, visual_target
 from head_tracking.ros import head_interface
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch
-from head_tracking.transforms import RobotModel
+from head_tracking.transforms import JointState, RobotModel
 
 PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
 TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
@@ -50,6 +51,8 @@ class World:
         self.now = _START
         self.buffer = Buffer()
         self.buffer.core.set_model(model)
+        self.loop = ControlLoop(self.buffer.core)
+        self.loop.write, self.loop.driven, self.loop.period = self._on_goals, True, _CYCLE * 1e-9
         self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
         self._events: list[tuple[int, int, Callable[[], object]]] = []
         self._number = itertools.count()
@@ -59,8 +62,6 @@ class World:
             joint.joint_name: (joint, SimulatedServo(joint.id, joint.model, position=joint.init))
             for joint in (PAN, TILT)
         }
-        self._command: Any = None
-        self.listen("/joint_commands", self._on_command)
         self.every(_CYCLE, self._cycle)
 
     @property
@@ -141,30 +142,28 @@ class World:
         servo.advance(self.now)
         return joint.position(servo.true_ticks)
 
-    def _on_command(self, message: Any) -> None:
-        self._command = message
-
-    def _cycle(self) -> None:
-        positions = {}
-        for joint, servo in self._servos.values():
-            servo.advance(self.now)
-            positions[joint.joint_name] = joint.position(servo.register("Present Position"))
-        stamp = self.now
-        self.at(stamp + _READ, lambda: self.buffer.core.set_joint_positions(stamp, positions))
-        self.at(stamp + _READ, self._write)
-
-    def _write(self) -> None:
-        message, self._command = self._command, None
-        if message is None:
-            return
-        for name, position, speed in zip(
-            message.name, message.position, message.velocity, strict=True
-        ):
+    def _on_goals(self, _: str, goals: Mapping[str, Goal]) -> None:
+        for name, goal in goals.items():
             joint, servo = self._servos[name]
             servo.advance(self.now)
             servo.set_register("Torque Enable", 1)
-            servo.set_register("Goal Position", joint.ticks(position))
-            servo.set_register("Moving Speed", joint.speed_ticks(speed))
+            servo.set_register("Goal Position", joint.ticks(goal.position))
+            servo.set_register("Moving Speed", joint.speed_ticks(goal.speed))
+
+    def _cycle(self) -> None:
+        measured = {}
+        for joint, servo in self._servos.values():
+            servo.advance(self.now)
+            position = joint.position(servo.register("Present Position"))
+            measured[joint.joint_name] = JointState(position)
+        stamp = self.now
+
+        def update() -> None:
+            states = self.loop.joints_read(stamp, measured)
+            self.loop.update(measured)
+            self.loop.publish(measured, stamp, states)
+
+        self.at(stamp + _READ, update)
 
 
 class _Clock:

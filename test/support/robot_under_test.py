@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.dynamixel import Goal
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import compose, parse_arguments, ros_arguments
 
@@ -63,6 +64,7 @@ class Robot:
         self.received: dict[str, list[Any]] = {}
         self._log: list[str] = []
         self._read = 0
+        self._by_hand = False
         self.node.create_subscription(Log, "/rosout", self._on_log, QoSProfile(depth=1000))
         self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         self.threads.start(self.node)
@@ -120,7 +122,19 @@ class Robot:
         assert self.simulated is not None
         return self.simulated.true_position(name)
 
+    def by_hand(self, on: bool) -> None:
+        """Lets others command the joints instead of the run's own node, or ends that."""
+        if on is self._by_hand:
+            return
+        self._by_hand = on
+        for name in ("head_tracker", "point_head"):
+            node = self.composition.nodes.get(name)
+            if node is not None and bool(node.interface.off) is not on:
+                assert self.call(f"{name}/enable", not on).success
+
     def publish(self, topic: str, message: Any) -> None:
+        if topic == "joint_commands":
+            self.by_hand(True)
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self.node.create_publisher(type(message), topic, 10)
@@ -129,9 +143,12 @@ class Robot:
         publisher.publish(message)
 
     def command(self, topic: str, value: float) -> None:
+        """What a person says who moves the joints by hand: nobody else may turn them then."""
+        self.by_hand(True)
         self.publish(topic, Float64(data=float(value)))
 
     def look_at(self, x: float, y: float, z: float, frame_id: str, stamp: Any = None) -> None:
+        self.by_hand(False)
         message = PointStamped(point=Point(x=float(x), y=float(y), z=float(z)))
         message.header.frame_id = frame_id
         if stamp is not None:
@@ -151,6 +168,18 @@ class Robot:
             return future.result()
         finally:
             self.node.destroy_client(client)
+
+    def goals(self) -> list[Mapping[str, Goal]]:
+        """What the run's own nodes tell the servos from now on."""
+        loop, goals = self.composition.loop, []
+        write = loop.write
+
+        def record(sender: str, told: Mapping[str, Goal]) -> None:
+            goals.append(told)
+            write(sender, told)
+
+        loop.write = record
+        return goals
 
     def listen(self, topic: str, kind: Any) -> list[Any]:
         """Messages of a topic from now on."""

@@ -91,7 +91,7 @@ def pursue(
     nodes = [
         eye,
         world.make(VisualTargetNode, target, buffer=world.buffer),
-        world.make(HeadTrackerNode, tracker, buffer=world.buffer),
+        world.make(HeadTrackerNode, tracker, buffer=world.buffer, loop=world.loop),
     ]
     seen = eye.scene
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from photographs import EMPTY, FACES, FOLDER, empty, photographs
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.vision import (
     Box,
     Camera,
@@ -102,7 +103,7 @@ def test_without_the_net_one_line_says_what_to_install(monkeypatch):
 
 
 def test_a_file_that_is_no_net_is_told(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there is no file"):
+    with pytest.raises(HeadTrackingError, match="there is no file"):
         FaceDetector(FaceParameters(net=str(tmp_path / "net.onnx")))
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"not a net")

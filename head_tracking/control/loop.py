@@ -1,0 +1,185 @@
+"""Read, update, write: the controllers of a process, driven by what the joints measure.
+
+read     the servo bus reads the joints, or joint states come from another process
+update   the joint history takes them; each controller is asked for its goals
+write    the goals are written in the same cycle, or sent
+publish  what others may want to know, after the write, so that it delays nothing
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+
+from head_tracking.control.owners import JointOwners
+from head_tracking.dynamixel import Goal
+
+if TYPE_CHECKING:  # a servo bus alone in its process needs no transforms
+    from head_tracking.transforms import JointSample, TransformBuffer
+
+_T = TypeVar("_T")
+
+
+class Measured(NamedTuple):
+    """One joint, as it was just read.
+
+    Attributes:
+        position: [rad or m].
+        velocity: [rad/s or m/s].
+        effort: in whatever unit its source gives.
+    """
+
+    position: float
+    velocity: float = 0.0
+    effort: float = 0.0
+
+
+class Controller(Protocol):
+    """Turns joints to where it wants them.
+
+    Attributes:
+        failure: what has ended it; None as long as it works.
+    """
+
+    failure: Exception | None
+
+    @property
+    def name(self) -> str:
+        """Who it is."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """What it turns."""
+
+    def update(self) -> None:
+        """Looks at the joints as they were just read, and sends goals if it has any."""
+
+    def publish(self) -> None:
+        """Tells others what has come of it."""
+
+    def disable(self, reason: str) -> None:
+        """Gives its joints up, because somebody else takes them."""
+
+    def stop(self) -> None:
+        """Gives its joints up, because the head is stopped."""
+
+    def resume(self) -> bool:
+        """Takes its joints over, slowly at first, if a stop has taken them; whether it was so."""
+
+
+class ControlLoop:
+    """What a process does in each cycle, and who in it may turn which joint.
+
+    Args:
+        buffer: the robot's frames; None: nobody here needs them.
+        owners: of the joints.
+
+    Attributes:
+        complete: adds to measured joint states what follows from them, and what is stated.
+        write: takes the goals of a controller, by its name, to the servos; None: they are in
+            another process.
+        period: of a cycle [s]; 0: not known.
+        driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
+        held: why the controllers may move nothing now; empty: they may.
+        target_takers: called by whoever sends targets in this process; each has a subscription,
+            too, for those of others.
+        after: called after the goals were written, with the stamp [ns] and the complete states.
+    """
+
+    def __init__(self, buffer: TransformBuffer | None, owners: JointOwners | None = None) -> None:
+        self.buffer = buffer
+        self.owners = owners or JointOwners()
+        self.complete: Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]] = (
+            lambda measured: measured
+        )
+        self.write: Callable[[str, Mapping[str, Goal]], object] | None = None
+        self.target_takers: list[Callable[[Any], object]] = []
+        self.driven = False
+        self.held = ""
+        self.period = 0.0
+        self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
+        self._controllers: tuple[Controller, ...] = ()
+        self._lock = threading.Lock()
+
+    @property
+    def controllers(self) -> tuple[Controller, ...]:
+        """Those of this process."""
+        return self._controllers
+
+    def add(self, controller: Controller) -> None:
+        """Lets a controller take part from the next cycle on."""
+        with self._lock:
+            self._controllers += (controller,)
+
+    def remove(self, controller: Controller) -> None:
+        """Lets it take no part any more."""
+        with self._lock:
+            self._controllers = tuple(one for one in self._controllers if one is not controller)
+        self.owners.release(controller.name)
+
+    def joints_read(
+        self, stamp: int, measured: Mapping[str, JointSample]
+    ) -> Mapping[str, JointSample]:
+        """Takes joints as they were measured at `stamp` [ns]; these, and what follows from them."""
+        states = self.complete(measured)
+        if states and self.buffer is not None:
+            self.buffer.set_joint_positions(
+                stamp, {name: state.position for name, state in states.items()}
+            )
+        return states
+
+    def update(self, joints: Iterable[str]) -> None:
+        """Asks the controllers of these joints, which have just been asked where they are."""
+        for controller in self._controllers:
+            if controller.joints[0] in joints and controller.failure is None:
+                try:
+                    controller.update()
+                except Exception as error:
+                    # whoever runs the nodes ends the program; until then the head holds
+                    controller.failure = error
+
+    def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointSample]) -> None:
+        """Tells others, after the write.
+
+        Args:
+            joints: those that were asked where they are.
+            stamp: when [ns].
+            states: what `joints_read` has made of it.
+        """
+        if states:
+            for tell in self.after:
+                tell(stamp, states)
+        for controller in self._controllers:
+            if controller.joints[0] in joints:
+                controller.publish()
+
+    def take_over(self, controller: Controller) -> None:
+        """Gives a controller its joints, whoever had them; what is in this process is disabled."""
+        for other in self._controllers:
+            if other is not controller and set(other.joints) & set(controller.joints):
+                other.disable(f"{controller.name} has taken the head over")
+        self.owners.take_over(controller.name, controller.joints)
+
+    def stop(self, relax: Callable[[], _T]) -> _T:
+        """Refuses every command, relaxes the servos, and disables all controllers.
+
+        Args:
+            relax: relaxes the servos, before any controller is waited for; what comes of it is
+                returned.
+        """
+        self.owners.stop()
+        result = relax()
+        for controller in self._controllers:
+            controller.stop()
+        return result
+
+    def resume(self) -> str:
+        """Ends a stop; what was on before goes on, slowly at first; its names."""
+        self.owners.stop(False)
+        resumed = [controller.name for controller in self._controllers if controller.resume()]
+        return ", ".join(resumed)
+
+    def hold(self, reason: str) -> None:
+        """Keeps the controllers from moving anything, and says why; or ends that, if empty."""
+        self.held = reason

@@ -1,0 +1,139 @@
+"""Parameter files: who gave a value, and what in them no node knows."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import yaml
+from rclpy.node import Node
+
+from head_tracking.exceptions import RefusedError
+
+_PARAMETERS = "ros__parameters"
+_LIKELY = 0.75  # how alike a name must be to be meant
+_LISTED = 3
+
+
+class Given(NamedTuple):
+    """One value in a file.
+
+    Attributes:
+        file: which.
+        nodes: the names it is for, wildcards and all: `/**/servo_bus`.
+        name: of the parameter.
+    """
+
+    file: str
+    nodes: str
+    name: str
+
+    def is_for(self, node: str) -> bool:
+        """Whether a node of this full name takes it, by rcl's rules."""
+        pattern = re.escape(self.nodes if self.nodes.startswith("/") else f"/{self.nodes}")
+        pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+        return re.fullmatch(pattern, node) is not None
+
+    @property
+    def node(self) -> str:
+        """The last part of the name; empty if that is a wildcard."""
+        last = self.nodes.rsplit("/", 1)[-1]
+        return "" if "*" in last else last
+
+
+class UnknownParametersError(RefusedError):
+    """A file names parameters or nodes that do not exist."""
+
+
+_given: list[Given] = []
+
+
+def remember(arguments: Sequence[str]) -> None:
+    """Reads the files that ROS's arguments name, which ROS has taken already."""
+    _given.clear()
+    for word, file in pairwise(arguments):
+        if word == "--params-file":
+            _given.extend(read(file))
+
+
+def read(file: str) -> Iterator[Given]:
+    """All values in a file; none if it cannot be read, which ROS has said."""
+    with suppress(OSError, ValueError, yaml.YAMLError), open(file, encoding="utf-8") as text:
+        yield from _values(file, "", yaml.safe_load(text))
+
+
+def source(node: Node, name: str) -> str:
+    """Where a node's value comes from: a file, or the command line."""
+    full_name = node.get_fully_qualified_name()
+    files = [given.file for given in _given if given.name == name and given.is_for(full_name)]
+    return files[-1] if files else "the command line"
+
+
+def check(nodes: Iterable[Node], known_nodes: Iterable[str] = ()) -> None:
+    """Looks for values that nobody takes, after the nodes have declared their parameters.
+
+    A value for nodes of any name (`/**`) is somebody's if it is not one of these nodes'. So is one
+    for a node whose name is like none of ours.
+
+    Args:
+        nodes: those of this process.
+        known_nodes: the names of others that there can be.
+
+    Raises:
+        UnknownParametersError: there are some; names each, with the nearest that exists.
+    """
+    nodes = list(nodes)
+    problems = []
+    for node in nodes:
+        full_name = node.get_fully_qualified_name()
+        anybodys = {
+            given.name for given in _given if not given.node and given.is_for(full_name)
+        } - {given.name for given in _given if given.node and given.is_for(full_name)}
+        declared = node._parameters
+        for name in sorted(node._parameter_overrides):
+            if name not in declared and name not in anybodys and not name.startswith("qos_over"):
+                problems.append(
+                    f"{source(node, name)}: {full_name} has no parameter {name}"
+                    f"{_nearest(name, declared)}"
+                )
+    names = {*known_nodes, *(node.get_name() for node in nodes)}
+    for file, misspelt in dict.fromkeys((given.file, given.node) for given in _given):
+        if misspelt and misspelt not in names and _alike(misspelt, names):
+            problems.append(f"{file}: there is no node {misspelt}{_nearest(misspelt, names)}")
+    if problems:
+        raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
+
+
+def _alike(name: str, known: Iterable[str]) -> list[str]:
+    return difflib.get_close_matches(name, list(known), _LISTED, _LIKELY)
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    found = _alike(name, known) or [
+        one for one in known if one.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]
+    ]
+    return f" (is {' or '.join(found[:_LISTED])} meant?)" if found else ""
+
+
+def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
+    if not isinstance(content, Mapping):
+        return
+    for key, value in content.items():
+        if key == _PARAMETERS:
+            for name in _names("", value):
+                yield Given(file, nodes, name)
+        else:
+            yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
+
+
+def _names(prefix: str, content: Any) -> Iterator[str]:
+    if isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from _names(f"{prefix}.{key}" if prefix else str(key), value)
+    elif content is not None:
+        yield prefix

@@ -1,0 +1,103 @@
+"""Watches a whole run, for the status line and the summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from head_tracking.ros.bus_status import BusStatus
+from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.tracking import TrackingJudge
+
+SETTLING = 2.0
+"""The head may take so long [s] to find its first target before its error counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSources:
+    """Where the monitor looks.
+
+    Attributes:
+        head: of the node that turns the head; None: there is none in this run.
+        bus_status: the servo bus.
+        true_position: where a joint really is [rad]; None where only encoders tell.
+    """
+
+    head: HeadInterface | None
+    bus_status: Callable[[], BusStatus]
+    true_position: Callable[[str], float] | None = None
+
+
+class RunMonitor:
+    """Judges the head by where its target was, and by where its joints really were then."""
+
+    def __init__(self, sources: RunSources) -> None:
+        self._sources = sources
+        self._judge: TrackingJudge | None = None
+        self._since: float | None = None
+        self._until = 0.0
+
+    def look(self) -> str:
+        """Takes what has come since this was asked last; the status line."""
+        interface, positions = self._sources.head, self._positions()
+        head = None if interface is None else interface.head
+        if interface is not None and head is not None and positions is not None:
+            if self._judge is None or self._judge.head is not head:
+                self._judge = TrackingJudge(head, SETTLING)
+            now = interface.now
+            self._judge.joints_stand(now, positions)
+            for stamp, point in interface.take_placed():
+                self._since = now if self._since is None else self._since
+                self._until = now
+                self._judge.target_seen(stamp, point)
+        return self._status(positions)
+
+    def _positions(self) -> tuple[float, float] | None:
+        if self._sources.head is None or self._sources.head.head is None:
+            return None
+        pan, tilt = (self._position(joint) for joint in self._sources.head.joints)
+        return None if pan is None or tilt is None else (pan, tilt)
+
+    def _position(self, joint: str) -> float | None:
+        state = self._sources.bus_status().states.get(joint)
+        if self._sources.true_position is not None:
+            return self._sources.true_position(joint)
+        return None if state is None else state.position
+
+    def _status(self, positions: tuple[float, float] | None) -> str:
+        bus, head = self._sources.bus_status(), self._sources.head
+        target = None if head is None else head.newest_target
+        error = None if self._judge is None else self._judge.error
+        temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
+        return " | ".join(
+            (
+                "waiting for the head"
+                if positions is None
+                else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
+                "no target" if target is None else f"target {target}",
+                "error    - " if error is None else f"error {_degrees(error, '')}",
+                f"bus {bus.in_short}",
+                f"{temperatures or '-'} °C",
+            )
+        )
+
+    def summary(self) -> str:
+        """One line on the whole run."""
+        bus = self._sources.bus_status()
+        counted = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
+        if not bus.statistics.connected:
+            counted += ", the adapter has gone"
+        statistics = None if self._judge is None else self._judge.statistics
+        if statistics is None or not statistics.count or self._since is None:
+            return f"no target was followed; {counted}"
+        judge = "measured" if self._sources.true_position is None else "true"
+        return (
+            f"tracking error {math.degrees(statistics.rms):.2f}° rms, "
+            f"{math.degrees(statistics.maximum):.2f}° max by the {judge} servo angles over "
+            f"{self._until - self._since - SETTLING:.1f} s; {counted}"
+        )
+
+
+def _degrees(angle: float, sign: str = "+") -> str:
+    return f"{math.degrees(angle):{sign}6.1f}°"

@@ -1,0 +1,221 @@
+"""Who counts as another head in a run's graph, and what the run does about it."""
+
+from contextlib import ExitStack
+
+import pytest
+import rclpy
+from geometry_msgs.msg import PointStamped
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from waiting import eventually
+
+from head_tracking.exceptions import RefusedError
+from head_tracking.ros.graph_watch import LOOK_TIME, GraphWatch, own_enclave
+
+RUN = "/head_tracking/run_under_test"
+
+
+class Graph:
+    """A watched run, and whatever else is there."""
+
+    def __init__(self, resources: ExitStack) -> None:
+        self._resources = resources
+        self.held: list[str] = []
+        self.now = 0.0
+        self.run = self.node("run_monitor", RUN)
+
+    def node(self, name: str, enclave: str, namespace: str = "") -> Node:
+        """A node of a process of its own, for all that DDS knows."""
+        context = Context()
+        rclpy.init(
+            args=["--ros-args", "--enclave", enclave],
+            context=context,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._resources.callback(context.try_shutdown)
+        node = Node(name, context=context, namespace=namespace)
+        self._resources.callback(node.destroy_node)
+        return node
+
+    def watch(self, *, simulated: bool = True, allow_others: bool = False) -> GraphWatch:
+        return GraphWatch(
+            self.run,
+            RUN,
+            self.held.append,
+            simulated=simulated,
+            allow_others=allow_others,
+            clock=lambda: self.now,
+        )
+
+    def look(self, watch: GraphWatch, seconds: float) -> None:
+        """As long as that, four times a second."""
+        end = self.now + seconds
+        while self.now < end:
+            self.now += 0.25
+            watch.look()
+
+    def finds(self, watch: GraphWatch, words: str) -> bool:
+        """Whether the watch says this before long; a node's topics and services come one by one."""
+
+        def found() -> bool:
+            watch.look()
+            return watch.others == words
+
+        return eventually(found)
+
+
+@pytest.fixture
+def graph(domain, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with ExitStack() as resources:
+        yield Graph(resources)
+
+
+def bus(node: Node) -> None:
+    node.create_publisher(JointState, "servo_states", 10)
+    node.create_subscription(JointState, "joint_commands", print, 10)
+
+
+def stoppable_bus(node: Node) -> None:
+    node.create_service(Trigger, "stop", print)
+    node.create_subscription(JointState, "joint_commands", print, 10)
+
+
+def turns_a_head(node: Node) -> None:
+    node.create_subscription(String, "joint_owners", print, 10)
+    node.create_subscription(PointStamped, "target_point", print, 10)
+    node.create_publisher(JointState, "joint_commands", 10)
+    node.create_service(Trigger, "~/recenter", print)
+
+
+def commands(node: Node) -> None:
+    node.create_publisher(JointState, "joint_commands", 10)
+
+
+def page(node: Node) -> None:
+    node.create_publisher(JointState, "joint_commands", 10)
+    node.create_publisher(PointStamped, "target_point", 10)
+    node.create_subscription(String, "joint_owners", print, 10)
+
+
+def listens_to_everything(node: Node) -> None:
+    for topic in ("joint_commands", "servo_states", "joint_states"):
+        node.create_subscription(JointState, topic, print, 10)
+    node.create_subscription(PointStamped, "target_point", print, 10)
+    node.create_subscription(String, "joint_owners", print, 10)
+    node.create_service(Trigger, "~/is_paused", print)
+
+
+def sends_targets(node: Node) -> None:
+    node.create_publisher(PointStamped, "target_point", 10)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (bus, "/stranger (moves servos)"),
+        (stoppable_bus, "/stranger (moves servos)"),
+        (turns_a_head, "/stranger (turns a head)"),
+        (commands, "/stranger (publishes /joint_commands)"),
+    ],
+)
+def test_another_head_is_found_by_what_it_does(graph, make, words):
+    make(graph.node("stranger", "/"))
+    assert graph.finds(graph.watch(allow_others=True), words)
+
+
+def test_a_head_of_the_same_names_is_another_one(graph):
+    turns_a_head(graph.run)
+    turns_a_head(graph.node("run_monitor", own_enclave()))
+    assert graph.finds(graph.watch(allow_others=True), "/run_monitor (turns a head)")
+
+
+def seen(graph: Graph, name: str) -> bool:
+    return name in graph.run.get_node_names()
+
+
+@pytest.mark.parametrize("make", [page, listens_to_everything, sends_targets])
+def test_who_only_listens_or_asks_before_it_commands_is_no_head(graph, make):
+    make(graph.node("stranger", "/"))
+    commands(graph.node("late", "/"))  # is there as soon as this is found, and its topics, too
+    watch = graph.watch(allow_others=True)
+    assert graph.finds(watch, "/late (publishes /joint_commands)")
+    assert eventually(lambda: seen(graph, "stranger"))
+    watch.look()
+    assert "stranger" not in watch.others
+
+
+def test_a_child_of_the_run_and_a_head_in_another_namespace_do_not_count(graph):
+    bus(graph.node("servo_bus", RUN))
+    turns_a_head(graph.node("head_tracker", "/", namespace="/second"))
+    watch = graph.watch()
+    assert eventually(lambda: seen(graph, "servo_bus") and seen(graph, "head_tracker"))
+    graph.look(watch, LOOK_TIME + 1.0)
+    assert watch.others == ""
+    assert graph.held == ["looking for other heads", ""]
+
+
+def test_nothing_may_move_before_it_was_looked_for_long_enough(graph):
+    watch = graph.watch(simulated=False)
+    graph.look(watch, LOOK_TIME - 0.5)
+    assert graph.held == ["looking for other heads"]
+    graph.look(watch, 0.5)
+    assert graph.held[1:] == [""]
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_run_that_finds_another_head_refuses_to_start(graph, simulated):
+    watch = graph.watch(simulated=simulated)
+    bus(graph.node("servo_bus", "/"))
+    assert eventually(lambda: graph.run.count_publishers("servo_states") > 0)
+    assert eventually(lambda: seen(graph, "servo_bus"))
+    assert eventually(lambda: graph.run.count_subscribers("joint_commands") > 0)
+    with pytest.raises(RefusedError, match=r"/servo_bus .moves servos.*ROS_DOMAIN_ID.*--allow-o"):
+        graph.look(watch, LOOK_TIME)
+    assert graph.held == ["looking for other heads"]
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_head_that_comes_later_is_said_once_and_only_a_simulated_run_holds(graph, simulated):
+    watch = graph.watch(simulated=simulated)
+    graph.look(watch, LOOK_TIME)
+    said: list[str] = []
+    log = graph.run.get_logger()
+    log.warning = said.append  # type: ignore[method-assign,assignment]
+    late = graph.node("late", "/")
+    commands(late)
+    assert graph.finds(watch, "/late (publishes /joint_commands)")
+    graph.look(watch, 10.0)
+    assert len(said) == 1
+    assert "/late (publishes /joint_commands)" in said[0]
+    assert ("holds" if simulated else "goes on") in said[0]
+    assert [bool(reason) for reason in graph.held[2:]] == ([True] if simulated else [])
+    late.destroy_node()
+    assert eventually(lambda: not seen(graph, "late"))
+    graph.look(watch, 10.0)
+    assert graph.held[3:] == ([""] if simulated else [])
+
+
+def test_who_was_told_to_allow_others_holds_nothing(graph):
+    watch = graph.watch(allow_others=True)
+    bus(graph.node("servo_bus", "/"))
+    assert graph.finds(watch, "/servo_bus (moves servos)")
+    graph.look(watch, LOOK_TIME + 10.0)
+    assert graph.held == []
+
+
+def test_who_goes_at_once_is_no_reason_to_refuse(graph):
+    """A run that is being started anew may still hear of the one before."""
+    watch = graph.watch()
+    before = graph.node("servo_bus", "/")
+    bus(before)
+    assert graph.finds(watch, "/servo_bus (moves servos)")
+    before.destroy_node()
+    assert eventually(lambda: not seen(graph, "servo_bus"))
+    graph.look(watch, LOOK_TIME + 1.0)
+    assert graph.held[-1] == ""

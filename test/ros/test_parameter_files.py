@@ -1,0 +1,153 @@
+"""What parameter files say to nobody is said to the person who wrote them."""
+
+from contextlib import ExitStack
+
+import pytest
+import rclpy
+from rclpy.node import Node
+
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.parameters import ParameterError
+from head_tracking.ros import parameter_files
+from head_tracking.ros.parameter_files import Given, UnknownParametersError
+from head_tracking.ros.start import StartError, start_ros
+
+KNOWN = ("head_tracker", "servo_bus", "viewer")
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Makes nodes that were given a file."""
+    with ExitStack() as resources:
+
+        def start(text: str, *arguments: str) -> type[Node]:
+            file = tmp_path / "mine.yaml"
+            file.write_text(text)
+            start_ros(["program", "--ros-args", "--params-file", str(file), *arguments])
+            resources.callback(rclpy.try_shutdown)
+            return HeadTrackerNode
+
+        yield start
+
+
+@pytest.mark.parametrize(
+    ("nodes", "node", "taken"),
+    [
+        ("servo_bus", "/servo_bus", True),
+        ("/servo_bus", "/servo_bus", True),
+        ("servo_bus", "/left/servo_bus", False),
+        ("/left/servo_bus", "/left/servo_bus", True),
+        ("/**/servo_bus", "/servo_bus", True),
+        ("/**/servo_bus", "/robots/left/servo_bus", True),
+        ("/*/servo_bus", "/left/servo_bus", True),
+        ("/*/servo_bus", "/servo_bus", False),
+        ("/**", "/left/servo_bus", True),
+        ("/left/**", "/left/servo_bus", True),
+        ("/left/**", "/right/servo_bus", False),
+    ],
+)
+def test_a_value_is_for_the_nodes_that_ros_gives_it_to(started, nodes, node, taken, tmp_path):
+    assert Given("", nodes, "rate").is_for(node) is taken
+    started(f"{nodes}:\n  ros__parameters: {{mine: 1}}\n")
+    namespace, name = node.rsplit("/", 1)
+    made = Node(name, namespace=namespace, automatically_declare_parameters_from_overrides=True)
+    assert made.has_parameter("mine") is taken
+    if taken:
+        assert parameter_files.source(made, "mine") == str(tmp_path / "mine.yaml")
+    made.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("head_tracker: {ros__parameters: {rat: 3.0}}", ["/head_tracker has no parameter rat "]),
+        ("/**/head_tracker: {ros__parameters: {rat: 3.0}}", ["no parameter rat "]),
+        ("head_tracker: {ros__parameters: {xyz: {w: 3.0}}}", ["no parameter xyz.w"]),
+        ("head_traker: {ros__parameters: {rate: 3.0}}", ["no node head_traker (is head_tracker"]),
+        (
+            "head_tracker: {ros__parameters: {rat: 3.0, camera_lnk: eye}}",
+            ["parameter rat (is rate meant?)", "parameter camera_lnk (is camera_link meant?)"],
+        ),
+    ],
+)  # fmt: skip
+def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
+    started, tmp_path, text, words
+):
+    node = started(text)()
+    with pytest.raises(UnknownParametersError) as error:
+        parameter_files.check([node], KNOWN)
+    node.destroy_node()
+    for word in [str(tmp_path / "mine.yaml"), *words]:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "head_tracker: {ros__parameters: {rate: 30.0, use_sim_time: false}}",
+        "/**: {ros__parameters: {use_sim_time: false, robot_name: rosie}}",
+        "lidar_driver: {ros__parameters: {scan_rate: 10.0}}",
+        "viewer: {ros__parameters: {port: 8081}}",
+        "/left/head_tracker: {ros__parameters: {rat: 30.0}}",
+        "head_tracker: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 1}}}}}",
+        "",
+    ],
+)
+def test_what_is_known_or_others_own_is_no_mistake(started, text):
+    node = started(text)()
+    parameter_files.check([node], KNOWN)
+    node.destroy_node()
+
+
+def test_a_mistake_on_the_command_line_is_named_too(started):
+    node = started("", "-p", "head_tracker:rat:=3.0")()
+    with pytest.raises(UnknownParametersError, match=r"command line: /head_tracker .*rat .is rate"):
+        parameter_files.check([node], KNOWN)
+    node.destroy_node()
+
+
+def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
+    make = started("head_tracker: {ros__parameters: {law: 3, camera_link: 7}}")
+    with pytest.raises(ParameterError) as error:
+        make()
+    where = f"{tmp_path / 'mine.yaml'}: /head_tracker: "
+    assert f"{where}law is 3; it must be a str" in str(error.value)
+    assert f"{where}camera_link is 7" in str(error.value)
+
+
+def test_a_value_out_of_range_is_named_with_node_and_file(started, tmp_path):
+    started("robot_state_publisher: {ros__parameters: {publish_frequency: -1.0}}")
+    with pytest.raises(ParameterError, match=r"mine.yaml: /robot_state_publisher: .*publish_freq"):
+        RobotStatePublisherNode()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("servo_bus:\n  ros__parameters:\n   a: [1\n  b: 2\n", "line 3"),
+        ("- 1\n- 2\n", "line 1"),
+        ("servo_bus:\n  rate: 2\n", "ros__parameters at line 2"),
+        ("servo_bus:\n  ros__parameters:\n    a: [1, x]\n", "same type"),
+    ],
+)
+def test_a_malformed_file_is_one_line(started, tmp_path, text, words):
+    with pytest.raises(StartError) as error:
+        started(text)
+    assert words in str(error.value)
+    assert str(tmp_path / "mine.yaml") in str(error.value)
+    assert "\n" not in str(error.value)
+    assert ".c:" not in str(error.value)
+
+
+def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():
+    from head_tracking.ros.spinning import NodeDied, describe
+
+    def somewhere() -> None:
+        raise ValueError("math domain error")
+
+    try:
+        somewhere()
+    except ValueError as error:
+        assert "in somewhere" in describe(NodeDied("head_tracker", error))
+    assert describe(ParameterError("rate is 0")) == "rate is 0"
