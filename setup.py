@@ -19,6 +19,7 @@ NODES = (
     "frame_target",
     "target_mux",
     "visual_target",
+    "detection_target",
     "simulated_camera",
     "viewer",
 )
