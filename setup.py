@@ -19,6 +19,7 @@ NODES = (
     "frame_target",
     "target_mux",
     "visual_target",
+    "detection_target",
     "simulated_camera",
     "viewer",
 )
@@ -84,7 +85,7 @@ setup(
     license="BSD-3-Clause",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "viewer/bar.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -35,6 +35,7 @@ EXECUTABLES = {
     "transforms",
     "viewer",
     "visual_target",
+    "detection_target",
 }
 # Which copy is loaded, that all its executables can be, and where the ament index finds it.
 LOOK = """
