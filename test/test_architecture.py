@@ -44,7 +44,7 @@ ALLOWED: dict[str, set[str]] = {
     "run_monitor": {"ros", "tracking", "status_line"},
     "node_sets": {"nodes", "scene"},
     "__main__": {"ros", "runner", "output"},
-    "viewer_process": set(),
+    "viewer_process": {"ros", "nodes"},
     "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
     "runner": CORE
     | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line"}
