@@ -99,9 +99,15 @@ def check(nodes: Iterable[Node]) -> None:
         anybodys = {
             given.name for given in _given if not given.node and given.is_for(full_name)
         } - {given.name for given in _given if given.node and given.is_for(full_name)}
-        declared = node._parameters
-        for name in sorted(node._parameter_overrides):
-            if name not in declared and name not in anybodys and not name.startswith("qos_over"):
+        declared, given = node._parameters, node._parameter_overrides
+        for name in sorted(given):
+            is_known = (
+                name in declared
+                or name in anybodys
+                or name.startswith("qos_overrides.")
+                or f"{name.split('.', 1)[0]}.motor.id" in given  # a servo that is not in use
+            )
+            if not is_known:
                 problems.append(
                     f"{source(node, name)}: {full_name} has no parameter {name}"
                     f"{_nearest(name, declared)}"
