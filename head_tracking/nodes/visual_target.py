@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.images import camera_of, image_message, raw_image
+from head_tracking.ros.images import camera_of, depth_of, frame_pose, image_message, picture_of
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.ros.switch import Switch
+from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
-from head_tracking.transforms import LATEST, Transform, TransformException
+from head_tracking.transforms import Transform
 from head_tracking.vision import (
     DETECTORS,
     Box,
     Camera,
     CameraError,
     DistanceParameters,
+    FaceDetector,
     Frame,
     IdentityParameters,
     ImageError,
@@ -35,11 +39,11 @@ from head_tracking.vision import (
     Sighting,
     VisualTracker,
     annotated,
-    decode_depth,
-    decode_picture,
     depth_picture,
     require_opencv,
 )
+
+AnyImage: TypeAlias = Image | CompressedImage
 
 # an image that nobody had time for is of no use any more
 _NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -59,6 +63,18 @@ class VisualTargetParameters:
     use_depth: bool = parameter(
         True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
     )
+    image_transport: str = parameter(
+        "raw",
+        "How pictures come: raw, or compressed on the topic <image>/compressed.",
+        choices=("raw", "compressed"),
+        fixed=True,
+    )
+    depth_transport: str = parameter(
+        "raw",
+        "How depths come: raw, or compressed on the topic <depth>/compressedDepth.",
+        choices=("raw", "compressedDepth"),
+        fixed=True,
+    )
     depth_tolerance: float = parameter(
         0.02,
         "How much the stamps of image and depth image may differ.",
@@ -75,8 +91,19 @@ class VisualTargetParameters:
     )
 
 
+class _Shot(NamedTuple):
+    """Messages of one moment; the first one's stamp and frame count."""
+
+    stamped: AnyImage
+    image: AnyImage | None
+    depth: AnyImage | None
+
+
 class VisualTargetNode(Node):
-    """Publishes `target_point` from `image`, `depth` and `camera_info`."""
+    """Publishes `target_point` from `image`, `depth` and `camera_info`.
+
+    Looking has a thread of its own, which takes the newest image.
+    """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("visual_target", **options)
@@ -87,33 +114,51 @@ class VisualTargetNode(Node):
         self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
-        self._tracker = VisualTracker(
-            make(self._detector_parameters.value), self._distances.value, self._identity.value
-        )
+        detector = make(self._detector_parameters.value)
+        if isinstance(detector, FaceDetector) and detector.shortcoming:
+            self.get_logger().warning(detector.shortcoming)
+        self._tracker = VisualTracker(detector, self._distances.value, self._identity.value)
         self._buffer = (buffer or listening_buffer(self)).core
-        self._pairs: Pairing[Image, Image] = Pairing(round(p.depth_tolerance * 1e9))
+        self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._camera: Camera | None = None
         self._frame: Frame | None = None
         self._placed = False
         self._switch = Switch(
             self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
         )
+        self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
         if p.follow != "nearest":
-            self.create_subscription(Image, "image", self._on_image, _NEWEST)
+            self._subscribe("image", p.image_transport, self._on_image)
         if p.use_depth or p.follow == "nearest":
-            self._depth = self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
+            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
+    def destroy_node(self) -> None:
+        """Ends the thread that looks too."""
+        self._looking.close()
+        super().destroy_node()
+
     def _on_parameters(self, _: Any) -> None:
+        self._looking.do(self._take_parameters)
+
+    def _take_parameters(self) -> None:
         self._tracker.detector.parameters = self._detector_parameters.value
         self._tracker.distances = self._distances.value
         self._tracker.identity.parameters = self._identity.value
+
+    def _subscribe(
+        self, topic: str, transport: str, callback: Callable[[AnyImage], None]
+    ) -> Subscription:
+        if transport == "raw":
+            return self.create_subscription(Image, topic, callback, _NEWEST)
+        topic = f"{self.resolve_topic_name(topic)}/{transport}"
+        return self.create_subscription(CompressedImage, topic, callback, _NEWEST)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -122,39 +167,41 @@ class VisualTargetNode(Node):
             self._camera = None
             self._complain(str(error))
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: AnyImage) -> None:
         if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
-            self._look(message, message, None)
+            self._looking.offer(_Shot(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._look(pair[0], *pair)
+            self._looking.offer(_Shot(pair[0], *pair))
         elif self._pairs.dropped > 2:
             self._complain(
                 f"the depth images do not fit the images: {self._pairs.dropped} images without "
                 f"one within {self._settings.depth_tolerance:g} s (depth_tolerance)"
             )
 
-    def _on_depth(self, message: Image) -> None:
+    def _on_depth(self, message: AnyImage) -> None:
         if self._settings.follow == "nearest":
-            self._look(message, None, message)
+            self._looking.offer(_Shot(message, None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._look(pair[0], *pair)
+            self._looking.offer(_Shot(pair[0], *pair))
 
-    def _look(self, stamped: Image, image: Image | None, depth: Image | None) -> None:
+    def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
-        if self._camera is None:
+        stamped, image, depth = shot
+        camera = self._camera
+        if camera is None:
             self._complain("no image is looked at: there is no usable camera_info yet")
             return
         header = stamped.header
         try:
             frame = Frame(
                 stamp_to_ns(header.stamp),
-                self._camera,
-                None if image is None else decode_picture(raw_image(image)),
-                None if depth is None else decode_depth(raw_image(depth)),
+                camera,
+                None if image is None else picture_of(image),
+                None if depth is None else depth_of(depth),
             )
             sighting = self._tracker.step(frame, self._pose(header.frame_id, frame.stamp))
         except ImageError as error:
@@ -165,33 +212,26 @@ class VisualTargetNode(Node):
             target = Target(frame.stamp, header.frame_id, sighting.point)
             if self._switch.on:
                 self._publisher.publish(target_message(target))
-            self._region.publish(_region(sighting.candidate.box, frame))
+            if self._region.get_subscription_count():
+                self._region.publish(_region(sighting.candidate.box, frame))
         elif self._tracker.without_distance:
             self._complain(
                 "something is seen, but not how far away: there is no depth for it; without a "
                 "depth camera set object_size or distance"
             )
-        self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+        if self._confidence.get_subscription_count():
+            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
         if self._annotated.get_subscription_count():
             self._show(frame, sighting, stamped)
 
     def _pose(self, frame_id: str, stamp: int) -> Transform | None:
-        """The camera in the fixed frame when the image was taken, or as near as is known."""
-        found = None
-        for time in (stamp, LATEST) if self._settings.fixed_frame else ():
-            try:
-                found = self._buffer.lookup_transform(
-                    self._settings.fixed_frame, frame_id, time
-                ).transform
-                break
-            except TransformException:
-                continue
+        found = frame_pose(self._buffer, self._settings.fixed_frame, frame_id, stamp)
         if (found is not None) != self._placed:
             self._placed = found is not None
             self._tracker.identity.reset()
         return found
 
-    def _show(self, frame: Frame, sighting: Sighting | None, stamped: Image) -> None:
+    def _show(self, frame: Frame, sighting: Sighting | None, stamped: AnyImage) -> None:
         if frame.picture is not None:
             picture = frame.picture.bgr
         else:
@@ -201,6 +241,9 @@ class VisualTargetNode(Node):
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
+        self._looking.do(lambda: self._select(message))
+
+    def _select(self, message: RegionOfInterest) -> None:
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
         if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
             self._complain(
@@ -211,7 +254,7 @@ class VisualTargetNode(Node):
         self._tracker.select(self._frame, box)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._tracker.reset()
+        self._looking.do(self._tracker.reset)
         response.success, response.message = True, "looking for a new target"
         return response
 

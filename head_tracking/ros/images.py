@@ -7,11 +7,57 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
+from head_tracking.transforms import LATEST, Transform, TransformBuffer, TransformException
 from head_tracking.vision.camera import Camera
-from head_tracking.vision.images import RawImage
+from head_tracking.vision.images import (
+    DepthImage,
+    Picture,
+    RawImage,
+    decode_compressed_depth,
+    decode_compressed_picture,
+    decode_depth,
+    decode_picture,
+)
+
+
+def picture_of(message: Image | CompressedImage) -> Picture:
+    """The picture of a message.
+
+    Raises:
+        ImageError: it has none that can be read.
+    """
+    if isinstance(message, CompressedImage):
+        return decode_compressed_picture(message.data, message.format)
+    return decode_picture(raw_image(message))
+
+
+def depth_of(message: Image | CompressedImage) -> DepthImage:
+    """The distances of a message.
+
+    Raises:
+        ImageError: it has none that can be read.
+    """
+    if isinstance(message, CompressedImage):
+        return decode_compressed_depth(message.data, message.format)
+    return decode_depth(raw_image(message))
+
+
+def frame_pose(
+    buffer: TransformBuffer, fixed_frame: str, frame_id: str, stamp: int
+) -> Transform | None:
+    """A frame in one that stands still at a time [ns], or as near to it as is known.
+
+    None if that is not known, or `fixed_frame` is empty.
+    """
+    for time in (stamp, LATEST) if fixed_frame else ():
+        try:
+            return buffer.lookup_transform(fixed_frame, frame_id, time).transform
+        except TransformException:
+            continue
+    return None
 
 
 def raw_image(message: Image) -> RawImage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from head_tracking.scene.render import Rendering
 from head_tracking.vision.opencv import cv2
@@ -43,14 +44,25 @@ class SensorNoise:
 
     def __call__(self, seen: Rendering) -> Rendering:
         """The same with noise; a depth that could not be measured is NaN."""
-        height, width = seen.depth.shape
-        row, column = self._rng.integers(0, _BANK + 1, 2)
-        part = (slice(row, row + height), slice(column, column + width))
-        picture = cv2.add(seen.picture, self._picture[part], dtype=cv2.CV_8U)
-        depth = seen.depth + self._depth[part] * seen.depth**2
-        missing = self._holes[part] | ~np.isfinite(seen.depth)
+        return Rendering(self.picture(seen.picture), self.depth(seen.depth))
+
+    def picture(self, picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """A picture with noise, shape (height, width, 3)."""
+        part = self._part(picture.shape)
+        return np.asarray(cv2.add(picture, self._picture[part], dtype=cv2.CV_8U))
+
+    def depth(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Depths with noise [m], NaN where they could not be measured, shape (height, width)."""
+        part = self._part(depth.shape)
+        measured = depth + self._depth[part] * depth**2
+        missing = self._holes[part] | ~np.isfinite(depth)
         if self._edges:
-            near = cv2.erode(seen.depth, np.ones((3, 3), np.uint8))
-            missing |= seen.depth > 1.1 * near
-        depth[missing] = np.nan
-        return Rendering(picture, depth)
+            near = cv2.erode(depth, np.ones((3, 3), np.uint8))
+            missing |= depth > 1.1 * near
+        measured[missing] = np.nan
+        return measured
+
+    def _part(self, shape: tuple[int, ...]) -> tuple[slice, slice]:
+        """A random place of the field."""
+        row, column = self._rng.integers(0, _BANK + 1, 2)
+        return slice(row, row + shape[0]), slice(column, column + shape[1])

@@ -5,7 +5,7 @@ from typing import Any
 
 from head_tracking.vision.annotation import annotated, depth_picture
 from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
-from head_tracking.vision.candidate import Candidate, Detector, Frame
+from head_tracking.vision.candidate import Candidate, Detector, Frame, GivenDetector
 from head_tracking.vision.colour import ColourDetector, ColourParameters
 from head_tracking.vision.faces import FaceDetector, FaceParameters
 from head_tracking.vision.features import FeatureDetector, FeatureParameters
@@ -15,6 +15,8 @@ from head_tracking.vision.images import (
     ImageError,
     Picture,
     RawImage,
+    decode_compressed_depth,
+    decode_compressed_picture,
     decode_depth,
     decode_picture,
 )
@@ -49,6 +51,7 @@ __all__ = [
     "FeatureDetector",
     "FeatureParameters",
     "Frame",
+    "GivenDetector",
     "Identity",
     "IdentityParameters",
     "ImageError",
@@ -66,6 +69,8 @@ __all__ = [
     "VisualTracker",
     "annotated",
     "camera_with_view",
+    "decode_compressed_depth",
+    "decode_compressed_picture",
     "decode_depth",
     "decode_picture",
     "depth_picture",

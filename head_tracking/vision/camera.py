@@ -138,9 +138,14 @@ class Camera:
     def ray(self, pixel: tuple[float, float]) -> tuple[float, float]:
         """The direction of a pixel (column, row): x and y at z = 1 in the optical frame."""
         if self.distortion:
-            undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
             points = np.array([[pixel]], np.float64)
-            x, y = undistort(points, self.matrix, np.array(self.distortion)).reshape(2).tolist()
+            lens = (self.matrix, np.array(self.distortion))
+            if self.fisheye:
+                found = cv2.fisheye.undistortPoints(points, *lens)
+            else:
+                enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-8)
+                found = cv2.undistortPointsIter(points, *lens, np.eye(3), np.eye(3), enough)
+            x, y = found.reshape(2).tolist()
             return x, y
         return (pixel[0] - self.cx) / self.fx, (pixel[1] - self.cy) / self.fy
 
@@ -155,14 +160,22 @@ class Camera:
         return x * depth, y * depth, depth
 
     def pixel(self, point: Sequence[float]) -> tuple[float, float] | None:
-        """Column and row of a point [m] in the optical frame; None behind the camera.
+        """Column and row of a point [m] in the optical frame.
 
-        Distortion is left out: good for drawing and for tests of ideal cameras.
+        None behind the camera, and where the lens's model does not reach: far outside of the image
+        a polynomial turns back, and would show things that are not there.
         """
         x, y, z = point
         if z <= 0:
             return None
-        return self.fx * x / z + self.cx, self.fy * y / z + self.cy
+        if not self.distortion:
+            return self.fx * x / z + self.cx, self.fy * y / z + self.cy
+        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        points = np.array([[[x / z, y / z, 1.0]]])
+        found, _ = project(points, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion))
+        u, v = found.reshape(2).tolist()
+        back = self.ray((u, v))
+        return (u, v) if math.dist(back, (x / z, y / z)) < 1e-3 else None
 
     @property
     def matrix(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

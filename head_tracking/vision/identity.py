@@ -21,6 +21,9 @@ Appearance: TypeAlias = npt.NDArray[np.float32]
 _ACCELERATION = 2.0  # m/s²: how abruptly people and things change their speed
 _CONFIRMED_OF = 5  # images
 _IMPOSSIBLE = 1e6
+_FARTHEST = 0.5
+"""What was out of sight is the same only so near [m] to where it should be: how far it may have
+gone grows with every second, and the people within reach with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +132,14 @@ class Identity:
         self.followed: Track | None = None
         self._number = 0
 
+    @property
+    def sighted(self) -> Track | None:
+        """The one that is followed, if it was found in the newest image and is certain enough."""
+        track = self.followed
+        if track is None or track.located is None or not track.believed:
+            return None
+        return track if track.confidence >= self.parameters.min_confidence else None
+
     def reset(self) -> None:
         """Forgets everybody."""
         self.tracks, self.followed = [], None
@@ -187,14 +198,20 @@ class Identity:
         """How unlikely it is that they are the same; 1 is about as far as it may go."""
         if located.candidate.label != track.label:
             return _IMPOSSIBLE
+        if located.candidate.unique:
+            return 0.0
         expected = T_optical_fixed @ track.position.tolist()
         away, distance = math.hypot(*expected), math.hypot(*located.point)
         if away < 1e-6 or distance < 1e-6:
             return _IMPOSSIBLE
         cosine = sum(a * b for a, b in zip(expected, located.point, strict=True)) / away / distance
         angle = math.acos(max(-1.0, min(1.0, cosine)))
-        reach = 0.03 + located.radius + 3.0 * math.sqrt(track.covariance[0, 0]) / away
+        unknown = min(_FARTHEST, 3.0 * math.sqrt(track.covariance[0, 0]))
+        reach = 0.03 + located.radius + unknown / away
         ratio = abs(math.log(distance / away))
+        measured = located.depth_known and track.latest.depth_known
+        if measured and abs(distance - away) > unknown + 0.1 * away:
+            return _IMPOSSIBLE
         looks = appearance_distance(track.appearance, located.appearance)
         if angle > reach or ratio > 0.7 or looks > 0.75:
             return _IMPOSSIBLE

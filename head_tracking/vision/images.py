@@ -156,6 +156,70 @@ def decode_depth(image: RawImage) -> DepthImage:
     return DepthImage(image.rows(kind, 1)[..., 0])
 
 
+def decode_compressed_picture(data: Any, described: str) -> Picture:
+    """The picture of a sensor_msgs/CompressedImage.
+
+    Args:
+        data: a JPEG, a PNG, or whatever else OpenCV reads; anything with a buffer.
+        described: the message's `format`.
+
+    Raises:
+        ImageError: OpenCV cannot read it.
+    """
+    return Picture(_decompressed(data, described, cv2.IMREAD_COLOR))
+
+
+def decode_compressed_depth(data: Any, described: str) -> DepthImage:
+    """The distances of a CompressedImage of image_transport's `compressedDepth`.
+
+    Twelve bytes (an unused number and two floats a and b) stand before a PNG with 16 bits. Of 16UC1
+    it holds millimetres; of 32FC1 it holds a / depth + b, and 0 where the depth is unknown (source:
+    compressed_depth_image_transport).
+
+    Args:
+        data: anything with a buffer.
+        described: the message's `format`, such as "16UC1; compressedDepth png".
+
+    Raises:
+        ImageError: another compression, or the data is damaged.
+    """
+    encoding, _, how = (part.strip().lower() for part in described.partition(";"))
+    if encoding not in ("16uc1", "mono16", "32fc1") or how not in (
+        "compresseddepth", "compresseddepth png",
+    ):  # fmt: skip
+        raise ImageError(
+            f"the format {described!r} is not one of compressed depths; usable are '16UC1; "
+            "compressedDepth png' and '32FC1; compressedDepth png'"
+        )
+    numbers = _decompressed(np.frombuffer(data, np.uint8)[12:], described, cv2.IMREAD_UNCHANGED)
+    if numbers.dtype != np.uint16 or numbers.ndim != 2:
+        raise ImageError(
+            f"the compressed depth image {described!r} is damaged: its PNG has {numbers.dtype} "
+            f"numbers of shape {numbers.shape}, not 16 bits a pixel"
+        )
+    if encoding != "32fc1":
+        return DepthImage(numbers)
+    a, b = np.frombuffer(data, "<f4", 2, 4).tolist()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depths = np.float32(a) / (numbers.astype(np.float32) - np.float32(b))
+    depths[numbers == 0] = np.nan
+    return DepthImage(depths)
+
+
+def _decompressed(data: Any, described: str, how: int) -> npt.NDArray[Any]:
+    coded = np.frombuffer(data, np.uint8)
+    try:
+        decoded = cv2.imdecode(coded, how) if coded.size else None
+    except cv2.error as error:
+        raise ImageError(f"the compressed image {described!r} is damaged: {error}") from error
+    if decoded is None:
+        raise ImageError(
+            f"the compressed image {described!r} of {coded.size} bytes is damaged, or compressed "
+            "in a way that OpenCV cannot read"
+        )
+    return np.asarray(decoded)
+
+
 _Decoder: TypeAlias = Callable[[RawImage], Pixels]
 
 

@@ -102,9 +102,9 @@ class MarkerDetector:
             _middle(corners),
             1.0,
             str(number),
-            mask > 0,
-            _position(corners, size, camera) if size else None,
-            corners,
+            mask=mask > 0,
+            position=_position(corners, size, camera) if size else None,
+            points=corners,
         )
 
 

@@ -104,11 +104,7 @@ class VisualTracker:
             ImageError: the sizes of picture, depth and camera differ.
         """
         _check_sizes(frame)
-        if self._stamp is not None:
-            pause = (frame.stamp - self._stamp) * 1e-9
-            if not 0.0 <= pause <= _LONGEST_PAUSE:
-                self.identity.reset()
-        self._stamp = frame.stamp
+        self._begin(frame.stamp)
         pose = T_fixed_optical or Transform.identity()
         try:
             candidates = self.detector.detect(frame, self._hints(frame, pose))
@@ -116,18 +112,20 @@ class VisualTracker:
             raise ImageError(f"OpenCV can do nothing with this image: {error}") from error
         located = [place for c in candidates if (place := self._locate(frame, c)) is not None]
         self.without_distance = len(candidates) - len(located)
-        self.identity.update(located, pose, frame.stamp * 1e-9)
-        self._follow_wanted()
-        track = self.identity.followed
-        if (
-            track is None
-            or track.located is None
-            or not track.believed
-            or track.confidence < self.identity.parameters.min_confidence
-        ):
-            return None
-        found = track.located
-        return Sighting(frame.stamp, found.point, track.confidence, found.candidate, track.number)
+        return self._keep(frame.stamp, located, pose)
+
+    def place(
+        self, stamp: int, located: Sequence[Located], T_fixed_frame: Transform | None = None
+    ) -> Sighting | None:
+        """The target among things whose places are known without an image; None: it is not there.
+
+        Args:
+            stamp: when they were there [ns].
+            located: in any frame.
+            T_fixed_frame: that frame in one that stands still; None: it does so itself.
+        """
+        self._begin(stamp)
+        return self._keep(stamp, located, T_fixed_frame or Transform.identity())
 
     def select(self, frame: Frame, box: Box) -> None:
         """A person has drawn a rectangle around the target."""
@@ -141,6 +139,23 @@ class VisualTracker:
         self.identity.reset()
         self.detector.reset()
         self._wanted = None
+
+    def _begin(self, stamp: int) -> None:
+        if self._stamp is not None:
+            pause = (stamp - self._stamp) * 1e-9
+            if not 0.0 <= pause <= _LONGEST_PAUSE:
+                self.identity.reset()
+        self._stamp = stamp
+
+    def _keep(self, stamp: int, located: Sequence[Located], pose: Transform) -> Sighting | None:
+        """Tells who is who; the target."""
+        self.identity.update(located, pose, stamp * 1e-9)
+        self._follow_wanted()
+        track = self.identity.sighted
+        if track is None:
+            return None
+        found = track.latest
+        return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)
 
     def _follow_wanted(self) -> bool:
         """Keeps to what is in the rectangle that a person has drawn, as soon as it is seen."""

@@ -1,6 +1,7 @@
 """visual_target on simulated images, in simulated time: closed loops, and bad input."""
 
 import math
+import threading
 from importlib.util import find_spec
 
 import numpy as np
@@ -12,6 +13,8 @@ if find_spec("cv2") is None:
 
 from geometry_msgs.msg import PointStamped
 from lockstep import World
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from visual_pursuit import head_yaml, pursue, tutorial_law
@@ -194,8 +197,6 @@ def test_images_of_one_pixel_are_seen_through(world, look):
 
 
 def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
-    from rclpy.parameter import Parameter
-
     node = look(follow="colour", object_size=0.3)
     targets = world.record("/target_point")
     show(world, depth="")
@@ -256,6 +257,36 @@ def test_the_simulated_camera_publishes_what_belongs_together_late(world, kind):
         assert len(image.data) == image.step * image.height == 320 * 240 * 3
 
 
+@pytest.mark.parametrize("wanted", [(), ("/camera_info",), ("/depth",), ("/image", "/camera_info")])
+def test_the_simulated_camera_makes_what_somebody_looks_at(world, wanted, monkeypatch):
+    eye = world.make(
+        SimulatedCameraNode,
+        {"scene": "ball", **SMALL},
+        buffer=world.buffer,
+        true_position=world.true_position,
+    )
+    world.nodes.append(eye)
+    made = []
+    for what, name in ((eye.renderer, "render"), (eye._noise, "picture"), (eye._noise, "depth")):
+        do = getattr(what, name)
+        monkeypatch.setattr(what, name, lambda *a, n=name, do=do: (made.append(n), do(*a))[1])
+    published = []
+    monkeypatch.setattr(
+        world, "publish", lambda topic, message: published.append((topic, message.header.stamp))
+    )
+    for topic in wanted:
+        world.listen(topic, lambda _: None)
+    world.run(1.0)
+    assert {topic for topic, _ in published} == set(wanted)
+    assert set(made) == {
+        *(["render"] if {"/image", "/depth"} & set(wanted) else []),
+        *(["picture"] if "/image" in wanted else []),
+        *(["depth"] if "/depth" in wanted else []),
+    }
+    stamps = [(stamp.sec, stamp.nanosec) for _, stamp in published]
+    assert stamps == sorted(stamps)
+
+
 @pytest.mark.parametrize("follow", DETECTORS)
 def test_every_parameter_is_described(look, follow):
     node = look(follow=follow)
@@ -264,6 +295,40 @@ def test_every_parameter_is_described(look, follow):
 
 
 # in one process with everything else
+
+
+def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(kinectbot):
+    """All nodes share one executor: what takes long is done beside it."""
+    rclpy.init()
+    look = VisualTargetNode(parameter_overrides=[Parameter("follow", value="colour")])
+    executor = SingleThreadedExecutor()
+    executor.add_node(look)
+    go, looked = threading.Event(), []
+
+    class Slow:
+        parameters = None
+
+        def detect(self, frame, hints):
+            looked.append(frame.stamp)
+            assert go.wait(10.0)
+            return []
+
+    look._tracker.detector = Slow()
+    look._on_info(camera_info(header(1, "c"), CAMERA))
+    for stamp in (1, 2, 3):
+        look._on_image(image_message(header(stamp, "c"), "bgr8", np.zeros((240, 320, 3), "u1")))
+        wait_for(lambda: looked)
+    ticks = []
+    look.create_timer(0.001, lambda: ticks.append(len(looked)))
+    while len(ticks) < 5:
+        executor.spin_once(timeout_sec=1.0)
+    assert ticks == [1] * 5, "the executor goes on while an image is looked at"
+    go.set()
+    wait_for(lambda: looked == [1, 3])
+    executor.remove_node(look)
+    look.destroy_node()
+    rclpy.try_shutdown()
+    assert "visual target" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_a_simulated_head_finds_the_ball_that_its_camera_sees(make_robot):

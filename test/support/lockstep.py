@@ -22,6 +22,7 @@ from rclpy.time import Time
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal, JointConfiguration
+from head_tracking.nodes import simulated_camera, visual_target
 from head_tracking.ros import head_interface
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
@@ -108,8 +109,21 @@ class World:
 
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
-        with mock.patch.object(head_interface, "ClockWatch", self._clock_watch):
+        with (
+            mock.patch.object(head_interface, "ClockWatch", self._clock_watch),
+            mock.patch.object(simulated_camera, "Worker", self._worker),
+            mock.patch.object(visual_target, "Worker", self._worker),
+        ):
             return self._made(kind, parameters, **handed)
+
+    def _worker(self, name: str, work: Callable[[Any], object]) -> Any:
+        """A thread's work is done at once, and what it does later, later."""
+        return SimpleNamespace(
+            offer=work,
+            do=lambda task: task(),
+            later=lambda delay, task: self.at(self.now + round(delay * 1e9), task),
+            close=lambda: None,
+        )
 
     def _clock_watch(self, clock: Callable[[], float]) -> ClockWatch:
         return ClockWatch(clock, lambda: self.now * 1e-9)

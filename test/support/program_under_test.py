@@ -26,6 +26,7 @@ MODULES = {
     "target_mux": "head_tracking.nodes.target_mux",
     "look": "head_tracking.tools.look",
     "visual_target": "head_tracking.nodes.visual_target",
+    "detection_target": "head_tracking.nodes.detection_target",
     "simulated_camera": "head_tracking.nodes.simulated_camera",
     "viewer": "head_tracking.nodes.viewer",
 }

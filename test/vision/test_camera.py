@@ -47,7 +47,7 @@ def test_distortion_is_undone(model, distortion):
         u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     pixel = (500.0 * u + 320.0, 510.0 * v + 240.0)
-    assert camera.ray(pixel) == pytest.approx((x, y), abs=2e-3)
+    assert camera.ray(pixel) == pytest.approx((x, y), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -85,3 +85,25 @@ def test_boxes():
     assert box.grown(2.0).clipped(50, 60) == Box(0, 0, 50, 60)
     assert box.clipped(5, 5)[2:] == (0, 0)
     assert np.zeros((60, 50))[box.slices()].shape == (40, 30)
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("", ()),
+        ("plumb_bob", (-0.28, 0.07, 1e-3, -5e-4, 0.01)),
+        ("rational_polynomial", (0.5, -0.2, 1e-4, 2e-4, 0.02, 0.6, -0.1, 0.03)),
+        ("equidistant", (-0.02, 0.005, -0.003, 0.0005)),
+    ],
+)
+@pytest.mark.parametrize("pixel", [(320.0, 240.0), (5.0, 5.0), (639.0, 100.0), (200.0, 479.0)])
+def test_a_point_is_where_the_lens_shows_it(model, distortion, pixel):
+    camera = Camera.from_calibration((640, 480), K, distortion, model)
+    assert camera.pixel(camera.point(pixel, 1.7)) == pytest.approx(pixel, abs=1e-3)
+
+
+@pytest.mark.parametrize("x", [1.3, 1.5, 1.6, 2.0])
+def test_what_is_far_beside_the_image_is_not_shown_in_it(x):
+    camera = Camera.from_calibration((640, 480), K, (-0.4, 0.0, 0.0, 0.0, 0.0))
+    pixel = camera.pixel((x, 0.0, 1.0))
+    assert pixel is None or not 0 <= pixel[0] < 640

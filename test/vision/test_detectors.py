@@ -13,6 +13,7 @@ from head_tracking.vision import (
     DETECTORS,
     Box,
     Camera,
+    Candidate,
     ColourDetector,
     ColourParameters,
     DepthImage,
@@ -262,8 +263,8 @@ def test_a_rectangle_without_features_is_not_followed(box):
 # faces and blobs
 
 
-def test_a_face_that_is_looked_for_nearby_costs_less_than_the_whole_image(kinectbot):
-    detector = FaceDetector(FaceParameters(search_period=5))
+def test_by_the_cascade_a_face_that_is_looked_for_nearby_costs_less(kinectbot):
+    detector = FaceDetector(FaceParameters(search_period=5, net="none"))
     searched = []
     whole = detector._search
 
@@ -277,6 +278,28 @@ def test_a_face_that_is_looked_for_nearby_costs_less_than_the_whole_image(kinect
     assert len(seen.misses) == 18
     assert searched.count(640) <= 6
     assert max(width for width in searched if width != 640) < 250
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [("plumb_bob", (-0.28, 0.07, 1e-3, -5e-4, 0.0)), ("equidistant", (-0.02, 0.005, 0.0, 0.0))],
+)
+def test_what_is_followed_is_looked_for_where_the_lens_shows_it(model, distortion):
+    k = [300.0, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0]
+    camera = Camera.from_calibration((640, 480), k, distortion, model)
+    hints, box = [], Box(20, 30, 40, 40)
+
+    class Corner:
+        parameters = None
+
+        def detect(self, frame, near):
+            hints.append(list(near))
+            return [Candidate(box, box.centre, 1.0)]
+
+    eye = VisualTracker(Corner(), DistanceParameters(distance=2.0), IdentityParameters())
+    for i in range(4):
+        eye.step(Frame(i * 33_000_000, camera, Picture(np.zeros((480, 640, 3), np.uint8))))
+    assert hints[-1][0] == pytest.approx(box, abs=0.5)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.15])

@@ -120,6 +120,24 @@ def test_two_that_cross_keep_their_names(identity):
     assert followed.located.appearance[0] == (1.0 if followed.position[2] < 2 else 0.0)
 
 
+@pytest.mark.parametrize("gap", [0.3, 1.0, 1.9])
+@pytest.mark.parametrize("where", [(1.0, 2.0), (-1.2, 2.2), (0.0, 3.2), (0.05, 1.2)])
+def test_who_is_out_of_sight_lends_nobody_their_number(identity, gap, where):
+    """Somebody else, dressed alike, who was not seen before, comes into sight a metre away."""
+    numbers = follow(identity, [[seen(0.0)]] * 10)
+    others = follow(identity, [[seen(*where)]] * 3, start=9 / 30 + gap)
+    assert numbers[-1] is not None
+    assert others == [None] * 3
+    assert [track.number for track in identity.tracks] == [numbers[-1], numbers[-1] + 1]
+
+
+@pytest.mark.parametrize("gap", [0.3, 1.0, 1.9])
+@pytest.mark.parametrize("where", [(0.3, 2.0), (-0.2, 2.1), (0.0, 2.3)])
+def test_who_comes_back_near_where_they_were_is_the_same(identity, gap, where):
+    numbers = follow(identity, [[seen(0.0)]] * 10)
+    assert follow(identity, [[seen(*where)]], start=9 / 30 + gap) == [numbers[-1]]
+
+
 def test_who_looks_different_is_somebody_else(identity):
     numbers = follow(identity, [[seen(0.0, colour=0)]] * 5 + [[seen(0.0, colour=2)]] * 5)
     assert numbers[5:] == [None] * 5

@@ -1,0 +1,278 @@
+"""detection_target: one of the things that another program has found, and keeps to it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Float32, String
+from std_srvs.srv import Trigger
+
+from head_tracking.parameters import parameter
+from head_tracking.ros.detections import (
+    Detection2DArray,
+    Detection3DArray,
+    IdsList,
+    NormalizedRegionOfInterest2D,
+    candidates,
+    places,
+    region_candidate,
+    require_messages,
+)
+from head_tracking.ros.images import camera_of, depth_of, frame_pose
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.spinning import run_node
+from head_tracking.ros.worker import Worker
+from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tracking import Target
+from head_tracking.transforms import Transform, TransformException, Vector3
+from head_tracking.vision import (
+    Camera,
+    CameraError,
+    Candidate,
+    DepthImage,
+    DistanceParameters,
+    Frame,
+    GivenDetector,
+    IdentityParameters,
+    ImageError,
+    Sighting,
+    VisualTracker,
+    require_opencv,
+)
+
+_NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+_DEPTHS_KEPT = 30
+"""Who detects takes its time; the depth image of the same moment has to wait for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionTargetParameters:
+    """Who finds things, and how they are placed."""
+
+    source: str = parameter(
+        "detections_2d",
+        "vision_msgs arrays on `detections`: detections_2d in an image, detections_3d in space; or "
+        "faces or bodies of ROS4HRI, on /humans.",
+        choices=("detections_2d", "detections_3d", "faces", "bodies"),
+        fixed=True,
+    )
+    class_id: str = parameter("", "Of a vision_msgs array: the class that counts; empty: all.")
+    humans: str = parameter(
+        "/humans", "Where ROS4HRI's topics are: <humans>/faces/tracked, ...", fixed=True
+    )
+    depth_tolerance: float = parameter(
+        0.02,
+        "How much the stamps of a detection and a depth image may differ.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    fixed_frame: str = parameter(
+        "base_link",
+        "A frame that stands still while the head turns: things are told apart by where they are "
+        "in it; empty: in the frame that they come in.",
+        fixed=True,
+    )
+
+
+class DetectionTargetNode(Node):
+    """Publishes `target_point` from what other programs detect.
+
+    Raises:
+        MessagesMissingError: the messages of the source are not installed.
+    """
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("detection_target", **options)
+        self._parameters_read = NodeParameters(self, DetectionTargetParameters)
+        p = self._parameters_read.value
+        self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
+        self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
+        self._detector = GivenDetector()
+        self._tracker = VisualTracker(self._detector, self._distances.value, self._identity.value)
+        self._buffer = (buffer or listening_buffer(self)).core
+        self._camera: Camera | None = None
+        self._depths: deque[tuple[int, Image]] = deque(maxlen=_DEPTHS_KEPT)
+        self._regions: dict[str, Subscription] = {}
+        self._newest: dict[str, Any] = {}
+        self._placed = False
+        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._confidence = self.create_publisher(Float32, "~/confidence", 10)
+        self._name = self.create_publisher(String, "~/id", 10)
+        self._working: Worker[Any] = Worker("detection target", self._take)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        if p.source == "detections_3d":
+            require_messages("vision_msgs", Detection3DArray)
+            self.create_subscription(Detection3DArray, "detections", self._working.offer, _NEWEST)
+            return
+        require_opencv()
+        self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
+        self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
+        if p.source == "detections_2d":
+            require_messages("vision_msgs", Detection2DArray)
+            self.create_subscription(Detection2DArray, "detections", self._working.offer, _NEWEST)
+            return
+        require_messages("hri_msgs", IdsList)
+        self.create_subscription(IdsList, f"{p.humans}/{p.source}/tracked", self._on_ids, 10)
+
+    def destroy_node(self) -> None:
+        """Ends the thread that places what is found, too."""
+        self._working.close()
+        super().destroy_node()
+
+    def _on_parameters(self, _: Any) -> None:
+        self._working.do(self._take_parameters)
+
+    def _take_parameters(self) -> None:
+        self._tracker.distances = self._distances.value
+        self._tracker.identity.parameters = self._identity.value
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._working.do(self._tracker.reset)
+        response.success, response.message = True, "looking for a new target"
+        return response
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            self._camera = camera_of(message)
+        except CameraError as error:
+            self._camera = None
+            self._complain(str(error))
+
+    def _on_depth(self, message: Image) -> None:
+        self._depths.append((stamp_to_ns(message.header.stamp), message))
+
+    # ROS4HRI: a topic for each face or body
+
+    def _on_ids(self, message: Any) -> None:
+        p = self._parameters_read.value
+        for gone in self._regions.keys() - set(message.ids):
+            self.destroy_subscription(self._regions.pop(gone))
+            self._newest.pop(gone, None)
+        for new in set(message.ids) - self._regions.keys():
+            self._regions[new] = self.create_subscription(
+                NormalizedRegionOfInterest2D,
+                f"{p.humans}/{p.source}/{new}/roi",
+                lambda region, name=new: self._on_region(name, region),
+                _NEWEST,
+            )
+        if not message.ids:
+            self._working.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
+
+    def _on_region(self, name: str, region: Any) -> None:
+        """Takes the regions of one image together: when all are there, or the next one's come."""
+        stamp = stamp_to_ns(region.header.stamp)
+        late = [other for other in self._newest.values() if stamp_to_ns(other.header.stamp) < stamp]
+        if late:
+            self._offer_regions()
+        self._newest[name] = region
+        if len(self._newest) == len(self._regions):
+            self._offer_regions()
+
+    def _offer_regions(self) -> None:
+        regions, self._newest = self._newest, {}
+        newest = max(regions.values(), key=lambda region: stamp_to_ns(region.header.stamp))
+        header = newest.header
+        self._working.offer((stamp_to_ns(header.stamp), header.frame_id, regions))
+
+    # in the worker's thread
+
+    def _take(self, found: Any) -> None:
+        p = self._parameters_read.value
+        if isinstance(found, tuple):
+            stamp, frame_id, regions = found
+        else:
+            stamp, frame_id = stamp_to_ns(found.header.stamp), found.header.frame_id
+        if p.source == "detections_3d":
+            pose = self._pose(frame_id, stamp)
+            sighting = self._tracker.place(stamp, places(found.detections, p.class_id), pose)
+        else:
+            camera = self._camera
+            if camera is None:
+                self._complain("no detection is placed: there is no usable camera_info yet")
+                return
+            if isinstance(found, tuple):
+                given = self._people(regions, camera, frame_id, stamp)
+            else:
+                given = candidates(found.detections, p.class_id)
+            self._detector.candidates = given
+            try:
+                frame = Frame(stamp, camera, None, self._depth(stamp))
+                sighting = self._tracker.step(frame, self._pose(frame_id, stamp))
+            except ImageError as error:
+                self._complain(str(error))
+                return
+        self._send(stamp, frame_id, sighting)
+
+    def _send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
+        if sighting is not None:
+            self._publisher.publish(target_message(Target(stamp, frame_id, sighting.point)))
+            name = sighting.candidate.label or str(sighting.number)
+            if self._name.get_subscription_count():
+                self._name.publish(String(data=name))
+        elif self._tracker.without_distance:
+            self._complain(
+                "something is found, but not how far away: there is no depth for it; without a "
+                "depth camera set object_size or distance"
+            )
+        if self._confidence.get_subscription_count():
+            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+
+    def _people(
+        self, regions: dict[str, Any], camera: Camera, frame_id: str, stamp: int
+    ) -> list[Candidate]:
+        kind = {"faces": "face", "bodies": "body"}[self._parameters_read.value.source]
+        found = (
+            region_candidate(
+                name,
+                region,
+                camera,
+                self._placed_frame(f"{kind}_{name}", frame_id, stamp),
+            )
+            for name, region in regions.items()
+        )
+        return [candidate for candidate in found if candidate is not None]
+
+    def _placed_frame(self, person: str, camera: str, stamp: int) -> Vector3 | None:
+        """Where the frame of a face or a body is, if somebody publishes it."""
+        try:
+            return self._buffer.transform_point((0.0, 0.0, 0.0), camera, person, stamp)
+        except TransformException:
+            return None
+
+    def _depth(self, stamp: int) -> DepthImage | None:
+        """The depth image of the same moment, if there is one."""
+        near = min(list(self._depths), key=lambda item: abs(item[0] - stamp), default=None)
+        tolerance = self._parameters_read.value.depth_tolerance
+        if near is None or abs(near[0] - stamp) * 1e-9 > tolerance:
+            return None
+        return depth_of(near[1])
+
+    def _pose(self, frame_id: str, stamp: int) -> Transform | None:
+        fixed_frame = self._parameters_read.value.fixed_frame
+        found = frame_pose(self._buffer, fixed_frame, frame_id, stamp)
+        if (found is not None) != self._placed:
+            self._placed = found is not None
+            self._tracker.identity.reset()
+        return found
+
+    def _complain(self, reason: str) -> None:
+        self.get_logger().warning(reason, throttle_duration_sec=2.0)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(DetectionTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

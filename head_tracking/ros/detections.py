@@ -1,0 +1,143 @@
+"""What other programs have found: vision_msgs and hri_msgs, where they are installed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.transforms import Vector3
+from head_tracking.vision.camera import Box, Camera
+from head_tracking.vision.candidate import Candidate
+from head_tracking.vision.identity import Located
+
+try:
+    from vision_msgs.msg import Detection2DArray, Detection3DArray
+except ImportError:
+    Detection2DArray = Detection3DArray = None
+try:
+    from hri_msgs.msg import IdsList, NormalizedRegionOfInterest2D
+except ImportError:
+    IdsList = NormalizedRegionOfInterest2D = None
+
+
+__all__ = [
+    "Detection2DArray",
+    "Detection3DArray",
+    "IdsList",
+    "MessagesMissingError",
+    "NormalizedRegionOfInterest2D",
+    "candidates",
+    "places",
+    "region_candidate",
+    "require_messages",
+]
+
+
+class MessagesMissingError(HeadTrackingError, ImportError):
+    """A package of messages is not installed; the message says which."""
+
+
+def require_messages(package: str, kind: type[Any] | None) -> None:
+    """Refuses what cannot be done without a package of messages.
+
+    Raises:
+        MessagesMissingError: it is not installed.
+    """
+    if kind is None:
+        raise MessagesMissingError(
+            f"{package} is not installed; it comes with a ROS 2 installation "
+            f"(ros-jazzy-{package.replace('_', '-')})"
+        )
+
+
+def candidates(detections: Iterable[Any], wanted: str) -> list[Candidate]:
+    """The things of a Detection2DArray.
+
+    Args:
+        detections: its vision_msgs/Detection2D messages.
+        wanted: the class that counts; empty: all.
+    """
+    found = []
+    for detection in detections:
+        score = _score(detection, wanted)
+        middle, box = detection.bbox.center.position, detection.bbox
+        numbers = (middle.x, middle.y, box.size_x, box.size_y, box.center.theta)
+        if score is None or not all(map(math.isfinite, numbers)):
+            continue
+        cosine, sine = abs(math.cos(box.center.theta)), abs(math.sin(box.center.theta))
+        width = box.size_x * cosine + box.size_y * sine
+        height = box.size_x * sine + box.size_y * cosine
+        if width <= 0 or height <= 0:
+            continue
+        around = Box(middle.x - width / 2, middle.y - height / 2, width, height)
+        found.append(
+            Candidate(around, around.centre, score, detection.id, unique=bool(detection.id))
+        )
+    return found
+
+
+def places(detections: Iterable[Any], wanted: str) -> list[Located]:
+    """The things of a Detection3DArray, in the frame of their messages.
+
+    Args:
+        detections: its vision_msgs/Detection3D messages.
+        wanted: the class that counts; empty: all.
+    """
+    found = []
+    for detection in detections:
+        score = _score(detection, wanted)
+        at, size = detection.bbox.center.position, detection.bbox.size
+        point = (at.x, at.y, at.z)
+        away = math.hypot(*point)
+        if score is None or not all(map(math.isfinite, point)) or away < 1e-6:
+            continue
+        angle = max(0.0, size.x, size.y, size.z) / away
+        if not math.isfinite(angle):
+            angle = 0.0
+        candidate = Candidate(
+            Box(0.0, 0.0, angle, angle), (0.0, 0.0), score, detection.id, bool(detection.id)
+        )
+        found.append(Located(candidate, point, True, angle / 2))
+    return found
+
+
+def region_candidate(
+    name: str,
+    region: Any,
+    camera: Camera,
+    position: Vector3 | None,
+) -> Candidate | None:
+    """A face or a body of hri_msgs; None if its region is empty.
+
+    Args:
+        name: its id.
+        region: a NormalizedRegionOfInterest2D.
+        camera: whose image it is a part of.
+        position: where it is in the optical frame [m]; None: not known.
+    """
+    edges = (region.xmin, region.ymin, region.xmax, region.ymax)
+    if not all(map(math.isfinite, edges)):
+        return None
+    left, right = edges[0] * camera.width, edges[2] * camera.width
+    top, bottom = edges[1] * camera.height, edges[3] * camera.height
+    if right <= left or bottom <= top:
+        return None
+    box = Box(left, top, right - left, bottom - top)
+    # a program that says nothing of its confidence leaves 0 there
+    score = region.c if 0.0 < region.c <= 1.0 else 1.0
+    return Candidate(box, box.centre, score, name, unique=True, position=position)
+
+
+def _score(detection: Any, wanted: str) -> float | None:
+    """How sure the other program is; None: it is something else."""
+    scores = [
+        result.hypothesis.score
+        for result in detection.results
+        if not wanted or result.hypothesis.class_id == wanted
+    ]
+    if not scores:
+        return None if wanted or detection.results else 1.0
+    best = max(scores)
+    return min(1.0, max(0.0, best)) if math.isfinite(best) else None
