@@ -465,6 +465,7 @@ class Buses:
                 problems.update(thread.at_once(lambda b: b.relax_at_once(timeout), timeout / 2))
             except DynamixelError as cause:
                 problems.update((joint.joint_name, str(cause)) for joint in bus.joints)
+                thread.call(lambda b: b.switching_torque(None, False))  # as soon as it can
 
         helpers = [threading.Thread(target=relax, args=pair) for pair in self._threads[1:]]
         for helper in helpers:
