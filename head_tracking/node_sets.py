@@ -73,13 +73,15 @@ SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
     given = {"follow": follow, **parameters}
-    return (NodeSpec("visual_target", VisualTargetNode, takes=("buffer",), parameters=given),)
+    return (
+        NodeSpec("visual_target", VisualTargetNode, takes=("buffer", "loop"), parameters=given),
+    )
 
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode, takes=("loop",)),),
-    "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer",)),),
+    "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer", "loop")),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import seconds
@@ -296,6 +297,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
             simulated=plan.simulated,
             allow_others=plan.allow_others,
         )
+        get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(
             RunSources(
