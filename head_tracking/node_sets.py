@@ -84,6 +84,9 @@ def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode, takes=("loop",)),),
+    "smooth": (
+        NodeSpec("fictitious_target", FictitiousTargetNode, ("loop",), {"path": "harmonic"}),
+    ),
     "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),

@@ -542,9 +542,11 @@ def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
 def test_look_turns_a_running_head_and_says_by_how_much_it_misses(start):
     run = start("head_tracking", "--sim", "--mode", "point", "--target", "none")
     run.read_until("ready to point")
-    look = start("look", "1", "1", "0.5", "--frame", "base_link")
+    look = start("look", "1,1,0.5@base_link")
     assert look.end() == 0, look.output
     assert "arrived: the head misses the target by" in look.output
+    look = start("look", "1", "1", "0.4", "--frame", "base_link")
+    assert look.end() == 0, look.output
     look = start("look", "--centre")
     assert look.end() == 0, look.output
 
