@@ -23,7 +23,6 @@ from head_tracking.node_sets import (
     HEAD,
     LEFT_OUT,
     MODES,
-    NODE_NAMES,
     ROBOT,
     SCENES,
     SIMULATED_PORT,
@@ -288,7 +287,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        parameter_files.check(head.nodes.values(), NODE_NAMES)
+        parameter_files.check(head.nodes.values())
         watch = GraphWatch(
             head.nodes["servo_bus"],
             plan.enclave,

@@ -95,6 +95,13 @@ class DetectionTargetNode(Node):
         super().__init__("detection_target", **options)
         self._parameters_read = NodeParameters(self, DetectionTargetParameters)
         p = self._parameters_read.value
+        package, kind = {
+            "detections_2d": ("vision_msgs", Detection2DArray),
+            "detections_3d": ("vision_msgs", Detection3DArray),
+        }.get(p.source, ("hri_msgs", IdsList))
+        require_messages(package, kind)
+        if p.source != "detections_3d":
+            require_opencv()
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
         self._detector = GivenDetector()
@@ -111,18 +118,15 @@ class DetectionTargetNode(Node):
         self._working: Worker[Any] = Worker("detection target", self._take)
         self.create_service(Trigger, "~/reset", self._on_reset)
         if p.source == "detections_3d":
-            require_messages("vision_msgs", Detection3DArray)
             self.create_subscription(Detection3DArray, "detections", self._working.offer, _NEWEST)
             return
-        require_opencv()
         self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
         self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
         if p.source == "detections_2d":
-            require_messages("vision_msgs", Detection2DArray)
             self.create_subscription(Detection2DArray, "detections", self._working.offer, _NEWEST)
-            return
-        require_messages("hri_msgs", IdsList)
-        self.create_subscription(IdsList, f"{p.humans}/{p.source}/tracked", self._on_ids, 10)
+        else:
+            tracked = f"{p.humans}/{p.source}/tracked"
+            self.create_subscription(IdsList, tracked, self._on_ids, 10)
 
     def destroy_node(self) -> None:
         """Ends the thread that places what is found, too."""

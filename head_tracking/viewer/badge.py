@@ -81,6 +81,11 @@ def badge(
         )
     if wrong is not None:
         return Badge(Word.FAULT, f"{wrong.name.removeprefix('servo_bus: ')}: {wrong.message}")
+    said = live.state.partition(": ")[2]
+    word, _, reason = said.partition(": ")
+    refusal = complaint if "refused" in complaint else reason.partition(_REFUSED)[2]
+    if refusal:
+        return Badge(Word.REFUSED, refusal)
     loose = [servo.joint or servo.controller for servo in servos if servo.torque is False]
     if loose and len(loose) == len(servos):
         refuses = any(servo.refuses for servo in servos)
@@ -91,11 +96,7 @@ def badge(
     if not on:
         return Badge(Word.HOLDING, "nothing turns the head")
     if complaint:
-        return Badge(Word.REFUSED if "refused" in complaint else Word.HOLDING, complaint)
-    said = live.state.partition(": ")[2]
-    word, _, reason = said.partition(": ")
-    if _REFUSED in reason:
-        return Badge(Word.REFUSED, reason.partition(_REFUSED)[2])
+        return Badge(Word.HOLDING, complaint)
     try:
         found = _WORDS[TargetState(word)]
     except ValueError:  # a node that publishes no state

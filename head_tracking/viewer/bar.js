@@ -84,6 +84,17 @@
       if (event.key === "Escape" && !event.repeat) stop.click();
     }, true);
 
+    // an emptied number field shows what counts again: the value that it had
+    document.addEventListener("focusin", ({ target }) => {
+      if (target.matches?.("input[inputmode]")) target.dataset.headBefore = target.value;
+    });
+    document.addEventListener("focusout", ({ target }) => {
+      const before = target.dataset?.headBefore;
+      if (!before || target.value.trim() !== "") return;
+      Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(target, before);
+      target.dispatchEvent(new Event("input", { bubbles: true }));
+    });
+
     const look = async () => {
       try {
         const status = await ask("status");

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.tracking import Target
+from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.observation import Outcome
@@ -27,7 +27,8 @@ SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
 _RELEASE = 1.0  # s in which a node that was switched off lets go of the joints
-_REFUSAL = 0.4  # s
+_REFUSAL = 0.8  # s
+_REFUSED = "targets are refused: "
 _POLL = 0.02  # s
 
 
@@ -155,18 +156,14 @@ class HeadModes:
         model = self._buffer.model
         if wanted is Mode.POINT or model is None:
             self.stop_sending()
-            sent = time.monotonic()
-            self._targets.publish(_message(frame, point))
-            refused = self._refusal(POINTER, sent) if wait else ""
+            refused = self._refusal_of(POINTER, wait, lambda: self._publish(frame, point))
             return Outcome(not refused, refused or text)
         try:
             placed = self._buffer.transform_point(point, model.root, frame)
         except TransformException as error:
             return Outcome(False, f"the target is refused: {error}")
         self._follows = False
-        sent = time.monotonic()
-        self._keep_sending(model.root, placed)
-        refused = self._refusal(TRACKER, sent) if wait else ""
+        refused = self._refusal_of(TRACKER, wait, lambda: self._keep_sending(model.root, placed))
         return Outcome(not refused, refused or text)
 
     def centre(self) -> Outcome:
@@ -231,15 +228,25 @@ class HeadModes:
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(f"node_starter/{name}")
 
-    def _refusal(self, name: str, sent: float) -> str:
-        """What a node has against a target that was sent at a time, if it says so in a moment."""
-        deadline = time.monotonic() + _REFUSAL
-        while time.monotonic() < deadline:
-            said = self._topics.complaint(name, sent)
+    def _refusal_of(self, name: str, wait: bool, send: Callable[[], None]) -> str:
+        """What a node has against a target, if it says so within a moment after it was sent."""
+        before, sent = self._topics.state(name), time.monotonic()
+        send()
+        while wait and time.monotonic() - sent < _REFUSAL:
+            state = self._topics.state(name)
+            in_state = ""
+            if state != before:
+                at_limit = state if state.startswith(TargetState.AT_LIMIT) else ""
+                in_state = at_limit or state.partition(_REFUSED)[2]
+            logged = self._topics.complaint(name, sent)
+            said = in_state or (logged if "refused" in logged else "")
             if said:
                 return said
             time.sleep(_POLL)
         return ""
+
+    def _publish(self, frame: str, point: Vector3) -> None:
+        self._targets.publish(_message(frame, point))
 
     def _start(self, name: str) -> Outcome:
         """Starts a node and waits until it can be switched off again: only one turns the head."""
@@ -274,12 +281,13 @@ class HeadModes:
             return outcome
         if not on and self._is_on(name):
             return Outcome(False, f"{name} can't be switched off; end it first")
-        if not on:
+        if not on and not self._is_there(name):
             self._topics.forget(name)
         return Outcome(True, "")
 
     def _keep_sending(self, frame: str, point: Vector3) -> None:
         self._kept = _message(frame, point)
+        self._send_kept()
         self._timer.reset()
 
     def _send_kept(self) -> None:

@@ -16,6 +16,7 @@ from head_tracking.viewer.observation import Health, Outcome, Servo
 from head_tracking.viewer.other_parameters import OtherParameters
 from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
+from head_tracking.viewer.stop import Stop
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
@@ -32,6 +33,7 @@ class JointControl:
         topics: torques, and who owns the joints.
         graph: what the bus offers.
         modes: what turns the head must let go of it first.
+        stop: until it is resumed nothing is commanded.
         buffer: the robot's model.
     """
 
@@ -43,6 +45,7 @@ class JointControl:
         topics: OtherTopics,
         graph: Graph,
         modes: HeadModes,
+        stop: Stop,
         buffer: TransformBuffer,
     ) -> None:
         self._node = node
@@ -51,6 +54,7 @@ class JointControl:
         self._topics = topics
         self._graph = graph
         self._modes = modes
+        self._stop = stop
         self._buffer = buffer
         services.know(SetBool, "torque_enable")
         services.know(Trigger, "recover")
@@ -120,6 +124,8 @@ class JointControl:
             self._positions.update(positions)
             self._timer.reset()
             return Outcome(True, "")
+        if self._stop.stopped:
+            return Outcome(False, "the head is stopped: press Resume first")
         said = ""
         if self._modes.mode() is not Mode.OFF:
             outcome = self._modes.release()

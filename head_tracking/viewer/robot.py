@@ -6,7 +6,9 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
@@ -33,6 +35,8 @@ from head_tracking.viewer.stop import Stop
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
 _PATIENCE = 2.0  # s
+_STOPPED = 0.5  # s in which a bus that knows `stop` says that it is stopped
+_POLL = 0.01  # s
 
 
 class Robot:
@@ -76,7 +80,14 @@ class Robot:
         )
         self.modes = HeadModes(node, services, self.topics, self._graph, self.buffer)
         self.joints = JointControl(
-            node, services, self.parameters, self.topics, self._graph, self.modes, self.buffer
+            node,
+            services,
+            self.parameters,
+            self.topics,
+            self._graph,
+            self.modes,
+            self.stop,
+            self.buffer,
         )
         self._joint_watch = JointWatch()
         requests.create_timer(_LOOK_PERIOD, self._look)
@@ -161,9 +172,17 @@ class Robot:
     def stop_everything(self) -> Outcome:
         """Relaxes all servos, and ends what turned the head; says within 0.5 s how it went."""
         outcome = self.stop.stop()
-        # a bus that knows `stop` has done so already; it may take seconds where one does not
-        threading.Thread(target=self.modes.set_mode, args=(Mode.OFF,), daemon=True).start()
+        threading.Thread(target=self._rest, daemon=True).start()
         return outcome
+
+    def _rest(self) -> None:
+        """Switches off what turns the head, unless the bus does so until `resume`."""
+        deadline = time.monotonic() + _STOPPED
+        while not self.stop.stopped and time.monotonic() < deadline:
+            time.sleep(_POLL)
+        if not self.stop.stopped:
+            with suppress(InvalidHandle):  # the page may have ended meanwhile
+                self.modes.set_mode(Mode.OFF)
 
     @property
     def _now(self) -> int:

@@ -189,6 +189,9 @@ def guarded(door: Door) -> Iterator[None]:
 def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
     """Keeps viser from holding files in memory that are too large to be recordings.
 
+    And from telling all browsers, those that come later too, how the upload of one goes: they show
+    it as a file without a name.
+
     Args:
         server: viser's.
         refuse: is told which client was refused, and why.
@@ -197,6 +200,18 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
     for kind, registered in handlers.items():
         if kind.__name__ == "FileTransferStartUpload":
             handlers[kind] = [_only_small(handler, refuse) for handler in registered]
+    tell_all = server._websock_server.queue_message
+
+    def tell(message: Any) -> None:
+        if type(message).__name__ != "FileTransferPartAck":
+            tell_all(message)
+            return
+        upload = server.gui._current_file_upload_states.get(message.transfer_uuid)
+        client = None if upload is None else server.get_clients().get(upload["client_id"])
+        if client is not None:
+            client._websock_connection.queue_message(message)
+
+    server._websock_server.queue_message = tell
 
 
 def _only_small(handler: Callable[[int, Any], Any], refuse: Callable[[int, str], None]) -> Any:

@@ -106,6 +106,15 @@ def test_a_refused_target_says_why_and_moves_nothing(robot, page):
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
 
 
+def test_an_emptied_field_shows_the_value_that_counts_again(page):
+    open_tab(page, "Steer")
+    type_number(page, "x y z (m)", 0.75, 0.0, 0.5)
+    field = row(page, "x y z (m)").locator("input:visible").first
+    field.fill("")
+    field.blur()
+    wait_for(lambda: field.input_value() == "0.75", PATIENCE)
+
+
 def test_the_menu_lists_a_frame_that_appears_later(robot, viewer, page):
     open_tab(page, "Steer")
     core = robot.composition.buffer.core

@@ -122,15 +122,65 @@ def test_a_joint_moved_by_hand_switches_tracking_off(robot, seen):
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
 
 
-def test_torque_is_switched_servo_by_servo_and_stop_relaxes_all(robot, seen):
+def torques(seen: Any) -> list[bool | None]:
+    return [servo.torque for servo in seen.joints.servos()]
+
+
+def word(seen: Any) -> str:
+    return str(seen.badge(seen.observe()).word)
+
+
+def test_torque_is_switched_servo_by_servo(robot, seen):
     assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
     assert seen.joints.set_torque("head_tilt_controller", False).done
-    wait_for(lambda: [servo.torque for servo in seen.joints.servos()] == [True, False])
-    assert seen.stop_everything().done
-    wait_for(lambda: [servo.torque for servo in seen.joints.servos()] == [False, False])
+    wait_for(lambda: torques(seen) == [True, False])
+    assert seen.joints.set_torque("", False).done
+    wait_for(lambda: torques(seen) == [False, False])
+
+
+def test_after_stop_nothing_moves_before_resume(robot, seen):
+    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
+    wait_for(lambda: word(seen) == "on target")
+    outcome = seen.stop_everything()
+    assert outcome.done
+    assert outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
+    wait_for(lambda: word(seen) == "stopped" and torques(seen) == [False, False])
+    assert seen.modes.mode() is Mode.OFF
+    robot.simulated.lead("head_pan_joint", -0.5, 0.5)  # by a hand, away from the target
+    wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
     assert seen.joints.set_torque("", True).done
-    wait_for(lambda: [servo.torque for servo in seen.joints.servos()] == [True, True])
+    wait_for(lambda: torques(seen) == [True, True])
+    assert "Resume" in seen.joints.move({"head_pan_joint": 0.5}).text
+    assert not seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
+    robot.at_rest(1.0)
+    assert head_is_at(robot, -0.5, 3 * DEGREE)
+    assert word(seen) == "stopped"
+    velocities = robot.listen_to_velocity("head_pan_joint")
+    assert seen.stop.resume().done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
+    assert max(velocities) < 0.5, "slowly until it has arrived once"
+    wait_for(lambda: word(seen) == "on target")
+
+
+def test_a_new_choice_of_mode_ends_a_stop(robot, seen):
+    assert seen.stop_everything().done
+    wait_for(lambda: word(seen) == "stopped")
+    seen.stop.cancel()
+    assert seen.modes.set_mode(Mode.POINT).done
+    wait_for(lambda: not seen.stop.stopped)
+    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4), wait=True).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
+
+
+@pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
+def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen, mode):
+    assert seen.modes.set_mode(mode).done
+    wait_for(lambda: seen.modes.mode() is mode)
+    outcome = seen.modes.look_at("base_link", (-1.0, 0.0, 0.5), wait=True)
+    assert not outcome.done
+    assert "out of reach" in outcome.text
+    wait_for(lambda: word(seen) == "refused")
 
 
 def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen):

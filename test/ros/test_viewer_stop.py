@@ -71,11 +71,13 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start):
     assert robot.stop.outcome is None
 
 
-def test_a_bus_without_stop_is_relaxed(start):
-    bus = start(BusStandIn(offers=("relax",)))
+def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(start):
+    bus, tracker = start(BusStandIn(offers=("relax",))), start(ControllerStandIn("head_tracker"))
     robot = page(start)
-    assert robot.stop.stop().done
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    assert robot.stop_everything().done
     assert set(bus.calls) == {"relax"}
+    wait_for(lambda: not tracker.on)  # such a bus obeys the next command
 
 
 def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start):
@@ -161,7 +163,6 @@ def test_two_robots_in_one_graph_have_a_page_each(start, prefixed):
     wait_for(told)
     left, right = pages["left"], pages["right"]
     assert left.stop_everything().done
-    wait_for(lambda: left.modes.mode() is Mode.OFF)
     wait_for(lambda: left.stop.stopped)
     assert not right.stop.stopped
     assert right.modes.mode() is Mode.TRACK

@@ -460,6 +460,47 @@ def test_beyond_this_machine_a_token_is_asked_for(kinectbot, show):
         ReadingClient(page.port)
 
 
+def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    one, other = ReadingClient(page.port, keep=True), ReadingClient(page.port, keep=True)
+    try:
+        wait_for(lambda: page.browsers == 2)
+        (button,) = [
+            uuid
+            for uuid, handle in page._server.gui._gui_input_handle_from_uuid.items()
+            if type(handle).__name__ == "GuiUploadButtonHandle"
+        ]
+        start = {
+            "type": "FileTransferStartUpload",
+            "source_component_uuid": button,
+            "transfer_uuid": "upload",
+            "filename": "head.json.gz",
+            "mime_type": "",
+            "part_count": 2,
+            "size_bytes": 8,
+        }
+        part = {
+            "type": "FileTransferPart",
+            "source_component_uuid": button,
+            "transfer_uuid": "upload",
+            "part_index": 0,
+            "content": b"1234",
+        }
+
+        def told(client: ReadingClient) -> bool:
+            return any(one["type"] == "FileTransferPartAck" for one in list(client.messages))
+
+        one.send(start)
+        one.send(part)
+        wait_for(lambda: told(one))
+        seen = len(other.messages)
+        wait_for(lambda: len(other.messages) > seen + 20)
+        assert not told(other)
+    finally:
+        one.close()
+        other.close()
+
+
 def test_a_file_that_is_too_large_is_refused_before_it_is_held_in_memory(kinectbot, show):
     page = show(FakeRobot(kinectbot))
     client = ReadingClient(page.port, keep=True)
