@@ -23,7 +23,15 @@ NODES = (
     "simulated_camera",
     "viewer",
 )
-TOOLS = ("look", "relax", "transforms", "track_report", "check_model", "simulated_bus")
+TOOLS = (
+    "look",
+    "relax",
+    "transforms",
+    "track_report",
+    "check_model",
+    "simulated_bus",
+    "head_setup",
+)
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
     "servo": "head_tracking.tools.servo.main:main",
@@ -73,16 +81,17 @@ setup(
     description="A pan/tilt head that looks at things: "
     "transforms, gaze, tracking and a Dynamixel servo bus.",
     maintainer="head_tracking maintainers",
-    maintainer_email="maintainers@example.com",
+    maintainer_email="maintainers@users.noreply.h-seed-df56c0b7.example",
     license="BSD-3-Clause",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "viewer/bar.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         *share("urdf"),
         *share("config"),
+        *share("machine"),
     ],
     entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
 
-import head_tracking.nodes
 from head_tracking.nodes.bus_process import BusProcessNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.head_tracker import HeadTrackerNode
@@ -50,9 +48,6 @@ ROBOT = (
     NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer", "loop")),
     NodeSpec("joint_state_publisher", JointStatePublisherNode, takes=("loop",)),
 )
-
-NODE_NAMES = tuple(module.name for module in pkgutil.iter_modules(head_tracking.nodes.__path__))
-"""The names of all our nodes, which parameter files may speak of."""
 
 FEEDS_BUFFER = "robot_state_publisher"
 """The node that brings the process's buffer up to date."""

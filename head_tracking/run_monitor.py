@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.status_line import Mood
 from head_tracking.tracking import TrackingJudge
+
+_ON_TARGET = math.radians(2.0)
 
 SETTLING = 2.0
 """The head may take so long [s] to find its first target before its error counts."""
@@ -22,11 +25,15 @@ class RunSources:
         head: of the node that turns the head; None: there is none in this run.
         bus_status: the servo bus.
         true_position: where a joint really is [rad]; None where only encoders tell.
+        held: why nothing may move now; empty: it may.
+        stopped: whether somebody has stopped the head.
     """
 
     head: HeadInterface | None
     bus_status: Callable[[], BusStatus]
-    true_position: Callable[[str], float] | None = None
+    true_position: Callable[[str], float | None] | None = None
+    held: Callable[[], str] = str
+    stopped: Callable[[], bool] = bool
 
 
 class RunMonitor:
@@ -37,9 +44,14 @@ class RunMonitor:
         self._judge: TrackingJudge | None = None
         self._since: float | None = None
         self._until = 0.0
+        self._stops = 0
+        self._stopped = False
 
-    def look(self) -> str:
-        """Takes what has come since this was asked last; the status line."""
+    def look(self) -> tuple[list[str], Mood]:
+        """Takes what has come since this was asked last; the status line's parts and mood."""
+        stopped = self._sources.stopped()
+        self._stops += stopped and not self._stopped
+        self._stopped = stopped
         interface, positions = self._sources.head, self._positions()
         head = None if interface is None else interface.head
         if interface is not None and head is not None and positions is not None:
@@ -65,27 +77,37 @@ class RunMonitor:
             return self._sources.true_position(joint)
         return None if state is None else state.position
 
-    def _status(self, positions: tuple[float, float] | None) -> str:
+    def _status(self, positions: tuple[float, float] | None) -> tuple[list[str], Mood]:
         bus, head = self._sources.bus_status(), self._sources.head
         target = None if head is None else head.newest_target
         error = None if self._judge is None else self._judge.error
+        missed = "error   - " if error is None else f"error {math.degrees(error):4.1f}°"
         temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
-        return " | ".join(
-            (
-                "waiting for the head"
-                if positions is None
-                else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
-                "no target" if target is None else f"target {target}",
-                "error    - " if error is None else f"error {_degrees(error, '')}",
-                f"bus {bus.in_short}",
-                f"{temperatures or '-'} °C",
-            )
-        )
+        parts = [
+            missed,
+            "waiting for the head"
+            if positions is None
+            else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
+            "no target" if target is None else f"target {target}",
+            f"bus {bus.in_short}",
+            f"{temperatures or '-'} °C",
+        ]
+        if self._stopped:
+            return ["STOPPED", *parts], Mood.BAD
+        if not bus.statistics.connected:
+            return parts, Mood.BAD
+        if held := self._sources.held():
+            return [f"held: {held}", *parts], Mood.WATCH
+        if error is None:
+            return parts, Mood.PLAIN
+        return parts, Mood.GOOD if error < _ON_TARGET else Mood.WATCH
 
     def summary(self) -> str:
-        """One line on the whole run."""
+        """What has come of the whole run, the tracking error and the bus on the last line."""
         bus = self._sources.bus_status()
         counted = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
+        if self._stops:
+            counted += f", stopped {self._stops} times" if self._stops > 1 else ", stopped once"
         if not bus.statistics.connected:
             counted += ", the adapter has gone"
         statistics = None if self._judge is None else self._judge.statistics
@@ -99,5 +121,5 @@ class RunMonitor:
         )
 
 
-def _degrees(angle: float, sign: str = "+") -> str:
-    return f"{math.degrees(angle):{sign}6.1f}°"
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):+6.1f}°"

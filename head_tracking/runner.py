@@ -24,7 +24,6 @@ from head_tracking.node_sets import (
     HEAD,
     LEFT_OUT,
     MODES,
-    NODE_NAMES,
     ROBOT,
     SCENES,
     SIMULATED_PORT,
@@ -47,6 +46,7 @@ from head_tracking.run_monitor import RunMonitor, RunSources
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.status_line import StatusLine
+from head_tracking.stop_key import HINT, StopKey
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 
@@ -190,14 +190,15 @@ class Composition:
         buffer: the transforms that they share.
         loop: what they do in each cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
-        true_position: where a joint really is [rad]; None if the servos are not simulated.
+        true_position: where a joint really is [rad], or None if no servo turns it; None if the
+            servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
     buffer: Buffer
     loop: ControlLoop
     simulated: SimulatedJoints | None
-    true_position: Callable[[str], float] | None
+    true_position: Callable[[str], float | None] | None
 
     def stop(self) -> list[str]:
         """Relaxes all servos at once, and lets nothing move until `resume`; a line a joint."""
@@ -234,8 +235,12 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
         simulated.append(resources.enter_context(SimulatedJoints(joints)))
         return simulated[0].port_name
 
-    def true_position(joint: str) -> float:
-        return float((simulated[0] if simulated else nodes["servo_bus"]).true_position(joint))
+    def true_position(joint: str) -> float | None:
+        servos = simulated[0] if simulated else nodes["servo_bus"]
+        try:
+            return float(servos.true_position(joint))
+        except KeyError:  # no servo turns it, and it will not be measured
+            return None
 
     nodes: dict[str, Any] = {}
     on_request = started_on_request(simulated=plan.simulated)
@@ -283,7 +288,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        parameter_files.check(head.nodes.values(), NODE_NAMES)
+        parameter_files.check(head.nodes.values())
         watch = GraphWatch(
             head.nodes["servo_bus"],
             plan.enclave,
@@ -297,13 +302,17 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
                 head=head_node.interface if head_node else None,
                 bus_status=head.nodes["servo_bus"].status,
                 true_position=head.true_position,
+                held=lambda: head.loop.held,
+                stopped=lambda: head.loop.owners.stopped,
             )
         )
 
         def look() -> None:
             watch.look()
-            line.show(monitor.look())
+            parts, mood = monitor.look()
+            line.show([*parts, HINT] if key.works else parts, mood)
 
+        key = resources.enter_context(StopKey(head.stop, head.resume, line.say))
         try:
             threads.wait(stop, plan.duration, look)
         finally:

@@ -40,14 +40,15 @@ ALLOWED: dict[str, set[str]] = {
     "nodes": CORE | {"tf", "share", "viewer", "ros", "status_line"},
     "tools": CORE | {"output", "tf", "share", "ros", "command_line"},
     "status_line": set(),
-    "run_monitor": {"ros", "tracking"},
+    "stop_key": set(),
+    "run_monitor": {"ros", "tracking", "status_line"},
     "node_sets": {"nodes", "scene"},
     "__main__": {"ros", "runner", "output"},
-    "viewer_process": set(),
+    "viewer_process": {"ros", "nodes"},
     "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
     "runner": CORE
     | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line"}
-    | {"status_line", "run_monitor"},
+    | {"status_line", "stop_key", "run_monitor"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

@@ -19,6 +19,7 @@ EXECUTABLES = {
     "fictitious_target",
     "frame_target",
     "head_tracker",
+    "head_setup",
     "head_tracking",
     "joint_state_publisher",
     "look",
@@ -133,7 +134,7 @@ def test_the_wheel_holds_the_package_its_share_directory_and_the_launchers(wheel
         share = f"{data}/share/head_tracking"
         assert f"{share}/package.xml" in names
         assert f"{data}/share/ament_index/resource_index/packages/head_tracking" in names
-        for folder in ("urdf", "config"):
+        for folder in ("urdf", "config", "machine"):
             expected = {f"{share}/{folder}/{name}" for name in files_below(source / folder)}
             assert expected
             assert expected <= names
@@ -193,7 +194,7 @@ def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
     assert {path.name for path in programs.iterdir()} == EXECUTABLES
     assert all(os.access(path, os.X_OK) for path in programs.iterdir())
     assert (prefix / "share/head_tracking/package.xml").is_file()
-    for folder in ("urdf", "config"):
+    for folder in ("urdf", "config", "machine"):
         installed = prefix / "share" / "head_tracking" / folder
         assert files_below(installed) == files_below(source / folder)
 

@@ -54,6 +54,7 @@ from head_tracking.dynamixel.state import (
     Health,
     ServoState,
     ServoStatistics,
+    Symptom,
     Torque,
 )
 from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming, CycleSchedule
@@ -111,6 +112,7 @@ __all__ = [
     "ServoNotFoundError",
     "ServoState",
     "ServoStatistics",
+    "Symptom",
     "Torque",
     "TorqueError",
     "UnknownRegisterError",

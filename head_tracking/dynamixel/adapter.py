@@ -119,8 +119,6 @@ def _advice(latency: int, timer: Path) -> str:
     return (
         f"each answer of a servo takes up to {latency} ms, because the adapter's latency timer "
         f"could not be set to {_WANTED} ms. Until it is unplugged: "
-        f"`echo {_WANTED} | sudo tee {timer}`; for good: write "
-        'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", '
-        f'ATTR{{latency_timer}}="{_WANTED}" into /etc/udev/rules.d/99-dynamixel.rules and plug it '
-        "in again"
+        f"`echo {_WANTED} | sudo tee {timer}`; for good: `ros2 run head_tracking head_setup udev`, "
+        "and plug it in again"
     )

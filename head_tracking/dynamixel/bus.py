@@ -27,6 +27,7 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     check_configuration,
 )
+from head_tracking.dynamixel.diagnosis import Diagnosis
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -151,6 +152,7 @@ class ServoBus:
         self._all = tuple(self._joints.values())
         self._protection = Protection(self._note, self._cut, settings)
         self._told = self._protection.told
+        self._diagnosis = Diagnosis(self._note, self._cut, self._enqueue, settings)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._connected = False
@@ -295,7 +297,8 @@ class ServoBus:
             self._refused,
             self._clamped,
             tuple(
-                servo.statistics(joint.torque, joint.stopped) for joint, servo in self._each_servo()
+                servo.statistics(joint.torque, joint.stopped, *self._diagnosis.of(servo.id))
+                for joint, servo in self._each_servo()
             ),
             self._connected and self._look_again_at is None,
             self._port_losses,
@@ -343,6 +346,7 @@ class ServoBus:
         self._last_cycle = self._monotonic()
         for joint, servo in self._each_servo():
             self._note_shortcomings(joint, servo)
+        self._diagnosis.swapped(self._all)
         return self.summary
 
     def _identify_at_once(self, servo: Servo) -> None:
@@ -484,6 +488,7 @@ class ServoBus:
                 if self._read(plan, stamp, states) or self._troubled:
                     self._troubled = True
                     failed = self._settle(plan, states, start)
+                self._diagnosis.look(self._all, start)
                 self._spent = self._poll_one_lost() if self._missing else 0
                 self._there = True
         except PortLostError as cause:

@@ -53,6 +53,7 @@ class Joint:
         default_speed: Speed for goals that give none, rad/s.
         goal_ticks: What is written to its servos; () without a goal.
         goal_position: The same as a position of the joint, rad.
+        goal_speed: Speed of the goal, rad/s; None: the default, 0: the slowest.
         commanded_at: Monotonic time, ns, of the goal; None without one, or for one that is held.
         share: The bytes of goal position and speed for each servo.
         stale: Whether they are to be made anew.
@@ -73,6 +74,7 @@ class Joint:
         self.default_speed = configuration.joint_speed
         self.goal_ticks: tuple[int, ...] = ()
         self.goal_position = 0.0
+        self.goal_speed: float | None = None
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
@@ -80,7 +82,6 @@ class Joint:
         self.told_problem = ""
         self._limit_speed()
         self._port = port
-        self._speed: float | None = None  # of the goal; None: the default, 0: the slowest
         self._overtaken = 0  # counts who relaxed or stopped it
         self._resumes = False  # it was on when its servo was lost, and may be so again
 
@@ -184,7 +185,7 @@ class Joint:
             servo = servos[0]
             ticks = servo.goal_ticks(position)
             self.goal_ticks = (ticks,)
-            self._speed = speed
+            self.goal_speed = speed
             self.commanded_at = now
             self.goal_position = (ticks - servo.zero) * servo.scale
             self.share = (servo.encode_goal(ticks, self.default_speed if speed is None else speed),)
@@ -194,13 +195,13 @@ class Joint:
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
         self.goal_ticks = ticks
         self.commanded_at = since
-        self._speed = speed
+        self.goal_speed = speed
         self.encode()
 
     def encode(self) -> None:
         """Make the bytes of goal position and speed anew."""
         self.stale = False
-        speed = self.default_speed if self._speed is None else self._speed
+        speed = self.default_speed if self.goal_speed is None else self.goal_speed
         pairs = zip(self.servos, self.goal_ticks, strict=True)
         self.share = tuple([servo.encode_goal(ticks, speed) for servo, ticks in pairs])
         self.goal_position = self.servos[0].calibration.position(self.goal_ticks[0])
@@ -240,12 +241,12 @@ class Joint:
                     present = servo.calibration.fold(read)
             if present is not None:
                 ticks[index] = servo.inside(present)
-        self._set_goal(tuple(ticks), self._speed, None)
+        self._set_goal(tuple(ticks), self.goal_speed, None)
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
         ticks = tuple([servo.inside(servo.ticks) for servo in self.servos])
-        self._set_goal(ticks, self._speed, None)
+        self._set_goal(ticks, self.goal_speed, None)
 
     def lose(self) -> None:
         """Drop the goal, because nobody answers any more."""
@@ -397,7 +398,7 @@ class Joint:
         if self.goal_ticks:
             first, *others = self.goal_ticks
             ticks = (self.servos[0].inside(first), *others)
-            self._set_goal(ticks, self._speed, self.commanded_at)
+            self._set_goal(ticks, self.goal_speed, self.commanded_at)
 
     def _reconfigured(
         self, lowest: int | None, highest: int | None, max_speed: float | None

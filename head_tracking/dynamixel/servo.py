@@ -36,7 +36,7 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
     describe_status,
 )
-from head_tracking.dynamixel.state import Health, ServoStatistics, Torque
+from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 
 _T = TypeVar("_T")
 Steps = Generator[float, None, _T]
@@ -107,6 +107,7 @@ class ServoIdentity:
         own_range: Lowest and highest tick by the servo's own angle limits.
         shutdown: Errors upon which the servo switches itself off.
         temperature_limit: Above it the servo counts as overheated, degrees Celsius.
+        lowest_voltage: Below it the servo counts as short of supply, V.
         powered: Whether its torque was on when it was found.
         faulted: Whether it had shut itself down when it was found.
     """
@@ -118,6 +119,7 @@ class ServoIdentity:
     own_range: tuple[int, int]
     shutdown: IntFlag
     temperature_limit: float
+    lowest_voltage: float
     powered: bool
     faulted: bool
 
@@ -384,6 +386,7 @@ class Servo:
             (lower, upper),
             shutdown,
             float(memory["Temperature Limit"]),
+            memory["Min Voltage Limit"] * 0.1,
             memory["Torque Enable"] == 1,
             _has_shut_down(memory, shutdown),
         )
@@ -646,12 +649,16 @@ class Servo:
         self.lost = self.unseen = True
         self.ask_at = ask_at
 
-    def statistics(self, torque: Torque, stopped: bool) -> ServoStatistics:
+    def statistics(
+        self, torque: Torque, stopped: bool, symptoms: Mapping[Symptom, str], outcome: str
+    ) -> ServoStatistics:
         """Return what there is to know about it.
 
         Args:
             torque: Its joint's.
             stopped: Whether its joint takes no part in the cycle.
+            symptoms: What is wrong with it, see `Diagnosis`.
+            outcome: What became of its last goal.
         """
         counters = self.counters
         said = bool(self.stamp) and not self.lost
@@ -673,6 +680,8 @@ class Servo:
             voltage=self.voltage if said else None,
             load=self.load if said else None,
             torque=torque.value,
+            symptoms=symptoms,
+            outcome=outcome,
         )
 
 
@@ -719,8 +728,8 @@ def model_name(number: int) -> str:
 def _wanted_registers(table: ControlTable, limits: tuple[str, str]) -> list[Register]:
     names = (
         "Model Number", "Firmware Version", "Status Return Level", "Torque Enable", *limits,
-        "Temperature Limit", "Shutdown", "Operating Mode", "Drive Mode", "Control Mode",
-        "Max Torque", "Torque Limit", "Hardware Error Status",
+        "Temperature Limit", "Min Voltage Limit", "Shutdown", "Operating Mode", "Drive Mode",
+        "Control Mode", "Max Torque", "Torque Limit", "Hardware Error Status",
     )  # fmt: skip
     return sorted((table[n] for n in names if n in table), key=lambda register: register.address)
 

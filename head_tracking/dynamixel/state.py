@@ -136,10 +136,38 @@ class EventKind(Enum):
     RESTING = "resting"
     COOLED = "cooled"
     HELD = "held"
+    SYMPTOM = "symptom"
+    CLEARED = "cleared"
     STARTED = "started"
     STOPPED = "stopped"
     PORT_LOST = "port lost"
     PORT_RETURNED = "port returned"
+
+
+class Symptom(Enum):
+    """What can be wrong with a servo, besides what it says itself in its error bits."""
+
+    TORQUE_LOST = "torque lost"
+    BLOCKED = "blocked"
+    IDLE = "does not drive"
+    WEAK = "weak"
+    OVERRULED = "overruled"
+    MODE = "wrong mode"
+    AWAY = "moves away"
+    SLOW = "slow"
+    FROZEN = "encoder frozen"
+    JUMP = "encoder jumps"
+    APART = "servos disagree"
+    SWAPPED = "swapped"
+    SUPPLY = "supply low"
+    SAG = "supply gives way"
+    WARM = "heats up"
+    LINE = "line disturbed"
+
+    @property
+    def serious(self) -> bool:
+        """Whether the servo does not do what it is told, or cannot be believed."""
+        return self not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +227,8 @@ class ServoStatistics:
         voltage: Supply, V, likewise.
         load: Output of the servo, -1 to 1 of its full torque, likewise.
         torque: Why it holds or does not hold its position.
+        symptoms: What is wrong with it besides its own errors, a sentence each.
+        outcome: What became of its last goal: under way, arrived, missed by so much, or why not.
     """
 
     joint_name: str
@@ -218,6 +248,8 @@ class ServoStatistics:
     voltage: float | None = None
     load: float | None = None
     torque: str = ""
+    symptoms: Mapping[Symptom, str] = field(default_factory=dict)
+    outcome: str = ""
 
 
 @dataclass(frozen=True, slots=True)

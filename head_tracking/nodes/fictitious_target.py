@@ -8,7 +8,6 @@ from typing import Any
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.time import Time
-from std_srvs.srv import SetBool
 
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
@@ -16,6 +15,7 @@ from head_tracking.ros.messages import target_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.switch import Switch
 from head_tracking.ros.target_output import TargetOutput
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
@@ -51,23 +51,18 @@ class FictitiousTargetNode(Node):
         )
         self._output = TargetOutput(self, loop)
         self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
-        self._enabled = True
         self._sent: Time | None = None
-        self.create_service(SetBool, "~/enable", self._on_enable)
+        self._switch = Switch(
+            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
+        )
         steady_timer(self, 1.0 / p.rate, self._publish)
 
     def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
         self._target.parameters = parameters
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._enabled = request.data
-        response.success = True
-        response.message = f"the target is {'sent' if request.data else 'not sent any more'}"
-        return response
-
     def _publish(self) -> None:
         now = self.get_clock().now()
-        if not self._enabled or now == self._sent:
+        if not self._switch.on or now == self._sent:
             return  # (simulated time stands still, and so does the target)
         self._sent = now
         target = Target(now.nanoseconds, self._frame_id, self._target.advance())

@@ -12,6 +12,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.switch import Switch
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch
@@ -39,6 +40,9 @@ class FrameTargetNode(Node):
             self._buffer,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
+        self._switch = Switch(
+            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
+        )
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         steady_timer(self, 1.0 / rate, self._publish)
 
@@ -51,6 +55,8 @@ class FrameTargetNode(Node):
             self.get_logger().warning(happened)
             if not self._clock_watch.standing:
                 self._buffer.clear()
+        if not self._switch.on:
+            return
         try:
             target = self._target.newest(self.get_clock().now().nanoseconds)
         except (StaleFrameError, TransformException) as error:

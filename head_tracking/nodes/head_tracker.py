@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
+from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.head_interface import HeadInterface, HeadReading
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -226,7 +227,7 @@ class HeadTrackerNode(Node):
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(in_namespace(self, message))
 
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self.interface.lock:

@@ -38,6 +38,7 @@ from head_tracking.ros.bus_parameters import (
 )
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import owners_message
 from head_tracking.ros.output import Output
@@ -51,6 +52,7 @@ _BAD_NEWS = (
     EventKind.TORQUE_LOST,
     EventKind.FAULTED,
     EventKind.RESTING,
+    EventKind.SYMPTOM,
     EventKind.PORT_LOST,
 )
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -413,7 +415,7 @@ class ServoBusNode(Node):
             status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
         )
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(in_namespace(self, message))
 
 
 class StatesMessage:
@@ -434,7 +436,7 @@ class StatesMessage:
         """The message, with these states."""
         message = self._message
         stamp = message.header.stamp
-        each = states.values()
+        each = [states[name] for name in message.name]  # whichever answered first
         total = 0
         positions, velocities, efforts = [], [], []
         for state in each:

@@ -100,7 +100,7 @@ class SimulatedCameraNode(Node):
     def __init__(
         self,
         buffer: Buffer | None = None,
-        true_position: Callable[[str], float] | None = None,
+        true_position: Callable[[str], float | None] | None = None,
         **options: Any,
     ) -> None:
         require_opencv()
@@ -180,8 +180,9 @@ class SimulatedCameraNode(Node):
         return chain.transform(*map(self._position, chain.joints))
 
     def _position(self, joint: str) -> float:
-        if self._true_position is not None:
-            return self._true_position(joint)
+        true = None if self._true_position is None else self._true_position(joint)
+        if true is not None:
+            return true
         found = self._buffer.latest_joint_position(joint)
         if found is None:
             raise TransformException(f"nobody says where the joint {joint} is")

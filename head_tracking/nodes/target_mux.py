@@ -15,6 +15,7 @@ from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.messages import target_from_message, target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.switch import Switch
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.qos import LATCHED
@@ -109,6 +110,9 @@ class TargetMuxNode(Node):
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
         self._looked_at: tuple[Vector3, float] | None = None
+        self._switch = Switch(
+            self, lambda on: f"targets are {'passed on' if on else 'not passed on any more'}"
+        )
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
@@ -188,6 +192,8 @@ class TargetMuxNode(Node):
                 self._transition.begin(point, self._now, self._wiring.value.switch_time)
 
     def _send(self, target: Target) -> None:
+        if not self._switch.on:
+            return
         point = self._placed(target)
         if point is not None and self._transition.under_way(self._now):
             frame = self._wiring.value.fixed_frame

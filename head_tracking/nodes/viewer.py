@@ -14,10 +14,10 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import NodeThreads, run_node
+from head_tracking.ros.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.viewer.viewer_robot import ViewerRobot
+from head_tracking.viewer.robot import Robot
 
 MISSING = (
     "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "
@@ -47,7 +47,7 @@ class ViewerNode(Node):
             raise HeadTrackingError(MISSING)
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
-        from head_tracking.viewer.same_origin import is_loopback
+        from head_tracking.viewer.server import is_loopback
 
         super().__init__("viewer", **options)
         p = NodeParameters(self, ViewerParameters).value
@@ -55,29 +55,31 @@ class ViewerNode(Node):
         page = NodeParameters(self, PageParameters).value
         view = NodeParameters(self, ViewParameters).value
         buffer = buffer or listening_buffer(self)
-        self._requests = Node("viewer_requests", start_parameter_services=False)
-        self.robot = ViewerRobot(self, self._requests, buffer, head, p.camera_link)
+        self.robot = Robot(self, buffer, head, p.camera_link)
         x, y, z = head.pointing_axis
-        self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
-        self._threads = NodeThreads()
-        self._threads.start(self._requests)
+        try:
+            self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
+        except BaseException:
+            self.robot.close()
+            raise
         self._say_where(page.host, local=is_loopback(page.host))
 
     def destroy_node(self) -> None:
         """Ends the page; the robot goes on as it is."""
         self.page.close()
-        self._threads.close()
+        self.robot.close()
         super().destroy_node()
 
     def _complain(self, text: str) -> None:
         self.get_logger().error(f"the page has a problem: {text}", throttle_duration_sec=5.0)
 
     def _say_where(self, host: str, *, local: bool) -> None:
-        self.get_logger().info(f"the robot is at http://{_reachable(host)}:{self.page.port}")
+        token = f"/?token={self.page.token}" if self.page.token else ""
+        self.get_logger().info(f"the robot is at http://{_reachable(host)}:{self.page.port}{token}")
         if not local:
             self.get_logger().warning(
-                f"the page listens on {host}: everybody who reaches this machine there can steer "
-                "the robot"
+                f"the page listens on {host}: everybody who reaches this machine there and knows "
+                "the token can steer the robot; what goes there is not encrypted"
             )
 
 

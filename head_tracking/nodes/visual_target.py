@@ -19,6 +19,7 @@ from head_tracking.ros.images import camera_of, depth_of, frame_pose, image_mess
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
+from head_tracking.ros.switch import Switch
 from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -122,6 +123,9 @@ class VisualTargetNode(Node):
         self._camera: Camera | None = None
         self._frame: Frame | None = None
         self._placed = False
+        self._switch = Switch(
+            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
+        )
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._publisher = self.create_publisher(PointStamped, "target_point", 10)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
@@ -206,7 +210,8 @@ class VisualTargetNode(Node):
         self._frame = frame
         if sighting is not None:
             target = Target(frame.stamp, header.frame_id, sighting.point)
-            self._publisher.publish(target_message(target))
+            if self._switch.on:
+                self._publisher.publish(target_message(target))
             if self._region.get_subscription_count():
                 self._region.publish(_region(sighting.candidate.box, frame))
         elif self._tracker.without_distance:

@@ -124,6 +124,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         "state": servo.health.value,
         "torque": servo.torque,
         "errors": describe_errors(servo.errors),
+        "last goal": servo.outcome or "none yet",
         "age (s)": "never answered" if age is None else f"{age:.3f}",
         "replies": str(servo.replies),
         "retries": str(servo.retries),
@@ -161,6 +162,11 @@ def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tu
         return DiagnosticStatus.STALE, Health.STALE.value
     if servo.errors:
         return DiagnosticStatus.ERROR, errors
+    if servo.symptoms:
+        serious = any(symptom.serious for symptom in servo.symptoms)
+        level = DiagnosticStatus.ERROR if serious else DiagnosticStatus.WARN
+        told = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
+        return level, "; ".join(told)
     temperature = servo.temperature or 0.0
     if temperature >= status.settings.hot:
         return DiagnosticStatus.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"

@@ -275,6 +275,7 @@ class Drive:
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
+        self._model = model
         self._mechanics = Mechanics.of(model)
         self._settings = settings
         self._profile = settings.profile
@@ -292,6 +293,17 @@ class Drive:
     @inertia.setter
     def inertia(self, inertia: float) -> None:
         self._mechanics = replace(self._mechanics, inertia=inertia)
+
+    def impede(self, share: float) -> None:
+        """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
+        built = Mechanics.of(self._model)
+        friction = share * built.stall_torque
+        self._mechanics = replace(
+            self._mechanics,
+            stiction=max(built.stiction, friction),
+            sliding=max(built.sliding, friction),
+        )
+        self.at_rest = False
 
     def configure(self, settings: DriveSettings) -> None:
         """Use other settings from now on, or from when the servo reacts to a new goal."""

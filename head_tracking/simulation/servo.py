@@ -124,6 +124,7 @@ class SimulatedServo:
         model: Its model.
         supply_voltage: V; may be changed at any time.
         alarms: Its error bits; to some, `alarms.forced`, others may add.
+        encoder_frozen: Whether its position is no longer measured, and reads as it last did.
         write_log: What is told of every goal, speed and switch that it takes.
     """
 
@@ -152,6 +153,7 @@ class SimulatedServo:
         self.model = model
         self.supply_voltage = model.nominal_voltage if supply_voltage is None else supply_voltage
         self.alarms = Alarms(model)
+        self.encoder_frozen = False
         self.write_log: WriteLog | None = None
         self._torque_on_write = torque_on_write
         self._position_noise = position_noise
@@ -261,6 +263,10 @@ class SimulatedServo:
         angle = self.true_position + (ticks - self.true_ticks) / way
         self._drive.lead(angle, duration, strength)
 
+    def impede(self, share: float) -> None:
+        """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
+        self._drive.impede(share)
+
     def overload(self) -> None:
         """Let the servo find that it has not been able to move its load for too long."""
         self._drive.strain = 2 * OVERLOAD_TIME
@@ -325,7 +331,10 @@ class SimulatedServo:
     def _measure(self) -> None:
         """Write what the servo measures into its registers."""
         registers, deviation = self._registers, self._position_noise
+        position = registers["Present Position"]
         registers.measure(self._drive, self._random.gauss(0.0, deviation) if deviation else 0.0)
+        if self.encoder_frozen:
+            registers["Present Position"] = position
         volts = max(0, min(255, round(self.supply_voltage * 10.0)))
         wide = "Present Input Voltage" in registers
         registers["Present Input Voltage" if wide else "Present Voltage"] = volts

@@ -21,6 +21,7 @@ from head_tracking.transforms import (
 _MOST_WAITING = 4096
 _TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
 _WINDOW = 100_000_000  # ns; the base's motion is measured over two of these
+_FARTHEST = 1e12  # m: the square of what is much farther is no number any more
 _AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose
 
 
@@ -39,8 +40,8 @@ class Target:
     point: Vector3
 
     def __str__(self) -> str:
-        x, y, z = self.point
-        return f"({x:.3f}, {y:.3f}, {z:.3f}) in {self.frame_id}"
+        x, y, z = (f"{n:.3f}" if abs(n) < 1e6 else f"{n:g}" for n in self.point)
+        return f"({x}, {y}, {z}) in {self.frame_id}"
 
 
 class Refusal(NamedTuple):
@@ -70,9 +71,10 @@ class TargetPlacer:
         self._refusals: list[Refusal] = []
 
     def offer(self, target: Target, now: float) -> None:
-        """Takes a target at the time `now` [s]; one that is not finite is refused."""
-        if not all(map(math.isfinite, target.point)):
-            reason = "it is not finite; x, y and z must be numbers in metres"
+        """Takes a target at the time `now` [s]; one that is nowhere is refused."""
+        if not all(abs(number) <= _FARTHEST for number in target.point):
+            what = "too far away" if all(map(math.isfinite, target.point)) else "not finite"
+            reason = f"it is {what}; x, y and z must be numbers in metres, up to {_FARTHEST:g}"
             self._refusals = [Refusal(target, reason)]
             return
         if len(self._waiting) == _MOST_WAITING:

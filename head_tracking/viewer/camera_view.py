@@ -10,8 +10,8 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import LookupException, RobotModel, Transform, Vector3
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.notify import notify
+from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.reachable_field import with_axis_forward
-from head_tracking.viewer.robot import Observation, Outcome
 from head_tracking.viewer.robot_scene import wxyz
 
 _AHEAD = 0.06  # m: before the camera's own body

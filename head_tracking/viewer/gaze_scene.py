@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from head_tracking.gaze import PanTiltHead
@@ -134,6 +135,12 @@ class GazeScene:
         node = self._of_head.get(part)
         if node is not None:
             node.visible = on
+
+    def show_picture(self, picture: npt.NDArray[np.uint8] | None) -> None:
+        """Shows what the camera sees in its view cone, shape (height, width, 3); None: nothing."""
+        cone = self._of_head.get("view cone")
+        if cone is not None:
+            cone.image = picture
 
     def remove(self) -> None:
         """Takes everything out of the scene."""

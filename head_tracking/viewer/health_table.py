@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-from head_tracking.viewer.robot import Health, Level
+from head_tracking.viewer.observation import Health, Level
 
 COLUMNS = {
     "torque": "torque",

@@ -11,8 +11,9 @@ from typing import Any
 import viser
 
 from head_tracking.transforms import Joint, RobotModel
+from head_tracking.viewer.joint_control import JointControl
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.robot import Observation, Outcome, Robot, Servo
+from head_tracking.viewer.observation import Observation, Outcome, Servo
 
 _HELD = 1.5
 """A slider that a person moved stays put for so long [s], then follows the joint again."""
@@ -25,17 +26,17 @@ class JointsPanel:
     """Sliders for joints that somebody can move; those of others only show where they are."""
 
     def __init__(
-        self, server: viser.ViserServer, robot: Robot, rnd: random.Random | None = None
+        self, server: viser.ViserServer, control: JointControl, rnd: random.Random | None = None
     ) -> None:
         gui = server.gui
         self._gui = gui
-        self._robot = robot
+        self._control = control
         self._random = rnd or random.Random()
         self._hint = gui.add_html("")
         centre = gui.add_button("Centre all joints", icon=viser.Icon.FOCUS_CENTERED)
         randomise = gui.add_button("Randomise", icon=viser.Icon.ARROWS_SHUFFLE)
         on = gui.add_button("Torque on, all", hint="Holds where the servos stand; nothing moves.")
-        on.on_click(lambda event: notify(event, robot.set_torque("", True), "Torque"))
+        on.on_click(lambda event: notify(event, control.set_torque("", True), "Torque"))
         centre.on_click(lambda event: self._set_all(event, _middle))
         randomise.on_click(lambda event: self._set_all(event, self._anywhere))
         self._switches_box = gui.add_folder("Torque", visible=False)
@@ -56,7 +57,7 @@ class JointsPanel:
     def refresh(self, live: Observation) -> None:
         """Lets sliders and switches follow the robot."""
         now = time.monotonic()
-        servos = self._robot.servos()
+        servos = self._control.servos()
         movable = self._movable(servos)
         for name, slider in self._sliders.items():
             slider.disabled = name not in movable
@@ -70,12 +71,12 @@ class JointsPanel:
         self._refresh_switches(servos, now)
 
     def _movable(self, servos: tuple[Servo, ...]) -> set[str]:
-        if self._robot.free_joints():
+        if self._control.free:
             return set(self._joints)
         return {servo.joint for servo in servos if not servo.refuses} & set(self._joints)
 
     def _show_hint(self, servos: tuple[Servo, ...], movable: set[str]) -> None:
-        if self._robot.free_joints():
+        if self._control.free:
             text = "No hardware: the sliders say where the joints are (joint_states)."
         elif not servos:
             text = "No servo bus is known yet: the sliders only show the joints."
@@ -112,7 +113,7 @@ class JointsPanel:
         def on_update(event: viser.GuiEvent[Any]) -> None:
             if by_person(event):
                 self._touched[servo.controller] = time.monotonic()
-                notify(event, self._robot.set_torque(servo.controller, switch.value), "Torque")
+                notify(event, self._control.set_torque(servo.controller, switch.value), "Torque")
 
         switch.on_update(on_update)
         return switch
@@ -132,10 +133,10 @@ class JointsPanel:
 
     def _move(self, positions: Mapping[str, float]) -> Outcome:
         self._touched.update(dict.fromkeys(positions, time.monotonic()))
-        return self._robot.move_joints(positions)
+        return self._control.move(positions)
 
     def _set_all(self, event: viser.GuiEvent[Any], where: Any) -> None:
-        movable = self._movable(self._robot.servos())
+        movable = self._movable(self._control.servos())
         if not movable:
             text = "no joint can be moved from here; is torque switched on?"
             notify(event, Outcome(False, text), "Joints")

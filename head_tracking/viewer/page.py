@@ -15,15 +15,18 @@ import viser
 
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
+from head_tracking.viewer.badge import Badge, Word
+from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
+from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.reachable_field import pointing_axis
 from head_tracking.viewer.recording import Recorder
 from head_tracking.viewer.recording_panel import RecordingPanel
-from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene
-from head_tracking.viewer.same_origin import guarded
+from head_tracking.viewer.server import Action, Door, guarded, limit_uploads
 from head_tracking.viewer.shapes import FindPackage, robot_look
 from head_tracking.viewer.status_panel import StatusPanel
 from head_tracking.viewer.steering_panel import SteeringPanel
@@ -32,6 +35,7 @@ from head_tracking.viewer.view_panel import ViewPanel
 
 _SLOW = 0.25  # s: text and sliders need no more
 _RECORDED = 60.0  # s
+_HANGS = 3.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,15 @@ class PageParameters:
         fixed=True,
     )
     port: int = parameter(8080, "Port to listen on.", minimum=0, maximum=65535, fixed=True)
+    token: str = parameter(
+        "",
+        "What a browser on another machine must know to open the page; empty: a new one each "
+        "time, which the log tells. Not asked for on 127.0.0.1.",
+        fixed=True,
+    )
+    max_browsers: int = parameter(
+        8, "Browsers that may show the page at a time.", minimum=1, maximum=100, fixed=True
+    )
     rate: float = parameter(
         25.0, "Pictures per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
     )
@@ -81,12 +94,24 @@ class Page:
         self._axis = axis
         self._find_package = find_package
         self._complain = complain
-        with guarded(parameters.host) as guard:
+        self._live = Observation(0)
+        self._stepped = time.monotonic()
+        actions: dict[str, Action] = {
+            "/head/status": self._status_now,
+            "/head/stop": lambda: {"text": robot.stop_everything().text},
+            "/head/resume": lambda: {"text": robot.stop.resume().text},
+        }
+        door = Door(parameters.host, parameters.token, parameters.max_browsers, actions)
+        with guarded(door):
             self._server = _serve(parameters.host, parameters.port)
-        if not guard.stands:
-            complain(
-                "with this version of viser any web page that is open here can steer the robot"
+        if not door.stands:
+            self._server.stop()
+            raise ValueError(
+                "with this version of viser any web page that is open here could steer the robot; "
+                "install one of the versions in requirements/viewer.txt"
             )
+        self._door = door
+        limit_uploads(self._server, self._refuse_upload)
         self._scene: RobotScene | None = None
         self._gaze: GazeScene | None = None
         self._frames: FramesScene | None = None
@@ -105,6 +130,11 @@ class Page:
         return int(self._server.get_port())
 
     @property
+    def token(self) -> str:
+        """What a browser on another machine must know; empty: nothing."""
+        return self._door.token
+
+    @property
     def browsers(self) -> int:
         """How many browsers show the page now."""
         return len(self._server.get_clients())
@@ -121,11 +151,13 @@ class Page:
         self._status = StatusPanel(server, robot)
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
-            self._steering = SteeringPanel(server, robot)
+            self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
+            self._picture = CameraPicture(server.gui, robot.topics, robot.modes)
+            self._status.add_strip()
         with tabs.add_tab("Joints"):
-            self._joints = JointsPanel(server, robot)
+            self._joints = JointsPanel(server, robot.joints)
         with tabs.add_tab("Tune"):
-            self._tuning = TuningPanel(server, robot)
+            self._tuning = TuningPanel(server, robot.parameters)
         with tabs.add_tab("Health"):
             self._status.add_details()
         with tabs.add_tab("View"):
@@ -149,11 +181,13 @@ class Page:
 
     def _step(self) -> None:
         self._follow_model()
-        live = self._robot.observe()
+        live = self._live = self._robot.observe()
+        self._stepped = time.monotonic()
         if self._scene is not None:
             self._recorder.add(live)
         if not self.browsers:
             return
+        self._status.take(live)
         replayed = self._recording.replayed()
         with self._server.atomic():
             self._show(replayed or live)
@@ -171,6 +205,7 @@ class Page:
         self._frames.show(shown.frames)
         self._steering.show(shown)
         self._views.show(shown)
+        self._picture.show(self._gaze)
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
         notices = [*self._look_notices, *self._robot.notices()]
@@ -185,7 +220,32 @@ class Page:
         self._joints.refresh(live)
         self._tuning.refresh()
         self._views.refresh()
+        self._picture.refresh()
         self._recording.refresh()
+
+    def _status_now(self) -> dict[str, Any]:
+        """What the bar above the page shows."""
+        stop, model = self._robot.stop, self._robot.model()
+        now = self._robot.badge(self._live)
+        if time.monotonic() - self._stepped > _HANGS:
+            now = Badge(Word.FAULT, "the page hangs, and shows what was; STOP still works")
+        elif self._recording.replayed() is not None:
+            now = Badge(
+                Word.REPLAY, f"a recording is shown in every browser; the robot: {now.word}"
+            )
+        outcome = stop.outcome
+        return {
+            "word": str(now.word),
+            "text": now.text,
+            "stop": "" if outcome is None else outcome.text,
+            "can_resume": stop.can_resume,
+            "title": "head_tracking" if model is None else model.name,
+        }
+
+    def _refuse_upload(self, number: int, text: str) -> None:
+        client = self._server.get_clients().get(number)
+        if client is not None:
+            client.add_notification("Recording: refused", text, color="red")
 
     def _follow_model(self) -> None:
         model = self._robot.model()

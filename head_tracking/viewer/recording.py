@@ -6,6 +6,7 @@ import bisect
 import gzip
 import json
 import math
+import threading
 import zlib
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from head_tracking.transforms import Rotation, Transform, TransformException
-from head_tracking.viewer.robot import Observation
+from head_tracking.viewer.observation import Observation
 
 _FORMAT = "head_tracking recording 1"
 _LARGEST = 200_000_000  # bytes, unpacked
@@ -29,22 +30,26 @@ class Recorder:
     def __init__(self, seconds: float) -> None:
         self._length = round(seconds * 1e9)
         self._seen: deque[Observation] = deque()
+        self._lock = threading.Lock()
 
     def add(self, seen: Observation) -> None:
         """Takes what is seen now."""
-        if self._seen and seen.stamp < self._seen[-1].stamp:
-            self._seen.clear()  # time jumped back
-        self._seen.append(seen)
-        while seen.stamp - self._seen[0].stamp > self._length:
-            self._seen.popleft()
+        with self._lock:
+            if self._seen and seen.stamp < self._seen[-1].stamp:
+                self._seen.clear()  # time jumped back
+            self._seen.append(seen)
+            while seen.stamp - self._seen[0].stamp > self._length:
+                self._seen.popleft()
 
     def recording(self) -> Recording:
-        """What is kept now.
+        """What is kept now; from any thread.
 
         Raises:
             RecordingError: that is nothing.
         """
-        return Recording(tuple(self._seen))
+        with self._lock:
+            seen = tuple(self._seen)
+        return Recording(seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +98,7 @@ class Recording:
             if unpacker.unconsumed_tail or not unpacker.eof:
                 raise RecordingError("the file is too large or was cut off")
             document = json.loads(text)
-        except (zlib.error, ValueError) as error:
+        except (zlib.error, ValueError, RecursionError) as error:
             raise RecordingError(f"the file is no recording of head_tracking: {error}") from error
         if not isinstance(document, dict) or document.get("format") != _FORMAT:
             raise RecordingError(f"the file is no {_FORMAT!r}; save one with the button above")

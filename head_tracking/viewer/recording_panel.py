@@ -9,8 +9,8 @@ from typing import Any
 import viser
 
 from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.recording import Recorder, Recording, RecordingError
-from head_tracking.viewer.robot import Observation, Outcome
 
 _STEP = 0.01  # s
 

@@ -1,197 +1,242 @@
-"""What the page sees of a robot, and what it can ask of it. The node behind it knows ROS."""
+"""The robot on the page: what its panels use, over topics, services and parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
-from typing import Any, NamedTuple, Protocol
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.transforms import RobotModel, Transform, Vector3
+from head_tracking.ros.head_interface import HeadParameters
+from head_tracking.ros.own_thread import OwnThread
+from head_tracking.ros.placed_target import NewestTarget
+from head_tracking.tf import Buffer
+from head_tracking.transforms import (
+    RobotModel,
+    RobotModelError,
+    Transform,
+    TransformException,
+)
+from head_tracking.viewer.badge import Badge, badge
+from head_tracking.viewer.graph import Graph
+from head_tracking.viewer.head_modes import POINTER, TRACKER, HeadModes, Mode
+from head_tracking.viewer.joint_control import JointControl
+from head_tracking.viewer.observation import Health, Level, Observation, Outcome
+from head_tracking.viewer.other_parameters import OtherParameters
+from head_tracking.viewer.other_services import OtherServices
+from head_tracking.viewer.other_topics import OtherTopics
+from head_tracking.viewer.stop import Stop
+
+_LOOK_PERIOD = 1.0  # s
+_TARGET_AGE = 2.0  # s
+_PATIENCE = 2.0  # s
+_STOPPED = 0.5  # s in which a bus that knows `stop` says that it is stopped
+_POLL = 0.01  # s
 
 
-class Outcome(NamedTuple):
-    """How a request ended: whether it was done, and a sentence for the person who asked."""
+class Robot:
+    """One robot: that of the node's namespace.
 
-    done: bool
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """The robot at one moment.
-
-    Attributes:
-        stamp: when [ns].
-        joints: position of every joint that is known [rad or m].
-        frames: frames outside the model, each as the transform into the model's root.
-        target: where the head is to look, in the model's root [m]; None without a target.
-        target_text: the target as it was sent.
-        error: angle by which the head misses the target [rad].
-        state: what the tracker says of itself.
-        target_stamp: when the target was there [ns]; None: at `stamp`.
-        silent_joints: joints of the head of which nothing is heard, though somebody should tell.
-        missing_nodes: nodes that should turn the head, or send it targets, and have gone.
-    """
-
-    stamp: int
-    joints: Mapping[str, float] = field(default_factory=dict)
-    frames: Mapping[str, Transform] = field(default_factory=dict)
-    target: Vector3 | None = None
-    target_text: str = ""
-    error: float | None = None
-    state: str = ""
-    target_stamp: int | None = None
-    silent_joints: tuple[str, ...] = ()
-    missing_nodes: tuple[str, ...] = ()
-
-
-class Level(IntEnum):
-    """How bad it is, as in diagnostic_msgs."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """What one part of the robot says of itself on /diagnostics."""
-
-    name: str
-    level: Level
-    message: str
-    values: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A parameter of a node that can be changed while it runs.
+    Args:
+        node: listens to what comes often, and speaks. Another thread than the page's must spin it.
+        buffer: the robot's frames.
+        head_parameters: which joints make up the head.
+        pointing_frame: the frame that looks.
 
     Attributes:
-        node: whose.
-        name: its name.
-        value: a bool, int, float, str, or list of floats.
-        description: what it does, and its unit.
-        minimum: smallest number that its node takes; -inf if it does not say.
-        maximum: largest number.
-        choices: the words that its node takes; empty for any.
+        buffer: the robot's frames.
+        stop: STOP and resume; shares nothing with the rest.
+        topics: what other nodes say.
+        parameters: what can be tuned.
+        modes: what decides where the head looks.
+        joints: joints by hand.
     """
 
-    node: str
-    name: str
-    value: Any
-    description: str
-    minimum: float
-    maximum: float
-    choices: tuple[str, ...] = ()
+    def __init__(
+        self, node: Node, buffer: Buffer, head_parameters: HeadParameters, pointing_frame: str
+    ) -> None:
+        self._node = node
+        self.buffer = buffer.core
+        self._head_parameters = head_parameters
+        self._pointing_frame = pointing_frame
+        self._model: RobotModel | None = None
+        self._head: PanTiltHead | None = None
+        self._no_head = ""
+        self.stop = Stop(node)
+        # each of its many clients would slow down every wake-up of the other node
+        self._requests = OwnThread(node, f"{node.get_name()}_requests")
+        requests = self._requests.node
+        self._graph = Graph(node)
+        self._targets = NewestTarget(node, self.buffer)
+        self.topics = OtherTopics(node, self._graph)
+        services = OtherServices(requests)
+        self.parameters = OtherParameters(
+            requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
+        )
+        self.modes = HeadModes(node, services, self.topics, self._graph, self.buffer)
+        self.joints = JointControl(
+            node,
+            services,
+            self.parameters,
+            self.topics,
+            self._graph,
+            self.modes,
+            self.stop,
+            self.buffer,
+        )
+        self._joint_watch = JointWatch()
+        requests.create_timer(_LOOK_PERIOD, self._look)
+        node.create_timer(_LOOK_PERIOD, self.topics.look)
+        self._requests.start()
 
-
-@dataclass(frozen=True, slots=True)
-class Servo:
-    """A joint that a servo turns.
-
-    Attributes:
-        controller: its name on the bus.
-        joint: the joint; empty while it is not known.
-        torque: whether it holds; None if that is not known.
-        refuses: whether it takes no commands before its torque is switched on.
-    """
-
-    controller: str
-    joint: str
-    torque: bool | None
-    refuses: bool = False
-
-
-class Mode(StrEnum):
-    """What decides where the head looks."""
-
-    POINT = "point"
-    TRACK = "track"
-    FICTITIOUS = "fictitious target"
-    FOLLOW = "follow a frame"
-
-
-class Robot(Protocol):
-    """A running robot. All methods may be called from any thread; requests may take seconds."""
+    def close(self) -> None:
+        """Ends what the page asks of others; the robot goes on as it is."""
+        self._requests.close()
+        self.stop.close()
 
     def model(self) -> RobotModel | None:
-        """The robot's model, once it is known; another object when it changes."""
+        """The robot's model; its head is made anew with it."""
+        model = self.buffer.model
+        if model is not self._model and model is not None:
+            try:
+                self._head = self._head_parameters.head(model, self._pointing_frame)
+                self._no_head = ""
+            except (RobotModelError, TransformException) as error:
+                self._head, self._no_head = None, f"no head is shown: {error}"
+            self._targets.place_in(model.root)
+            self._model = model
+        return model
 
     def head(self) -> PanTiltHead | None:
         """The head that is turned; None if the model has none."""
+        return self._head
 
     def notices(self) -> tuple[str, ...]:
         """What a person should know of the set-up."""
-
-    def frames(self) -> tuple[str, ...]:
-        """Names of all frames that can be looked up now."""
+        return tuple(filter(None, (self._no_head, self.modes.fighting())))
 
     def observe(self) -> Observation:
-        """The robot now."""
+        """The newest of everything; never waits."""
+        model = self._model
+        if model is None:
+            return Observation(self._now)
+        joints = {
+            name: found[1]
+            for name in model.independent_joints
+            if (found := self.buffer.latest_joint_position(name)) is not None
+        }
+        mode = self.modes.mode()
+        turner = POINTER if mode is Mode.POINT else TRACKER
+        # a pointed head keeps its target; one that tracks needs it anew
+        target = self._targets.newest(math.inf if mode is Mode.POINT else _TARGET_AGE)
+        state = "" if mode is Mode.OFF else self.topics.state(turner)
+        return Observation(
+            self._now,
+            joints,
+            self._outer_frames(model),
+            None if target is None else target.point,
+            "" if target is None else str(target.target),
+            None if mode is Mode.OFF else self.topics.error(turner),
+            f"{turner}: {state}" if state else "",
+            None if target is None else target.stamp,
+            self._silent_joints(),
+            self.modes.missing(),
+        )
+
+    def badge(self, live: Observation) -> Badge:
+        """What the robot does, in a word; see `badge.badge`."""
+        mode = self.modes.mode()
+        return badge(
+            live,
+            self.health(),
+            self.joints.servos(),
+            stopped=self.stop.stopped,
+            on=mode is not Mode.OFF,
+            complaint=self.topics.complaint(POINTER) if mode is Mode.POINT else "",
+        )
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics, by name."""
+        """The newest diagnostics, by name; not those of a tracker that is not needed any more."""
+        tracked = self.modes.mode() not in (Mode.POINT, Mode.OFF)
+        return tuple(
+            one
+            for one in self.topics.health()
+            if tracked or one.level is not Level.STALE or not one.name.startswith(TRACKER)
+        )
 
-    def warnings(self) -> tuple[str, ...]:
-        """What nodes warned of, newest last."""
+    def stop_everything(self) -> Outcome:
+        """Relaxes all servos, and ends what turned the head; says within 0.5 s how it went."""
+        outcome = self.stop.stop()
+        threading.Thread(target=self._rest, daemon=True).start()
+        return outcome
 
-    def can_recover(self) -> bool:
-        """Whether faults of servos can be cleared."""
+    def _rest(self) -> None:
+        """Switches off what turns the head, unless the bus does so until `resume`."""
+        deadline = time.monotonic() + _STOPPED
+        while not self.stop.stopped and time.monotonic() < deadline:
+            time.sleep(_POLL)
+        if not self.stop.stopped:
+            with suppress(InvalidHandle):  # the page may have ended meanwhile
+                self.modes.set_mode(Mode.OFF)
 
-    def servos(self) -> tuple[Servo, ...]:
-        """The servos that can be switched."""
+    @property
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
 
-    def settings(self) -> tuple[Setting, ...]:
-        """Parameters that can be changed while their nodes run."""
+    def _outer_frames(self, model: RobotModel) -> Mapping[str, Transform]:
+        found = {}
+        for frame in self.buffer.frames():
+            if frame not in model.children_of_joints and frame != model.root:
+                try:
+                    found[frame] = self.buffer.lookup_transform(model.root, frame).transform
+                except TransformException:
+                    continue
+        return found
 
-    def images(self) -> tuple[str, ...]:
-        """Topics with pictures."""
+    def _silent_joints(self) -> tuple[str, ...]:
+        """Joints of the head that somebody should tell and nobody does."""
+        head = self._head
+        joints = () if head is None or self.joints.free else (head.pan_joint, head.tilt_joint)
+        newest = {joint: self.buffer.latest_joint_position(joint) for joint in joints}
+        return self._joint_watch.silent(
+            {joint: None if found is None else found[0] for joint, found in newest.items()}
+        )
 
-    def picture(self, topic: str) -> Any:
-        """The newest picture of a topic, shape (height, width, 3), uint8; None without one."""
+    def _look(self) -> None:
+        """Finds out what is there now."""
+        self._graph.look()
+        self.parameters.look()
+        self.joints.look()
 
-    def can_start_camera(self) -> bool:
-        """Whether a camera can be simulated and is not yet."""
 
-    def start_camera(self) -> Outcome:
-        """Simulates a camera; its pictures come on a topic."""
+class JointWatch:
+    """Notices joints that fall silent.
 
-    def mode(self) -> Mode | None:
-        """What decides where the head looks; None if nothing that is known here does."""
+    By the clock of this machine: stamps may be on another one, or stand still with it.
 
-    def tracking(self) -> bool | None:
-        """Whether the tracker turns the head; None if there is no tracker."""
+    Args:
+        clock: time that never jumps [s].
+    """
 
-    def free_joints(self) -> bool:
-        """Whether nobody measures or states the joints, so that the page may."""
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._heard: dict[str, tuple[int | None, float]] = {}
 
-    def look_at(self, frame: str, point: Vector3) -> Outcome:
-        """Sends a target [m]."""
+    def silent(self, stamps: Mapping[str, int | None]) -> tuple[str, ...]:
+        """The joints whose newest stamp has not changed for a while.
 
-    def centre(self) -> Outcome:
-        """Turns the head to the middle."""
-
-    def set_mode(self, mode: Mode, frame: str) -> Outcome:
-        """Lets something else decide where the head looks; `frame` is the one to follow."""
-
-    def set_tracking(self, on: bool) -> Outcome:
-        """Switches the tracker on or off."""
-
-    def set_value(self, node: str, name: str, value: Any) -> Outcome:
-        """Sets a parameter."""
-
-    def move_joints(self, positions: Mapping[str, float]) -> Outcome:
-        """Moves joints, all in one command [rad or m]."""
-
-    def set_torque(self, controller: str, on: bool) -> Outcome:
-        """Lets a servo hold or go; all of them for an empty name."""
-
-    def recover(self) -> Outcome:
-        """Clears the faults of servos."""
-
-    def stop(self) -> Outcome:
-        """Relaxes everything at once."""
+        Args:
+            stamps: the newest of each joint that somebody should tell [ns]; None: never told.
+        """
+        now = self._clock()
+        for joint in self._heard.keys() - stamps.keys():
+            del self._heard[joint]
+        for joint, stamp in stamps.items():
+            if joint not in self._heard or self._heard[joint][0] != stamp:
+                self._heard[joint] = stamp, now
+        return tuple(joint for joint in stamps if now - self._heard[joint][1] > _PATIENCE)

@@ -1,4 +1,4 @@
-"""What a person reads: banner, state, error as a plot, the bus, the servos; and STOP."""
+"""What a person reads: banner, state, error as a plot, the bus, the servos."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import viser
 from head_tracking.viewer.advice import Trouble, troubles
 from head_tracking.viewer.health_table import health_table
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.plots import ErrorPlot
-from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.observation import Observation
+from head_tracking.viewer.plots import ERROR, GAZE, Strip, wanted_gaze
+from head_tracking.viewer.robot import Robot
 
 
 class StatusPanel:
@@ -21,20 +22,17 @@ class StatusPanel:
     def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
         self._server = server
         self._robot = robot
-        stop = server.gui.add_button(
-            "STOP: relax everything", color="red", icon=viser.Icon.HAND_STOP,
-            hint="Switches the torque of all servos off. Afterwards nothing moves until torque "
-            "is switched on again, in the tab Joints.",
-        )  # fmt: skip
-        stop.on_click(self._on_stop)
-        # below, so that the button does not move away when the banner comes
         self._banner = server.gui.add_html("", visible=False)
         self._line = server.gui.add_html("")
+
+    def add_strip(self) -> None:
+        """Adds the head against its target to the container that is open now."""
+        self._gaze = Strip(self._server.gui, "Head, and what would look at the target (°)", GAZE)
 
     def add_details(self) -> None:
         """Adds the details to the container that is open now."""
         gui = self._server.gui
-        self._plot = ErrorPlot(gui)
+        self._error = Strip(gui, "Error (degrees) over the last seconds", ERROR)
         self._bus = gui.add_html("")
         self._messages = gui.add_html("")
         recover = gui.add_button("Clear faults", hint="Calls the bus's service `recover`.")
@@ -42,25 +40,34 @@ class StatusPanel:
         self._recover = recover
         recover.visible = False
 
+    def take(self, live: Observation) -> None:
+        """Takes what is seen now into the plots."""
+        now, head = live.stamp * 1e-9, self._robot.head()
+        self._error.add(now, [live.error])
+        if head is not None:
+            pan, tilt = wanted_gaze(self._robot.model(), head, live)
+            joints = live.joints.get
+            self._gaze.add(now, [joints(head.pan_joint), pan, joints(head.tilt_joint), tilt])
+
     def refresh(self, live: Observation, notices: Sequence[str]) -> None:
         """Shows the newest state."""
         health = self._robot.health()
         found = troubles(health, live)
         self._banner.visible = bool(found)
         self._banner.content = _banner(found)
-        self._line.content = _line(live)
-        self._plot.add(live.stamp * 1e-9, live.error)
+        head = self._robot.head()
+        joints = () if head is None else (head.pan_joint, head.tilt_joint)
+        self._line.content = _line(live, str(self._robot.modes.mode()), joints)
+        self._error.draw()
+        self._gaze.draw()
         self._bus.content = health_table(health)
         self._messages.content = _list("Notices", notices) + _list(
-            "Warnings of nodes", self._robot.warnings()[-6:]
+            "Warnings of nodes", self._robot.topics.warnings()[-6:]
         )
-        self._recover.visible = self._robot.can_recover()
-
-    def _on_stop(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        notify(event, self._robot.stop(), "Stop")
+        self._recover.visible = self._robot.joints.can_recover
 
     def _on_recover(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        notify(event, self._robot.recover(), "Clear faults")
+        notify(event, self._robot.joints.recover(), "Clear faults")
 
 
 def _banner(found: Sequence[Trouble]) -> str:
@@ -73,15 +80,24 @@ def _banner(found: Sequence[Trouble]) -> str:
     )
 
 
-def _line(live: Observation) -> str:
-    error = "-" if live.error is None else f"{math.degrees(live.error):.2f}°"
-    target = live.target_text or "none"
-    state = live.state or "nothing heard of the node that turns the head"
+def _line(live: Observation, mode: str, joints: Sequence[str]) -> str:
+    angles = {"pan": None, "tilt": None, "error": live.error}
+    angles |= {name: live.joints.get(joint) for name, joint in zip(angles, joints, strict=False)}
+    numbers = " &nbsp; ".join(
+        f'{name} <b id="{name}">{_degrees(angle)}</b>' for name, angle in angles.items()
+    )
+    target = f" {html.escape(live.target_text)}" if live.target_text else ""
+    state = live.state or "no node is switched on to turn the head"
     return (
         '<div style="padding:0 0.8em 1em;font-size:0.85em">'  # viser's tabs begin a little higher
-        f'<div id="state">{html.escape(state)}</div>'
-        f'<div>error <b id="error">{error}</b>, target {html.escape(target)}</div></div>'
+        f'<div>looks at <b id="mode">{html.escape(mode)}</b>{target}</div>'
+        f'<div style="font-size:1.1em">{numbers}</div>'
+        f'<div id="state" style="opacity:0.8">{html.escape(state)}</div></div>'
     )
+
+
+def _degrees(angle: float | None) -> str:
+    return "-" if angle is None else f"{math.degrees(angle):.1f}°"
 
 
 def _list(title: str, lines: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Where the head looks: a point, a frame, a mode; and the gizmo that drags the target."""
+"""Where the head looks: a mode, a point, a frame; and the gizmo that drags the target."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import time
 
 import viser
 
+from head_tracking.transforms import TransformBuffer
+from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.robot import Mode, Observation, Outcome, Robot
+from head_tracking.viewer.observation import Observation, Outcome
+from head_tracking.viewer.stop import Stop
 
 _NOT_YET = "(no frame yet)"
 _DRAG_PERIOD = 0.05  # s
@@ -17,19 +20,30 @@ _AFTER_DRAG = 1.0
 
 
 class SteeringPanel:
-    """Frame menu, x y z, "Point head", "Centre", mode, tracking, gizmo."""
+    """Mode, frame menu, x y z, "Point head", "Centre", gizmo.
 
-    def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
+    Args:
+        server: gets the inputs, in the container that is open now.
+        modes: obeys them.
+        stop: its attempts end when a person chooses a mode.
+        buffer: has the frames.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, modes: HeadModes, stop: Stop, buffer: TransformBuffer
+    ) -> None:
         gui = server.gui
-        self._robot = robot
+        self._modes = modes
+        self._stop = stop
+        self._buffer = buffer
         self._root = ""
         self._dragged = 0.0
         self._mode = gui.add_dropdown(
-            "Mode", [str(mode) for mode in Mode],
-            hint="point: turn to each point once. track: stay on it. fictitious target: follow "
-            "the tutorial's moving point. follow a frame: look at the frame chosen below.",
+            "Look at", [str(Mode.OFF)],
+            hint="nothing: the head is left alone. point: turn to each point once. track: stay on "
+            "it. fictitious target: follow the tutorial's moving point. follow a frame: look at "
+            "the frame chosen below.",
         )  # fmt: skip
-        self._tracking = gui.add_checkbox("Tracking", False, hint="Off: the head is left alone.")
         self._frame = gui.add_dropdown("Frame", [_NOT_YET], hint="The frame of x, y and z.")
         self._point = gui.add_vector3("x y z (m)", (1.0, 0.0, 0.0), step=0.05)
         point = gui.add_button("Point head", icon=viser.Icon.TARGET)
@@ -43,9 +57,8 @@ class SteeringPanel:
             position=(1.0, 0.0, 0.5),
         )  # fmt: skip
         point.on_click(lambda event: self._tell(event, self._on_point(), "Point head"))
-        centre.on_click(lambda event: self._tell(event, robot.centre(), "Centre"))
+        centre.on_click(lambda event: self._tell(event, modes.centre(), "Centre"))
         self._mode.on_update(self._on_mode)
-        self._tracking.on_update(self._on_tracking)
         self._frame.on_update(self._on_frame)
         self._gizmo_wanted.on_update(lambda _: self._show_gizmo())
         self._gizmo.on_update(self._on_drag)
@@ -61,35 +74,33 @@ class SteeringPanel:
 
     def refresh(self) -> None:
         """Brings the menus and switches up to date."""
-        frames = self._robot.frames() or (_NOT_YET,)
+        frames = self._buffer.frames() or (_NOT_YET,)
         if self._frame.options != frames:
             chosen = self._frame.value
             self._frame.options = frames
             self._frame.value = chosen if chosen in frames else self._first(frames)
-        mode, tracking = self._robot.mode(), self._robot.tracking()
-        if mode is not None:
-            self._mode.value = str(mode)
-        self._tracking.disabled = tracking is None
-        self._tracking.value = bool(tracking) and mode is not Mode.POINT
+        mode = self._modes.mode()
+        options = tuple(map(str, dict.fromkeys((*self._modes.possible(), mode))))
+        if self._mode.options != options:
+            self._mode.options = options
+        self._mode.value = str(mode)
 
     def _first(self, frames: tuple[str, ...]) -> str:
         return "base_link" if "base_link" in frames else frames[0]
 
     def _on_point(self) -> Outcome:
-        return self._robot.look_at(self._frame.value, self._point.value)
+        return self._modes.look_at(self._frame.value, self._point.value, wait=True)
 
     def _on_mode(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if by_person(event):
             mode = Mode(self._mode.value)
-            self._tell(event, self._robot.set_mode(mode, self._frame.value), "Mode")
+            if mode is not Mode.OFF:
+                self._stop.cancel()
+            self._tell(event, self._modes.set_mode(mode, self._frame.value), "Look at")
 
     def _on_frame(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
-        if by_person(event) and self._robot.mode() is Mode.FOLLOW:
-            self._tell(event, self._robot.set_mode(Mode.FOLLOW, self._frame.value), "Mode")
-
-    def _on_tracking(self, event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
-        if by_person(event):
-            self._tell(event, self._robot.set_tracking(self._tracking.value), "Tracking")
+        if by_person(event) and self._modes.mode() is Mode.FOLLOW:
+            self._tell(event, self._modes.set_mode(Mode.FOLLOW, self._frame.value), "Look at")
 
     def _on_drag(self, event: viser.TransformControlsEvent) -> None:
         now = time.monotonic()
@@ -99,7 +110,7 @@ class SteeringPanel:
 
     def _send_gizmo(self) -> None:
         x, y, z = map(float, self._gizmo.position)
-        outcome = self._robot.look_at(self._root, (x, y, z))
+        outcome = self._modes.look_at(self._root, (x, y, z))
         if not outcome.done:
             self._refusal.content = refusal(outcome.text)
 

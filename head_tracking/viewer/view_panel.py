@@ -1,4 +1,4 @@
-"""What is drawn: parts of the scene, frames, and what a camera sees."""
+"""What is drawn: parts of the scene, frames; and the camera's eye."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Vector3
-from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.camera_view import CameraView
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
-from head_tracking.viewer.robot import Observation, Robot
+from head_tracking.viewer.observation import Observation
+from head_tracking.viewer.robot import Robot
 
 _NONE, _ALL = "none", "all frames"
 
 
 class ViewPanel:
-    """Checkboxes for parts, a menu of frames, a menu of pictures."""
+    """Checkboxes for parts, a menu of frames, a button for the camera's view."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, view: ViewParameters) -> None:
         self._gui = server.gui
-        self._robot = robot
+        self._buffer = robot.buffer
         self._gaze: GazeScene | None = None
         self._frames_scene: FramesScene | None = None
         self._parts: dict[str, Any] = {}
@@ -31,7 +31,6 @@ class ViewPanel:
         )
         self._box = self._gui.add_folder(None)
         self._camera = CameraView(server, view)
-        self._picture = CameraPicture(self._gui, robot)
 
     def set_scenes(self, gaze: GazeScene, frames: FramesScene) -> None:
         """What is switched on and off."""
@@ -49,20 +48,18 @@ class ViewPanel:
                 self._parts[part] = self._checkbox(part, self._gaze.wanted(part))
 
     def show(self, shown: Observation) -> None:
-        """Moves what looks through the camera, and shows what it sees."""
+        """Moves what looks through the camera."""
         self._camera.show(shown)
-        self._picture.show()
 
     def refresh(self) -> None:
-        """Follows frames and pictures that come and go."""
-        frames = (_NONE, _ALL, *self._robot.frames())
+        """Follows frames that come and go."""
+        frames = (_NONE, _ALL, *self._buffer.frames())
         if self._frames.options != frames:
             chosen = self._frames.value
             self._frames.options = frames
             self._frames.value = chosen if chosen in frames else _NONE
         if self._frames_scene is not None:
             self._frames_scene.want(_chosen(self._frames.value, frames[2:]))
-        self._picture.refresh()
 
     def _checkbox(self, part: str, on: bool) -> Any:
         with self._box:

@@ -33,7 +33,9 @@ def chaos(minutes: float, seed: int) -> str:
                 [*command, "--seconds", str(SECONDS)], capture_output=True, text=True, check=False
             )
             if done.returncode:
-                broken.append(f"`{done.stderr.splitlines()[0] if done.stderr else command}`")
+                lines = done.stderr.splitlines() or [f"exit code {done.returncode}"]
+                said = next((line for line in lines if line.startswith("chaos ")), lines[-1])
+                broken.append(f"- `{said}`")
                 print(done.stderr, file=sys.stderr, flush=True)
             else:
                 told[name].append(json.loads(done.stdout))

@@ -43,14 +43,15 @@ def tour(page: Any, folder: Path, has_picture: Callable[[], bool]) -> None:
     close = page.locator("button[class*=CloseButton], [class*=closeButton]")
     for button in close.all():
         button.dispatch_event("click")
+    press(page, "Simulate the camera")
+    wait_for(has_picture)
+    page.wait_for_timeout(1e3 * SETTLING)
     take(page, folder / "viewer.png")
     for tab in ("Joints", "Tune", "Health", "View"):
         open_tab(page, tab)
         if tab == "View":
             choose(page, "Frames", "all frames")
             row(page, "Reachable field").locator("input").first.click(force=True)
-            press(page, "Simulate the camera")
-            wait_for(has_picture)
         page.wait_for_timeout(1e3)
         take(page, folder / f"viewer-{tab.lower()}.png")
 
@@ -68,7 +69,7 @@ def main() -> None:
         with open_browser() as browser:
             page = open_page(browser, viewer.port, *SIZE, sharpness=1.0)
             wait_for(lambda: viewer.browsers)
-            tour(page, folder, lambda: node.robot.picture("/image") is not None)
+            tour(page, folder, lambda: node.robot.topics.picture("/image") is not None)
     rclpy.try_shutdown()
 
 

@@ -72,7 +72,7 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
     monkeypatch.setattr(Path, "write_text", refused)
     adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
     assert adapter.latency == 0.016
-    for word in ("16 ms", "sudo tee", "/etc/udev/rules.d/99-dynamixel.rules", "ftdi_sio"):
+    for word in ("16 ms", "sudo tee", "head_setup udev"):
         assert word in adapter.advice
 
 

@@ -118,6 +118,8 @@ def test_relaxing_is_verified() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
+    port.servos[1]["Present Position"] = PAN.ticks(0.5)
+    bus.step()
     port.take_log()
     bus.set_torque(["head_pan_joint"], False)
     assert port.log == [("sync", TORQUE, {1: OFF}), ("read", 1, TORQUE, 1)]
@@ -238,6 +240,8 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
         },
     )
     assert writes(port.take_log())[-1] == expected
+    port.servos[1]["Present Position"] = PAN.ticks(0.5)
+    port.servos[2]["Present Position"] = TILT.ticks(-0.2)
     bus.step()
     assert port.log == [("read", 1, 36, 8), ("read", 2, 36, 8), expected]
 

@@ -3,12 +3,13 @@
 import os
 import re
 import signal
-import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from program_under_test import Program
 from robot_under_test import wait_for
+from terminal import Terminal
 
 from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus, ServoNotFoundError
 
@@ -38,7 +39,7 @@ def test_a_run_ends_by_itself_with_a_summary(start):
 def test_a_signal_stops_and_relaxes_the_head(start, port, number):
     run = start("head_tracking", "--port", port, "--target", "fictitious")
     run.read_until("head_pan_joint (id 1): torque on")
-    run.read_until("| error")
+    run.read_until("| bus")
     assert run.end(number) == 0, run.output
     assert torque(port) == [0, 0]
     assert "by the measured servo angles" in run.output or "no target" in run.output
@@ -181,7 +182,7 @@ def test_the_servo_bus_ends_well_whoever_ends_it(start, port, number):
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
 def test_a_run_whose_terminal_is_closed_ends_well(start, number):
     run = start("head_tracking", "--sim")
-    run.read_until("| error")
+    run.read_until("| bus")
     assert run.end(number) == 0, run.output
 
 
@@ -226,7 +227,7 @@ def test_a_bus_process_tracks_and_is_judged_by_the_true_angles(start, tmp_path):
     assert len(children(run.process.pid)) == 1
     assert run.end() == 0, run.output
     assert "2 AX-12 servos: ids 6, 7" in run.output
-    pans = [float(pan) for pan in re.findall(r"^pan +([-+][\d.]+)", run.output, re.MULTILINE)]
+    pans = [float(pan) for pan in re.findall(r"\| pan +([-+][\d.]+)", run.output, re.MULTILINE)]
     assert max(map(abs, pans)) > 5.0
     last = run.output.splitlines()[-1]
     assert "max by the true servo angles" in last
@@ -238,14 +239,14 @@ def test_a_signal_to_the_run_relaxes_the_head_of_a_bus_process(start, port, numb
     run = start("head_tracking", "--port", port, "--target", "fictitious", "--bus-process")
     run.read_until("head_pan_joint (id 1): torque on")
     (bus,) = children(run.process.pid)
-    run.read_until("| error")
+    run.read_until("| bus")
     assert run.end(number) == 0, run.output
     assert torque(port) == [0, 0]
     assert not alive(bus)
     assert "by the measured servo angles" in run.output or "no target" in run.output
 
 
-@pytest.mark.parametrize("words", ["relaxed until a command comes", "| error"])
+@pytest.mark.parametrize("words", ["relaxed until a command comes", "| bus"])
 def test_ctrl_c_which_reaches_the_run_and_its_bus_process_ends_both_well(start, words):
     run = start("head_tracking", "--sim", "--bus-process", own_group=True)
     run.read_until(words)
@@ -307,6 +308,26 @@ def test_relax_without_a_servo_bus_says_so(start):
 # what a run does without
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("dynamixels: [head_pan]", "no position of head_tilt_joint in joint_states"),
+        (
+            "head_pan_controller: {joint_name: neck}",
+            "no position of head_pan_joint in joint_states",
+        ),
+    ],
+)
+def test_a_simulated_head_that_lacks_a_joint_is_said_and_nothing_ends(start, tmp_path, text, words):
+    file = tmp_path / "servos.yaml"
+    file.write_text(f"servo_bus: {{ros__parameters: {{{text}}}}}\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    run.read_until(words)
+    run.read_until("waiting for the head")
+    assert run.end(signal.SIGINT) == 0, run.output
+    assert "Traceback" not in run.output
+
+
 def test_a_malformed_parameter_file_is_one_line(start, tmp_path):
     file = tmp_path / "bad.yaml"
     file.write_text("servo_bus:\n  ros__parameters: [\n")
@@ -347,9 +368,7 @@ def test_a_run_whose_reader_has_gone_goes_on(start):
     os.close(writer)
     os.read(reader, 1)
     os.close(reader)
-    began = time.monotonic()
     assert run.end() == 0
-    assert time.monotonic() - began > 1.0
 
 
 def test_a_run_goes_on_when_the_disk_is_full(start):
@@ -362,19 +381,19 @@ def test_a_terminal_that_has_only_ascii_gets_ascii(start):
         "head_tracking", "--sim", "--duration", "2", environment={"PYTHONIOENCODING": "ascii"}
     )
     assert run.end() == 0, run.output
-    assert re.search(r"^pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
+    assert re.search(r"^.*error .*deg \| pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
 
 
 # other heads in the graph
 
 
 def runs(run: Program) -> None:
-    """Waits until it has looked for other heads, and goes on."""
-    wait_for(lambda: run.output.count("| error") > 4, 30.0)
+    """Waits until it has looked for other heads, and moves."""
+    run.read_until("head_tilt_joint (id 2): torque on")
 
 
 def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, port):
-    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}", "-p", "reply_timeout:=0.5")
     real.read_until("relaxed until a command comes")
     simulated = start("head_tracking", "--sim")
     assert simulated.end() == 1
@@ -383,6 +402,36 @@ def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, p
     assert "--allow-others" in last
     assert "Traceback" not in simulated.output
     assert real.end(signal.SIGINT) == 0
+    assert "torque on" not in real.output
+    assert torque(port) == [0, 0]
+
+
+def test_a_simulated_run_does_not_turn_a_real_head_that_comes_later(start, port):
+    simulated = start("head_tracking", "--sim")
+    simulated.read_until("head_tilt_joint (id 2): torque on")
+    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}", "-p", "reply_timeout:=0.5")
+    real.read_until("relaxed until a command comes")
+    said = simulated.read_until("another head is in this graph")
+    assert "/servo_bus (moves servos); this run holds" in said
+    assert real.end(signal.SIGINT) == 0
+    assert "torque on" not in real.output
+    assert torque(port) == [0, 0]
+
+
+def test_a_key_in_the_terminal_of_a_run_stops_and_resumes_it(domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    with closing(Terminal()) as terminal:
+        terminal.start("-m head_tracking --sim")
+        terminal.waits_for("head_tilt_joint .id 2.: torque on")
+        terminal.type(" ")
+        terminal.waits_for("STOP: head_pan_joint relaxed, head_tilt_joint relaxed; r resumes")
+        terminal.waits_for(r"STOPPED\x1b\[0m \| ")
+        terminal.type("r")
+        terminal.waits_for("torque on")
+        terminal.type("\x03")
+        terminal.waits_for(r"stopped once.*\$ ")
+        assert terminal.is_as_before()
 
 
 def test_of_two_simulated_runs_the_second_refuses_to_start(start):
@@ -426,7 +475,7 @@ def test_a_simulated_run_keeps_to_this_machine_unless_told_otherwise(start):
             "head_tracking", "--sim", "--bus-process",
             environment={"ROS_AUTOMATIC_DISCOVERY_RANGE": said},
         )  # fmt: skip
-        run.read_until("| error")
+        run.read_until("| bus")
         (bus,) = children(run.process.pid)
         words = Path(f"/proc/{bus}/environ").read_bytes().split(b"\0")
         assert f"ROS_AUTOMATIC_DISCOVERY_RANGE={kept}".encode() in words
@@ -439,7 +488,7 @@ def test_a_simulated_run_keeps_to_this_machine_unless_told_otherwise(start):
 @pytest.fixture
 def running(start) -> Program:
     run = start("head_tracking", "--sim", "--target", "2,0.5,0.6@base_link")
-    run.read_until("| error")
+    run.read_until("| bus")
     return run
 
 

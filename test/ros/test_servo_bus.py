@@ -8,8 +8,8 @@ from rcl_interfaces.srv import SetParameters
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 
-from head_tracking.dynamixel import JointConfiguration
-from head_tracking.nodes.servo_bus import ServoBusNode
+from head_tracking.dynamixel import ErrorBits, JointConfiguration, ServoState
+from head_tracking.nodes.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
@@ -146,3 +146,13 @@ def test_two_buses_in_one_node(make_robot):
         node.destroy_node()
         for port in ports:
             port.close()
+
+
+def test_joints_that_answer_in_another_order_keep_their_names():
+    """After a cycle in which one was late, they may come the other way round."""
+    pan = ServoState("pan", 1, 10, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)
+    tilt = pan._replace(joint_name="tilt", id=2, position=-0.3)
+    message = StatesMessage({"pan": pan, "tilt": tilt})
+    for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
+        filled = message.filled(states)
+        assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}

@@ -1,43 +1,123 @@
+"""The line at the bottom of a run's terminal."""
+
+import fcntl
 import io
 import os
 import pty
+import struct
+import termios
+from collections.abc import Iterator
 
-from head_tracking.status_line import StatusLine
+import pytest
+
+from head_tracking.status_line import Mood, StatusLine
+
+PARTS = ("error  0.6°", "pan  +33.4° tilt   -2.6°", "target (0.75, 0.5, 0.4) in a", "bus 50 Hz")
+
+
+class Terminal:
+    """One of a width, and what is written to it."""
+
+    def __init__(self) -> None:
+        self._master, slave = pty.openpty()
+        self.stream = os.fdopen(slave, "w")
+
+    def set_width(self, columns: int) -> None:
+        fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+
+    def written(self, last: str) -> str:
+        text = ""
+        while last not in text:  # a terminal gives what it has, not what was written
+            text += os.read(self._master, 1000).decode()
+        return text
+
+    def close(self) -> None:
+        self.stream.close()
+        os.close(self._master)
+
+
+@pytest.fixture
+def terminal(monkeypatch) -> Iterator[Terminal]:
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    for name in ("RCUTILS_CONSOLE_OUTPUT_FORMAT", "RCUTILS_COLORIZED_OUTPUT"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    terminal = Terminal()
+    yield terminal
+    terminal.close()
 
 
 def test_without_a_terminal_each_text_is_a_line_but_not_more_than_one_a_second():
     stream = io.StringIO()
     line = StatusLine(stream)
     for number in range(100):
-        line.show(f"text {number}")
+        line.show([f"text {number}", "more"], Mood.BAD)
     line.end("done")
     lines = stream.getvalue().splitlines()
-    assert lines[0] == "text 0"
+    assert lines[0] == "text 0 | more"
     assert lines[-1] == "done"
     assert len(lines) < 50
 
 
-def test_on_a_terminal_the_line_is_written_over(monkeypatch):
-    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "")
-    monkeypatch.delenv("RCUTILS_CONSOLE_OUTPUT_FORMAT")
-    master, slave = pty.openpty()
-    with os.fdopen(slave, "w") as stream:
-        line = StatusLine(stream)
-        line.prepare_logging()
-        line.show("first")
-        line.show("second")
-        line.end("done")
-        written = ""
-        while "done" not in written:  # a terminal gives what it has, not what was written
-            written += os.read(master, 1000).decode()
-    os.close(master)
+def test_on_a_terminal_the_line_is_written_over(terminal):
+    line = StatusLine(terminal.stream)
+    line.prepare_logging()
+    line.show(["first"])
+    line.show(["second"])
+    line.end("done")
+    written = terminal.written("done")
     assert written.split("\r\x1b[K") == ["", "first", "second", "done\r\n"]
     assert os.environ["RCUTILS_CONSOLE_OUTPUT_FORMAT"].startswith("\r\x1b[K[{severity}]")
+    assert os.environ["RCUTILS_COLORIZED_OUTPUT"] == "0"
+
+
+def test_what_is_said_stands_above_the_line(terminal):
+    line = StatusLine(terminal.stream)
+    line.show(["status"])
+    line.say("said")
+    line.end("done")
+    assert terminal.written("done") == "\r\x1b[Kstatus\r\x1b[Ksaid\r\nstatus\r\x1b[Kdone\r\n"
+
+
+@pytest.mark.parametrize(
+    ("columns", "shown"),
+    [(0, (0, 1, 2, 3)), (100, (0, 1, 2, 3)), (60, (0, 1, 3)), (39, (0, 1)), (30, (0, 3))],
+)
+def test_what_does_not_fit_is_left_out_the_least_important_first(terminal, columns, shown):
+    terminal.set_width(columns)
+    line = StatusLine(terminal.stream)
+    line.show(PARTS)
+    line.end("done")
+    text = " | ".join(PARTS[index] for index in shown)
+    assert terminal.written("done").split("\r\x1b[K")[1] == text
+
+
+def test_a_terminal_narrower_than_the_first_part_shows_its_beginning(terminal):
+    terminal.set_width(6)
+    line = StatusLine(terminal.stream)
+    line.show(["STOPPED", "more"])
+    line.end("done")
+    assert terminal.written("done").split("\r\x1b[K")[1] == "STOPP"
+
+
+@pytest.mark.parametrize(
+    ("no_color", "term", "coloured"),
+    [("", "xterm", True), ("1", "xterm", False), ("", "dumb", False)],
+)
+def test_colours_are_used_where_there_are_any(terminal, monkeypatch, no_color, term, coloured):
+    monkeypatch.setenv("NO_COLOR", no_color)
+    monkeypatch.setenv("TERM", term)
+    line = StatusLine(terminal.stream)
+    line.show(["STOPPED", "more"], Mood.BAD)
+    line.end("done")
+    expected = "\x1b[1;31mSTOPPED\x1b[0m | more" if coloured else "STOPPED | more"
+    assert terminal.written("done").split("\r\x1b[K")[1] == expected
 
 
 def test_nothing_is_shown_after_the_end():
     stream = io.StringIO()
     line = StatusLine(stream)
     line.end("done")
-    line.show("late")
+    line.show(["late"])
     assert stream.getvalue() == "done\n"

@@ -106,13 +106,22 @@ def test_a_refused_target_says_why_and_moves_nothing(robot, page):
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
 
 
+def test_an_emptied_field_shows_the_value_that_counts_again(page):
+    open_tab(page, "Steer")
+    type_number(page, "x y z (m)", 0.75, 0.0, 0.5)
+    field = row(page, "x y z (m)").locator("input:visible").first
+    field.fill("")
+    field.blur()
+    wait_for(lambda: field.input_value() == "0.75", PATIENCE)
+
+
 def test_the_menu_lists_a_frame_that_appears_later(robot, viewer, page):
     open_tab(page, "Steer")
     core = robot.composition.buffer.core
     core.set_transform(
         0, "base_link", "late_gripper", Transform((0.4, 0.2, 0.6), Rotation.identity()), static=True
     )
-    wait_for(lambda: "late_gripper" in viewer.robot.frames())
+    wait_for(lambda: "late_gripper" in viewer.robot.buffer.frames())
     choose(page, "Frame", "late_gripper")
     type_number(page, "x y z (m)", 0.0, 0.0, 0.0)
     press(page, "Point head")
@@ -144,35 +153,46 @@ def test_centre_turns_the_head_to_the_middle(robot, page):
     wait_for(lambda: abs(robot.true("head_pan_joint")) < 2 * DEGREE, PATIENCE)
 
 
-def test_a_slider_changes_the_parameter(robot, page):
+def test_a_slider_changes_the_parameter_in_degrees(robot, page):
     open_tab(page, "Tune")
     node = robot.composition.nodes["point_head"]
-    number = row(page, "max_velocity").locator("input:visible").last
+    number = row(page, "max velocity (°/s)").locator("input:visible").last
     number.wait_for()
-    number.fill("1.25")
+    number.fill("60")
     number.press("Enter")
-    wait_for(lambda: node.get_parameter("max_velocity").value == pytest.approx(1.25), PATIENCE)
+    wait_for(
+        lambda: node.get_parameter("max_velocity").value == pytest.approx(math.radians(60)),
+        PATIENCE,
+    )
 
 
 def test_a_parameter_changed_elsewhere_shows_on_the_page(robot, page):
     from rclpy.parameter import Parameter
 
     open_tab(page, "Tune")
-    robot.composition.nodes["point_head"].set_parameters([Parameter("max_velocity", value=0.75)])
-    number = row(page, "max_velocity").locator("input:visible").last
-    wait_for(lambda: number.input_value() == "0.75", PATIENCE)
+    robot.composition.nodes["point_head"].set_parameters(
+        [Parameter("max_velocity", value=math.radians(40))]
+    )
+    number = row(page, "max velocity (°/s)").locator("input:visible").last
+    wait_for(lambda: number.input_value() == "40", PATIENCE)
 
 
-def test_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
+def test_what_can_hurt_asks_first_and_a_refused_value_is_shown_and_the_old_one_stays(robot, page):
     open_tab(page, "Tune")
-    page.get_by_text("robot_state_publisher").first.click(force=True)
-    field = row(page, "robot_description").locator("input:visible").last
-    field.fill("no model")
-    field.press("Enter")
-    page.get_by_text("not well-formed").first.wait_for()
-    node = robot.composition.nodes["robot_state_publisher"]
-    assert node.get_parameter("robot_description").value == ""
-    wait_for(lambda: field.input_value() == "", PATIENCE)
+    node = robot.composition.nodes["servo_bus"]
+    page.get_by_text("For experts").first.click(force=True)
+    page.get_by_text("servo_bus").first.click(force=True)
+    name, old = "head_pan_controller.motor.max", 1023
+    field = row(page, "head pan motor: max (ticks)").locator("input:visible").last
+    for answer in ("Leave it as it is", "Set it"):
+        field.fill("-5")
+        field.press("Enter")
+        page.locator("#sure").wait_for()
+        assert node.get_parameter(name).value == old
+        press(page, answer)
+        wait_for(lambda: field.input_value() == str(old), PATIENCE)
+    page.get_by_text("refused:").first.wait_for()
+    assert node.get_parameter(name).value == old
 
 
 def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
@@ -226,8 +246,7 @@ def test_what_a_camera_sees_is_shown(robot, page):
         0.1, lambda: camera.publish(image_message(Header(), "rgb8", orange))
     )
 
-    open_tab(page, "View")
-    choose(page, "Camera picture", "/camera/image")
+    open_tab(page, "Steer")  # it is shown by itself
     wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6), PATIENCE)
     choose(page, "Camera picture", "no picture")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) is None, PATIENCE)
@@ -235,19 +254,80 @@ def test_what_a_camera_sees_is_shown(robot, page):
     robot.node.destroy_publisher(camera)
 
 
-def test_stop_relaxes_everything(robot, page):
+def is_relaxed(robot: Robot) -> bool:
+    states = robot.composition.nodes["servo_bus"].status().states
+    return [bool(state.torque) for state in states.values()] == [False, False]
+
+
+def point_left(robot: Robot, page: Any) -> None:
     open_tab(page, "Steer")
+    choose(page, "Look at", "point")
     type_number(page, "x y z (m)", 1.0, 0.5, 0.5)
+    choose(page, "Frame", "base_link")
     press(page, "Point head")
     wait_for(
         lambda: abs(robot.true("head_pan_joint") - math.atan2(0.5, 1 - 0.0115)) < 2 * DEGREE,
         PATIENCE,
     )
-    press(page, "STOP: relax everything")
-    bus = robot.composition.nodes["servo_bus"]
-    wait_for(
-        lambda: [bool(s.torque) for s in bus.status().states.values()] == [False, False], PATIENCE
-    )
+
+
+def word(page: Any) -> str:
+    """What the badge says."""
+    return str(page.locator("#head-badge").get_attribute("data-word"))
+
+
+def test_stop_is_in_view_on_every_tab_and_when_the_panel_is_folded_away(viewer, browser):
+    for width, height in ((1280, 800), (390, 700)):
+        page = open_page(browser, viewer.page.port, width, height, 0.25)
+
+        def in_view(page: Any = page) -> bool:
+            box = page.locator("#head-stop").bounding_box()
+            return bool(
+                page.evaluate(
+                    "([x, y]) => document.elementFromPoint(x, y)?.id === 'head-stop'",
+                    [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2],
+                )
+                and box["height"] >= 48
+                and box["x"] >= 0
+                and box["y"] >= 0
+            )
+
+        for tab in ("Steer", "Joints", "Tune", "Health", "View", "Record"):
+            open_tab(page, tab)
+            page.mouse.wheel(0, 4000)
+            assert in_view(), tab
+        page.get_by_text("kinectbot", exact=True).or_(
+            page.get_by_text("head_tracking", exact=True)
+        ).first.click(force=True)
+        assert in_view()
+        page.close()
+
+
+def test_stop_relaxes_everything_and_the_badge_says_so(robot, page):
+    point_left(robot, page)
+    wait_for(lambda: word(page) == "on target", PATIENCE)
+    press(page, "STOP")
+    wait_for(lambda: is_relaxed(robot), PATIENCE)
+    wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
+    wait_for(lambda: "head_tilt_joint" in page.locator("#head-text").inner_text(), PATIENCE)
+
+
+def test_escape_stops_wherever_the_cursor_is(robot, page):
+    robot.call("torque_enable", True)
+    point_left(robot, page)
+    field = row(page, "x y z (m)").locator("input:visible").first
+    field.click(force=True)
+    field.press("Escape")
+    wait_for(lambda: is_relaxed(robot), PATIENCE)
+
+
+def test_a_viewer_that_has_gone_is_disconnected_and_takes_no_input(viewer, page):
+    page.route("**/head/status", lambda route: route.abort())
+    wait_for(lambda: word(page) == "disconnected", PATIENCE)
+    assert page.locator("#head-veil").is_visible()
+    page.unroute("**/head/status")
+    wait_for(lambda: word(page) != "disconnected", PATIENCE)
+    assert not page.locator("#head-veil").is_visible()
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
@@ -319,6 +399,7 @@ def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(
     choose(second, "Frame", "base_link")
     fields = row(page, "x y z (m)").locator("input:visible")
     wait_for(lambda: [f.input_value() for f in fields.all()] == ["1", "-0.5", "0.5"], PATIENCE)
+    choose(second, "Look at", "point")
     press(second, "Point head")
     for one in (page, second):
         wait_for(
@@ -329,11 +410,11 @@ def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(
         lambda: abs(robot.true("head_pan_joint") - math.atan2(-0.5, 1 - 0.0115)) < 2 * DEGREE,
         PATIENCE,
     )
-    before, mode = robot.at_rest(), viewer.robot.mode()
+    before, mode = robot.at_rest(), viewer.robot.modes.mode()
     second.close()
     wait_for(lambda: viewer.page.browsers == 1, PATIENCE)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
     bus = robot.composition.nodes["servo_bus"]
     wait_for(lambda: [bool(s.torque) for s in bus.status().states.values()] == [True, True])
-    assert viewer.robot.mode() is mode
+    assert viewer.robot.modes.mode() is mode
     assert viewer.robot.observe().target == pytest.approx((1.0, -0.5, HIGH))

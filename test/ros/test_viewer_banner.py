@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from contract_nodes import ControllerStandIn
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
@@ -16,7 +17,7 @@ from std_srvs.srv import SetBool
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
-from head_tracking.viewer.robot import Mode
+from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,
@@ -46,11 +47,11 @@ def seen(threads) -> Any:
 
 
 def test_joint_states_that_stop_are_missed_until_they_come_again(threads, seen):
-    wait_for(seen.free_joints, PATIENCE)
+    wait_for(lambda: seen.joints.free, PATIENCE)
     assert not seen.observe().silent_joints, "nobody has promised any"
     measuring = Node("encoders")
     publisher = measuring.create_publisher(JointState, "joint_states", 10)
-    wait_for(lambda: not seen.free_joints(), PATIENCE)
+    wait_for(lambda: not seen.joints.free, PATIENCE)
     wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)  # never came
 
     def speaking() -> bool:
@@ -66,28 +67,23 @@ def test_joint_states_that_stop_are_missed_until_they_come_again(threads, seen):
 
 
 def test_with_servos_the_page_never_says_itself_where_the_joints_are(threads, seen):
-    wait_for(seen.free_joints, PATIENCE)
+    wait_for(lambda: seen.joints.free, PATIENCE)
     bus = Node("servo_bus")
     bus.create_service(SetBool, "head_pan_controller/torque_enable", lambda _, answer: answer)
-    wait_for(lambda: not seen.free_joints(), PATIENCE)
+    wait_for(lambda: not seen.joints.free, PATIENCE)
     bus.destroy_node()
-    wait_for(lambda: not seen.servos(), PATIENCE)
+    wait_for(lambda: not seen.joints.servos(), PATIENCE)
     wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)
-    assert not seen.free_joints()
+    assert not seen.joints.free
 
 
 def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(threads, seen):
-    def tracker() -> Node:
-        node = Node("head_tracker")
-        node.create_service(SetBool, "~/enable", lambda _, answer: answer)
-        return node
-
     assert seen.observe().missing_nodes == (), "there was none"
-    node = tracker()
-    wait_for(lambda: seen.mode() is Mode.TRACK, PATIENCE)
+    node = ControllerStandIn("head_tracker")
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK, PATIENCE)
     assert seen.observe().missing_nodes == ()
     node.destroy_node()
     wait_for(lambda: seen.observe().missing_nodes == ("head_tracker",), PATIENCE)
-    node = tracker()
+    node = ControllerStandIn("head_tracker")
     wait_for(lambda: seen.observe().missing_nodes == (), PATIENCE)
     node.destroy_node()

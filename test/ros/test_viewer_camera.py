@@ -30,7 +30,7 @@ def seen(robot) -> Any:
     """The robot as the page sees it, once it knows that there could be a camera."""
     node = ViewerNode(robot.composition.buffer)
     robot.threads.start(node)
-    wait_for(node.robot.can_start_camera, PATIENCE)
+    wait_for(lambda: node.robot.modes.can_start(NAME), PATIENCE)
     return node.robot
 
 
@@ -42,9 +42,9 @@ def magenta(picture: Any) -> int:
 def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatch):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert NAME not in robot.composition.nodes
-    assert seen.start_camera().done
-    wait_for(lambda: "/image" in seen.images() and not seen.can_start_camera(), PATIENCE)
-    assert seen.start_camera().done, "it runs already"
+    assert seen.modes.start(NAME).done
+    wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME), PATIENCE)
+    assert seen.modes.start(NAME).done, "it runs already"
     renderer = robot.composition.nodes[NAME].renderer
     drawn = []
     render = renderer.render
@@ -53,7 +53,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     assert not drawn, "nobody looks at it"
 
     def ball() -> bool:
-        picture = seen.picture("/image")
+        picture = seen.topics.picture("/image")
         # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
         return picture is not None and magenta(picture[70:170, 110:210]) > 300
 
@@ -71,7 +71,7 @@ def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
         raise OpenCVMissingError
 
     monkeypatch.setattr("head_tracking.nodes.simulated_camera.require_opencv", missing)
-    outcome = seen.start_camera()
+    outcome = seen.modes.start(NAME)
     assert not outcome.done
     assert "pip install" in outcome.text
     assert NAME not in robot.composition.nodes

@@ -19,10 +19,10 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
-from head_tracking.viewer import robot
+from head_tracking.viewer import observation
 from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.health_table import COLUMNS, health_table
-from head_tracking.viewer.viewer_robot import JointWatch
+from head_tracking.viewer.robot import JointWatch
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,
@@ -43,13 +43,13 @@ STATUS = BusStatus(
 )
 
 
-def shown(entry: DiagnosticStatus) -> robot.Health:
-    level = robot.Level(int.from_bytes(entry.level, "little"))
+def shown(entry: DiagnosticStatus) -> observation.Health:
+    level = observation.Level(int.from_bytes(entry.level, "little"))
     values = {pair.key: pair.value for pair in entry.values}
-    return robot.Health(entry.name, level, entry.message, values)
+    return observation.Health(entry.name, level, entry.message, values)
 
 
-def servo(**changes: object) -> robot.Health:
+def servo(**changes: object) -> observation.Health:
     statistics = replace(STATUS.statistics, servos=(replace(SERVO, **changes),))
     return shown(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
 
@@ -79,13 +79,13 @@ def test_a_servo_that_is_lost_keeps_its_row():
 )
 def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
     wrong = servo(**changes)
-    assert wrong.level >= robot.Level.ERROR
+    assert wrong.level >= observation.Level.ERROR
     assert advice(wrong.message, "servo_bus") != advice("unheard of", "servo_bus")
 
 
 def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
-    stale, live = servo(health=Health.STALE), robot.Observation(0)
-    assert stale.level is robot.Level.STALE
+    stale, live = servo(health=Health.STALE), observation.Observation(0)
+    assert stale.level is observation.Level.STALE
     assert not troubles([stale], live)
     silent = replace(stale, message=f"nothing heard for 5 s; last: {SERVO.torque}")
     assert troubles([silent], live)
@@ -94,7 +94,7 @@ def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
 def test_there_is_advice_for_a_port_that_has_gone():
     statistics = replace(STATUS.statistics, connected=False)
     port = shown(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
-    assert port.level is robot.Level.ERROR
+    assert port.level is observation.Level.ERROR
     assert "cable" in advice(port.message, "servo_bus")
 
 
@@ -120,10 +120,10 @@ def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(mak
     seen = node.robot
 
     def torques() -> list[tuple[bool | None, bool]]:
-        return [(servo.torque, servo.refuses) for servo in seen.servos()]
+        return [(servo.torque, servo.refuses) for servo in seen.joints.servos()]
 
     wait_for(lambda: torques() == [(False, False)] * 2, 30.0)
-    assert seen.stop().done
+    assert seen.stop_everything().done
     wait_for(lambda: torques() == [(False, True)] * 2)
-    assert seen.set_torque("", True).done
+    assert seen.joints.set_torque("", True).done
     wait_for(lambda: torques() == [(True, False)] * 2)

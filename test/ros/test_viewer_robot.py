@@ -10,14 +10,14 @@ import rclpy
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot, wait_for
-from std_msgs.msg import String
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import parse_arguments
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.viewer.robot import Mode
+from head_tracking.viewer.head_modes import Mode
 
 DEGREE = math.radians(1)
 
@@ -38,9 +38,9 @@ def seen(robot) -> Any:
     node = ViewerNode(robot.composition.buffer)
     robot.threads.start(node)
     seen = node.robot
-    wait_for(lambda: seen.tracking() is not None and len(seen.servos()) == 2)
-    wait_for(lambda: all(servo.joint for servo in seen.servos()))
-    wait_for(lambda: any(setting.name == "k_pan" for setting in seen.settings()))
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
+    wait_for(lambda: all(servo.joint for servo in seen.joints.servos()))
+    wait_for(lambda: any(setting.name == "k_pan" for setting in seen.parameters.settings()))
     return seen
 
 
@@ -53,11 +53,11 @@ def bearing(x: float, y: float) -> float:
 
 
 def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
-    assert seen.mode() is Mode.TRACK
-    assert seen.look_at("base_link", (1.0, 0.8, 0.4)).done
+    assert seen.modes.mode() is Mode.TRACK
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
     wait_for(lambda: seen.observe().target is not None and seen.observe().error is not None)
-    assert seen.centre().done
+    assert seen.modes.centre().done
     wait_for(lambda: head_is_at(robot, 0.0))
     robot.at_rest(1.0)
     assert head_is_at(robot, 0.0)
@@ -65,20 +65,20 @@ def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
     assert "point_head" not in robot.composition.nodes
-    assert seen.set_mode(Mode.POINT, "").done
+    assert seen.modes.set_mode(Mode.POINT, "").done
     assert "point_head" in robot.composition.nodes
     wait_for(lambda: robot.node.count_subscribers("target_point") >= 3)
-    assert seen.look_at("base_link", (1.0, -0.6, 0.4)).done
+    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
-    assert seen.set_mode(Mode.FICTITIOUS, "").done
+    assert seen.modes.set_mode(Mode.FICTITIOUS, "").done
     # at once: a node that was only just started must be switched off too
-    assert seen.look_at("base_link", (1.0, 0.6, 0.4)).done
-    assert seen.mode() is Mode.TRACK
+    assert seen.modes.look_at("base_link", (1.0, 0.6, 0.4)).done
+    assert seen.modes.mode() is Mode.TRACK
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.6)))
     robot.at_rest(1.0)
     assert head_is_at(robot, bearing(1.0, 0.6))
-    assert seen.set_mode(Mode.FICTITIOUS, "").done
-    assert seen.mode() is Mode.FICTITIOUS
+    assert seen.modes.set_mode(Mode.FICTITIOUS, "").done
+    assert seen.modes.mode() is Mode.FICTITIOUS
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
 
 
@@ -90,7 +90,7 @@ def test_a_frame_is_followed(robot, seen):
         core.set_transform(0, "base_link", "gripper", place, static=True)
 
     put(0.5)
-    assert seen.set_mode(Mode.FOLLOW, "gripper").done
+    assert seen.modes.set_mode(Mode.FOLLOW, "gripper").done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.5)))
     put(-0.5)
     wait_for(lambda: head_is_at(robot, bearing(1.0, -0.5)))
@@ -98,70 +98,118 @@ def test_a_frame_is_followed(robot, seen):
 
 def test_what_can_t_be_is_refused_with_a_reason(seen):
     for outcome, words in (
-        (seen.look_at("nowhere", (1.0, 0.0, 0.0)), "no frame 'nowhere'"),
-        (seen.look_at("base_link", (math.nan, 0.0, 0.0)), "numbers"),
-        (seen.set_mode(Mode.FOLLOW, "nowhere"), "no frame 'nowhere'"),
-        (seen.set_value("/head_tracker", "k_pan", 1000.0), "Max: 20.0"),
-        (seen.set_value("/nobody", "k_pan", 1.0), "not there"),
+        (seen.modes.look_at("nowhere", (1.0, 0.0, 0.0)), "no frame 'nowhere'"),
+        (seen.modes.look_at("base_link", (math.nan, 0.0, 0.0)), "numbers"),
+        (seen.modes.set_mode(Mode.FOLLOW, "nowhere"), "no frame 'nowhere'"),
+        (seen.parameters.set("/head_tracker", "k_pan", 1000.0), "Max: 20.0"),
+        (seen.parameters.set("/nobody", "k_pan", 1.0), "not there"),
     ):
         assert not outcome.done
         assert words in outcome.text
 
 
 def test_a_joint_moved_by_hand_switches_tracking_off(robot, seen):
-    assert seen.look_at("base_link", (1.0, 0.8, 0.4)).done
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    outcome = seen.move_joints({"head_pan_joint": -0.4, "head_tilt_joint": 0.3})
+    outcome = seen.joints.move({"head_pan_joint": -0.4, "head_tilt_joint": 0.3})
     assert outcome.done
     assert "switched off" in outcome.text
-    assert seen.tracking() is False
+    assert seen.modes.mode() is Mode.OFF
     wait_for(lambda: head_is_at(robot, -0.4))
     wait_for(lambda: abs(robot.true("head_tilt_joint") - 0.3) < 2 * DEGREE)
-    assert seen.set_tracking(True).done
+    assert seen.modes.set_mode(Mode.TRACK).done
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
 
 
-def test_torque_is_switched_servo_by_servo_and_stop_relaxes_all(robot, seen):
-    assert seen.look_at("base_link", (1.0, 0.3, 0.4)).done
+def torques(seen: Any) -> list[bool | None]:
+    return [servo.torque for servo in seen.joints.servos()]
+
+
+def word(seen: Any) -> str:
+    return str(seen.badge(seen.observe()).word)
+
+
+def test_torque_is_switched_servo_by_servo(robot, seen):
+    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
-    assert seen.set_torque("head_tilt_controller", False).done
-    wait_for(lambda: [servo.torque for servo in seen.servos()] == [True, False])
-    assert seen.stop().done
-    wait_for(lambda: [servo.torque for servo in seen.servos()] == [False, False])
-    assert seen.set_torque("", True).done
-    wait_for(lambda: [servo.torque for servo in seen.servos()] == [True, True])
+    assert seen.joints.set_torque("head_tilt_controller", False).done
+    wait_for(lambda: torques(seen) == [True, False])
+    assert seen.joints.set_torque("", False).done
+    wait_for(lambda: torques(seen) == [False, False])
+
+
+def test_after_stop_nothing_moves_before_resume(robot, seen):
+    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
+    wait_for(lambda: word(seen) == "on target")
+    outcome = seen.stop_everything()
+    assert outcome.done
+    assert outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
+    wait_for(lambda: word(seen) == "stopped" and torques(seen) == [False, False])
+    assert seen.modes.mode() is Mode.OFF
+    robot.simulated.lead("head_pan_joint", -0.5, 0.5)  # by a hand, away from the target
+    wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
+    assert seen.joints.set_torque("", True).done
+    wait_for(lambda: torques(seen) == [True, True])
+    assert "Resume" in seen.joints.move({"head_pan_joint": 0.5}).text
+    assert not seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
+    robot.at_rest(1.0)
+    assert head_is_at(robot, -0.5, 3 * DEGREE)
+    assert word(seen) == "stopped"
+    velocities = robot.listen_to_velocity("head_pan_joint")
+    assert seen.stop.resume().done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
+    assert max(velocities) < 0.5, "slowly until it has arrived once"
+    wait_for(lambda: word(seen) == "on target")
+
+
+def test_a_new_choice_of_mode_ends_a_stop(robot, seen):
+    assert seen.stop_everything().done
+    wait_for(lambda: word(seen) == "stopped")
+    seen.stop.cancel()
+    assert seen.modes.set_mode(Mode.POINT).done
+    wait_for(lambda: not seen.stop.stopped)
+    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4), wait=True).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
+
+
+@pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
+def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen, mode):
+    assert seen.modes.set_mode(mode).done
+    wait_for(lambda: seen.modes.mode() is mode)
+    outcome = seen.modes.look_at("base_link", (-1.0, 0.0, 0.5), wait=True)
+    assert not outcome.done
+    assert "out of reach" in outcome.text
+    wait_for(lambda: word(seen) == "refused")
 
 
 def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen):
     def setting(name: str) -> Any:
-        return next(one for one in seen.settings() if one.name == name)
+        return next(one for one in seen.parameters.settings() if one.name == name)
 
     found = setting("k_pan")
     assert (found.node, found.value) == ("/head_tracker", 1.5)
     assert (found.minimum, found.maximum) == (0.1, 20.0)
     assert "Pan speed per error" in found.description
-    assert seen.set_value("/head_tracker", "k_pan", 4.0).done
+    assert seen.parameters.set("/head_tracker", "k_pan", 4.0).done
     wait_for(lambda: setting("k_pan").value == 4.0)
-    assert not [one for one in seen.settings() if one.name == "rate"], "it can't be changed"
+    names = {one.name for one in seen.parameters.settings()}
+    assert "rate" not in names, "it can't be changed"
+    assert "robot_description" not in names, "a wrong one ends the robot's program"
 
 
 def test_a_state_that_is_published_is_shown(robot, seen):
     wait_for(
-        lambda: "head_tracker: " in seen.observe().state or seen.look_at("base_link", (1, 0, 0))
+        lambda: (
+            "head_tracker: " in seen.observe().state or seen.modes.look_at("base_link", (1, 0, 0))
+        )
     )
-    topic = robot.node.create_publisher(String, "someone/state", 1)
-
-    def shown() -> bool:
-        topic.publish(String(data="coasting: no target for 0.3 s"))
-        return "someone: coasting: no target for 0.3 s" in seen.observe().state
-
-    wait_for(shown)
 
 
 def test_diagnostics_that_fall_silent_are_stale(seen):
     wait_for(lambda: len(seen.health()) >= 3)
     assert {one.name for one in seen.health()} >= {"servo_bus: head_pan_joint"}
-    seen._topics._diagnostics["gone"] = seen._topics._diagnostics[
+    seen.topics._diagnostics["gone"] = seen.topics._diagnostics[
         "servo_bus: head_pan_joint"
     ]._replace(at=-10.0)
     (gone,) = [one for one in seen.health() if "nothing heard" in one.message]
@@ -176,14 +224,14 @@ def test_without_hardware_the_page_says_where_the_joints_are():
             node = ViewerNode()
             threads.start(node)
             seen = node.robot
-            wait_for(lambda: seen.model() is not None and seen.free_joints())
+            wait_for(lambda: seen.model() is not None and seen.joints.free)
             assert "head_pan_joint" not in seen.observe().joints
-            assert seen.move_joints({"head_pan_joint": 0.4}).done
+            assert seen.joints.move({"head_pan_joint": 0.4}).done
             wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
             assert seen.observe().joints["head_tilt_joint"] == 0.0
-            assert not seen.stop().done
-            assert not seen.centre().done
-            assert "not running" in seen.set_mode(Mode.TRACK, "").text
+            assert not seen.stop_everything().done
+            assert not seen.modes.centre().done
+            assert "not running" in seen.modes.set_mode(Mode.TRACK, "").text
     finally:
         rclpy.try_shutdown()
 
@@ -195,7 +243,7 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
     assert ended.value.code == 2
     assert "pip install 'head_tracking[viewer]'" in capsys.readouterr().err
     monkeypatch.setattr("head_tracking.nodes.viewer.installed", lambda: False)
-    with pytest.raises(ValueError, match="pip install"):
+    with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()
 
 
@@ -205,4 +253,5 @@ def test_a_page_for_the_network_is_warned_of(robot):
         robot.composition.buffer, parameter_overrides=[Parameter("host", value="0.0.0.0")]
     )
     robot.threads.start(node)
-    robot.logged("everybody who reaches this machine there can steer the robot")
+    robot.logged("/?token=")
+    robot.logged("knows the token can steer the robot")

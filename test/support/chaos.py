@@ -32,7 +32,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -55,7 +55,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
-from head_tracking.simulation import SimulatedPort, SimulatedServo
+from head_tracking.simulation import SimulatedPort, SimulatedServo, Write
 from head_tracking.transforms import load_robot_model
 
 ROOT = Path(__file__).parents[2]
@@ -150,18 +150,21 @@ def flood() -> None:
     """What a `Flooder` does: an order is "targets" or "commands", how long [s], and a seed."""
     rclpy.init(args=[])
     node = Node("flooder")
-    publishers = {
-        "targets": node.create_publisher(PointStamped, "target_point", 10),
-        "commands": node.create_publisher(JointState, "joint_commands", 10),
-    }
+    topics = {"targets": (PointStamped, "target_point"), "commands": (JointState, "joint_commands")}
     for order in sys.stdin:
         what, seconds, seed = order.split()
         rnd = random.Random(seed)
         messages = [_bad_target(rnd) if what == "targets" else _bad_command(rnd) for _ in range(99)]
+        kind, topic = topics[what]
+        publisher = node.create_publisher(kind, topic, 10)
+        found = time.monotonic() + 0.5
+        while not publisher.get_subscription_count() and time.monotonic() < found:
+            time.sleep(0.01)
         end = time.monotonic() + float(seconds)
         while time.monotonic() < end:
-            publishers[what].publish(rnd.choice(messages))
+            publisher.publish(rnd.choice(messages))
             time.sleep(5e-5)
+        node.destroy_publisher(publisher)  # a run does not start beside one who commands
 
 
 BAD = (math.nan, math.inf, -math.inf)
@@ -169,7 +172,7 @@ BAD = (math.nan, math.inf, -math.inf)
 
 def _bad_target(rnd: random.Random) -> PointStamped:
     frame_id = rnd.choice(("base_link", "nowhere", "", "a/b", "x" * 99))
-    last = BAD if frame_id == "base_link" else (0.5, 1e308)
+    last = (*BAD, 1e308) if frame_id == "base_link" else (0.5, 1e308)
     numbers = [1.0, -2.0, rnd.choice(last)]
     rnd.shuffle(numbers)
     message = PointStamped(point=Point(x=numbers[0], y=numbers[1], z=numbers[2]))
@@ -216,8 +219,12 @@ class Chaos:
         self._stopped = False
         self._commanded = False
         self._owners = ""
+        self._trace: deque[str] = deque(maxlen=40)
+        self._traced = 0.0
+        self._newest: deque[Write] = deque(maxlen=12)
         self._joints_heard = self._state_heard = -math.inf
-        self._unplugged = -math.inf  # when it was plugged in again
+        self._state = ""
+        self._recovered = -math.inf
         self._ways: list[tuple[float, float]] = []
         model = load_robot_model(robot_file("kinectbot"))
         self._head = PanTiltHead(model, PAN.joint_name, TILT.joint_name, "camera_link")
@@ -234,7 +241,6 @@ class Chaos:
         resources.callback(rclpy.try_shutdown)
         self.node = Node("person")
         self.targets = self.node.create_publisher(PointStamped, "target_point", 10)
-        self.commands = self.node.create_publisher(JointState, "joint_commands", 10)
         self.clocks = self.node.create_publisher(Clock, "/clock", 10)
         self.node.create_subscription(
             String, "joint_owners", lambda m: setattr(self, "_owners", m.data), LATCHED
@@ -302,8 +308,8 @@ class Chaos:
         if PAN.joint_name in message.name:
             self._joints_heard = time.monotonic()
 
-    def _on_state(self, _: String) -> None:
-        self._state_heard = time.monotonic()
+    def _on_state(self, message: String) -> None:
+        self._state, self._state_heard = message.data, time.monotonic()
 
     # The person's target
 
@@ -362,6 +368,7 @@ class Chaos:
         """
         writes = self.port.use(lambda bus: list(bus.write_log.writes))
         self.port.use(lambda bus: bus.write_log.writes.clear())
+        self._newest.extend(writes)
         for write in writes:
             joint = JOINTS[write.id - 1]
             switched_on = "Torque Enable" in write.names and write.torque
@@ -374,7 +381,16 @@ class Chaos:
                 )
             if "Goal Position" in write.names and write.torque:
                 self._check(write.id - 1, joint.position(write.goal), AHEAD, "was sent to")
-        for index, position in enumerate(self.positions()):
+        positions = self.positions()
+        now = time.monotonic() - self._start
+        if now > self._traced + 0.1:
+            self._traced = now
+            pan, tilt = positions
+            error = math.degrees(self.error())
+            self._trace.append(
+                f"{now:7.2f} s  {pan:6.2f} {tilt:6.2f} {error:5.1f} {self._state[:60]}"
+            )
+        for index, position in enumerate(positions):
             self._check(index, position, BESIDE, "is at")
 
     def _check(self, index: int, angle: float, tolerance: float, how: str) -> None:
@@ -384,6 +400,16 @@ class Chaos:
                 f"{JOINTS[index].joint_name} {how} {angle:.2f} rad, where nobody commanded it to "
                 f"go: the targets are at {low:.2f} to {high:.2f} rad"
             )
+
+    def state(self) -> Iterator[str]:
+        """Where the joints are, and what came to the servos last."""
+        yield f"owned: {self._owners!r}, {self._state}"
+        yield "the last seconds: time; pan and tilt, truly [rad]; error [degrees]; state"
+        yield from self._trace
+        end = time.monotonic_ns()
+        for write in self._newest:
+            goal = JOINTS[write.id - 1].position(write.goal)
+            yield f"{(write.time - end) * 1e-9:7.2f} s: {write}, goal {goal:.2f} rad"
 
     def wait(self, seconds: float) -> None:
         """Lets time pass, and looks."""
@@ -471,7 +497,6 @@ class Chaos:
         self.port.unplug()
         self.wait(seconds)
         self.port.replug()
-        self._unplugged = time.monotonic()
 
     def jump(self) -> None:
         """The robot's clock jumps."""
@@ -492,7 +517,7 @@ class Chaos:
         seconds = self.random.uniform(0.1, 0.5)
         self.note(f"flood of {what} for {seconds:.2f} s")
         self._flooder.tell(f"{what} {seconds} {self.random.random()}")
-        self.wait(seconds)
+        self.wait(0.1 + seconds)
 
     def foreign_commands(self) -> None:
         """Somebody else commands joints that the tracker owns."""
@@ -501,9 +526,13 @@ class Chaos:
         self.note("a foreigner commands the joints")
         message = JointState(name=[joint.joint_name for joint in JOINTS])
         message.position, message.velocity = [FOREIGN, 0.0], [1.0, 1.0]
-        for _ in range(20):
-            self.commands.publish(message)
-            self.wait(0.01)
+        publisher = self.node.create_publisher(JointState, "joint_commands", 10)
+        try:
+            for _ in range(50):
+                publisher.publish(message)
+                self.wait(0.01)
+        finally:
+            self.node.destroy_publisher(publisher)
 
     def owned(self) -> bool:
         """Whether the tracker owns all joints, and is there."""
@@ -600,7 +629,6 @@ class Chaos:
             raise DidNotHoldError("STOP is confirmed, but the servos are not relaxed")
         self.look()
         self.port.replug()
-        self._unplugged = time.monotonic()
         self.until(self.relaxed, 3.0, "STOP relaxes when the adapter is back")
         self._lift_after_a_while()
 
@@ -644,9 +672,10 @@ class Chaos:
     # The whole
 
     def complete(self) -> bool:
-        """Whether everything is there: it has been heard of since it was started, or plugged in.
+        """Whether everything is there, and what was started anew has found the others.
 
-        (The graph still names for a while what was killed.)
+        (How long that takes is the middleware's affair: now and then some seconds. The graph still
+        names for a while what was killed, so a sign of life is waited for.)
         """
         dead = [program.name for program in self.programs.values() if not program.alive]
         if dead:
@@ -654,10 +683,10 @@ class Chaos:
         started = {name: program.started for name, program in self.programs.items()}
         robot = max(started[name] for name in started if name != "page")
         tracker = started.get("run", started.get("head_tracker", 0.0))
-        return (
-            self.reads()
-            and self._joints_heard > max(robot, self._unplugged)
+        return robot < self._recovered or (
+            self._joints_heard > robot
             and self._state_heard > tracker
+            and not (self._targets and self._state.startswith("idle"))
             and self.stop_client.service_is_ready()
         )
 
@@ -686,6 +715,7 @@ class Chaos:
             self.note(f"on the target again after {taken:.2f} s")
             self.slowest_recovery = max(self.slowest_recovery, taken)
             self.recoveries += 1
+            self._recovered = time.monotonic()
             self.wait(0.3)
 
     def quiet(self) -> None:
@@ -723,10 +753,10 @@ def main() -> int:
         except DidNotHoldError as error:
             repeat = f"--seed {options.seed} --seconds {options.seconds:g} --run {options.run}"
             print(f"chaos {repeat}{' --clock' * options.clock}: {error}", file=sys.stderr)
-            print(*chaos.journal[-40:], sep="\n", file=sys.stderr)
+            print(*chaos.journal[-40:], *chaos.state(), sep="\n", file=sys.stderr)
             for log in sorted(folder.glob("*.log")):
                 lines = log.read_text(errors="replace").splitlines()
-                lines = [line for line in lines if not line.startswith("pan ")]
+                lines = [line for line in lines if "| bus " not in line]
                 print(f"--- {log.name}", *lines[-25:], sep="\n", file=sys.stderr)
             return 1
         print(

@@ -162,13 +162,17 @@ def test_many_that_wait_for_one_frame_cost_one_lookup(placer, buffer, monkeypatc
     assert len(asked) == 2
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_target_that_is_not_finite_is_refused(placer, bad):
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [(math.nan, "not finite"), (math.inf, "not finite"), (1e308, "too far away")],
+)
+def test_a_target_that_is_nowhere_is_refused(placer, bad, why):
     placer.offer(Target(0, "camera_link", (1.0, bad, 0.0)), 0.0)
     assert placer.place(0.0, {}) == []
     refusal = placer.take_refusal()
-    assert "not finite" in refusal.reason
+    assert why in refusal.reason
     assert refusal.target.frame_id == "camera_link"
+    assert len(str(refusal.target)) < 60
 
 
 def set_base(buffer, stamp, yaw):

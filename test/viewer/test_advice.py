@@ -1,7 +1,7 @@
 import pytest
 
 from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.robot import Health, Level, Observation
+from head_tracking.viewer.observation import Health, Level, Observation
 
 
 def entry(level: Level, message: str, name: str = "servo_bus: head_pan_joint") -> Health:

@@ -1,5 +1,8 @@
 """The page on a robot that is not there: what it sends, and that it does not grow."""
 
+import gzip
+import http.client
+import json
 import math
 import threading
 import time
@@ -9,13 +12,16 @@ from typing import Any
 
 import pytest
 from viewer_client import ReadingClient
+from websockets.exceptions import InvalidStatus
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.gaze_scene import ViewParameters
+from head_tracking.viewer.head_modes import Mode
+from head_tracking.viewer.observation import Health, Level, Observation, Outcome, Servo, Setting
 from head_tracking.viewer.page import Page, PageParameters
 from head_tracking.viewer.recording import Recording
-from head_tracking.viewer.robot import Health, Level, Mode, Observation, Outcome, Servo, Setting
 
 PATIENCE = 60.0
 
@@ -32,6 +38,25 @@ class FakeRobot:
         self.seen = 0
         self.asked: list[Any] = []
         self.broken = False
+        self.buffer = SimpleNamespace(frames=self._frames)
+        self.parameters = SimpleNamespace(settings=self._settings)
+        self.stop = SimpleNamespace(outcome=None, can_resume=False, cancel=lambda: None)
+        self.modes = SimpleNamespace(
+            mode=lambda: Mode.TRACK,
+            possible=lambda: tuple(Mode),
+            can_start=lambda _: False,
+            look_at=self._look_at,
+        )
+        self.joints = SimpleNamespace(
+            free=False,
+            can_recover=False,
+            servos=lambda: (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),),
+        )
+        self.topics = SimpleNamespace(
+            images=tuple,
+            picture=lambda _: None,
+            warnings=lambda: tuple(f"warning {number}" for number in range(self.seen % 7)),
+        )
 
     def model(self) -> RobotModel:
         return self._model
@@ -57,49 +82,29 @@ class FakeRobot:
     def notices(self) -> tuple[str, ...]:
         return ()
 
-    def warnings(self) -> tuple[str, ...]:
-        return tuple(f"warning {number}" for number in range(self.seen % 7))
-
-    def frames(self) -> tuple[str, ...]:
-        # one comes and goes
-        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+    def badge(self, live: Observation) -> Badge:
+        return Badge(Word.MOVING, f"message {self.seen}")
 
     def health(self) -> tuple[Health, ...]:
         level = Level.ERROR if self.seen % 40 > 20 else Level.OK
         return (Health("servo_bus: pan", level, f"message {self.seen}", {"torque": "on"}),)
 
-    def servos(self) -> tuple[Servo, ...]:
-        return (Servo("head_pan_controller", "head_pan_joint", self.seen % 20 > 10),)
+    def stop_everything(self) -> Outcome:
+        self.asked.append("stop")
+        return Outcome(True, "head_pan_joint relaxed")
 
-    def settings(self) -> tuple[Setting, ...]:
+    def _frames(self) -> tuple[str, ...]:
+        # one comes and goes
+        return (*self._model.links, "other", *(["late"] if self.seen % 100 > 50 else []))
+
+    def _settings(self) -> tuple[Setting, ...]:
         k = Setting("/head_tracker", "k_pan", 1.0 + self.seen % 10, "Speed per error.", 0.1, 20.0)
         extra = Setting("/late", "center", [0.0, 0.0, 0.1 * (self.seen % 5)], "", -1e3, 1e3)
         return (k, extra) if self.seen % 80 > 40 else (k,)
 
-    def images(self) -> tuple[str, ...]:
-        return ()
-
-    def picture(self, topic: str) -> None:
-        return None
-
-    def mode(self) -> Mode:
-        return Mode.TRACK
-
-    def tracking(self) -> bool:
-        return True
-
-    def free_joints(self) -> bool:
-        return False
-
-    def can_recover(self) -> bool:
-        return False
-
-    def __getattr__(self, name: str) -> Callable[..., Outcome]:
-        def ask(*arguments: Any) -> Outcome:
-            self.asked.append((name, *arguments))
-            return Outcome(True, "done")
-
-        return ask
+    def _look_at(self, *arguments: Any, **_: Any) -> Outcome:
+        self.asked.append(("look_at", *arguments))
+        return Outcome(True, "done")
 
 
 def long_arm(links: int) -> RobotModel:
@@ -121,9 +126,9 @@ def show(monkeypatch) -> Iterator[Callable[[FakeRobot], Page]]:
     monkeypatch.setattr("head_tracking.viewer.page._SLOW", 0.01)
     pages: list[Page] = []
 
-    def open_page(robot: FakeRobot, complaints: list[str] | None = None) -> Page:
+    def open_page(robot: FakeRobot, complaints: list[str] | None = None, **given: Any) -> Page:
         said: list[str] = [] if complaints is None else complaints
-        parameters = PageParameters(rate=1000.0)  # a minute's work in seconds
+        parameters = PageParameters(rate=1000.0, **given)  # a minute's work in seconds
         page = Page(robot, parameters, ViewParameters(), None, lambda _: None, said.append)
         pages.append(page)
         return page
@@ -352,3 +357,178 @@ def test_an_address_of_another_machine_is_refused(kinectbot, host):
 
 def test_nobody_can_open_a_tunnel_to_the_world(kinectbot, show):
     assert show(FakeRobot(kinectbot))._server.request_share_url() is None
+
+
+def get(page: Page, path: str, **headers: str) -> tuple[int, Any, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+    try:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+    finally:
+        connection.close()
+
+
+PAGE = {"X-Head-Tracking": "page"}
+
+
+def test_stop_is_answered_beside_viser_and_only_to_the_page_itself(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    status, _, _ = get(page, "/head/stop")
+    assert status == 403  # an image on a page of another site would ask like this
+    assert robot.asked == []
+    status, _, body = get(page, "/head/stop", **PAGE)
+    assert (status, json.loads(body)) == (200, {"text": "head_pan_joint relaxed"})
+    assert robot.asked == ["stop"]
+
+
+def test_stop_is_answered_while_everything_that_viser_calls_back_hangs(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    hanging = threading.Event()
+    try:
+        for _ in range(200):
+            page._server.gui._thread_executor.submit(hanging.wait, 30.0)
+        status, _, _ = get(page, "/head/stop", **PAGE)
+        assert status == 200
+        assert robot.asked == ["stop"]
+    finally:
+        hanging.set()
+
+
+def test_the_badge_is_told_and_says_when_a_recording_is_shown(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+
+    def status() -> Any:
+        return json.loads(get(page, "/head/status", **PAGE)[2])
+
+    assert status()["word"] == "moving"
+    assert status()["title"] == "kinectbot"
+    wait_for(lambda: len(page._recorder._seen) > 10)
+    page._recording._open(SimpleNamespace(client=None), page._recorder.recording)
+    assert status()["word"] == "replay"
+    assert "the robot: moving" in status()["text"]
+    page._recording._close()
+    assert status()["word"] == "moving"
+
+
+def test_no_other_page_can_put_this_one_into_a_frame(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    for path in ("/", "/head/bar.js", "/nowhere"):
+        _, headers, _ = get(page, path)
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    for encoding in ("identity", "gzip"):
+        _, headers, body = get(page, "/", **{"Accept-Encoding": encoding})
+        text = gzip.decompress(body) if encoding == "gzip" else body
+        assert b'<script src="head/bar.js"></script></head>' in text
+
+
+def test_who_comes_when_it_is_full_is_told_so_at_the_door(kinectbot, show):
+    page = show(FakeRobot(kinectbot), max_browsers=1)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page.browsers == 1)
+        status, _, body = get(page, "/")
+        assert status == 503
+        assert b"1 browsers watch this robot already" in body
+        with pytest.raises(InvalidStatus) as refused:
+            ReadingClient(page.port)
+        assert refused.value.response.status_code == 503
+        assert get(page, "/head/stop", **PAGE)[0] == 200  # for everybody who could load the page
+    finally:
+        client.close()
+    wait_for(lambda: get(page, "/")[0] == 200)
+
+
+def test_beyond_this_machine_a_token_is_asked_for(kinectbot, show):
+    page = show(FakeRobot(kinectbot), host="0.0.0.0")
+    assert get(page, "/")[0] == 403
+    assert get(page, "/head/stop", **PAGE)[0] == 403
+    # a site whose name points here, and which has no cookie of this page
+    rebound = {"Host": "elsewhere.example", "Origin": "http://elsewhere.example"}
+    assert get(page, "/", **rebound)[0] == 403
+    assert get(page, "/?token=guessed")[0] == 403
+    status, headers, _ = get(page, f"/?token={page.token}")
+    assert status == 200
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert get(page, "/head/stop", **PAGE, Cookie=cookie.partition(";")[0])[0] == 200
+    with pytest.raises(InvalidStatus):
+        ReadingClient(page.port)
+
+
+def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    one, other = ReadingClient(page.port, keep=True), ReadingClient(page.port, keep=True)
+    try:
+        wait_for(lambda: page.browsers == 2)
+        (button,) = [
+            uuid
+            for uuid, handle in page._server.gui._gui_input_handle_from_uuid.items()
+            if type(handle).__name__ == "GuiUploadButtonHandle"
+        ]
+        start = {
+            "type": "FileTransferStartUpload",
+            "source_component_uuid": button,
+            "transfer_uuid": "upload",
+            "filename": "head.json.gz",
+            "mime_type": "",
+            "part_count": 2,
+            "size_bytes": 8,
+        }
+        part = {
+            "type": "FileTransferPart",
+            "source_component_uuid": button,
+            "transfer_uuid": "upload",
+            "part_index": 0,
+            "content": b"1234",
+        }
+
+        def told(client: ReadingClient) -> bool:
+            return any(one["type"] == "FileTransferPartAck" for one in list(client.messages))
+
+        one.send(start)
+        one.send(part)
+        wait_for(lambda: told(one))
+        seen = len(other.messages)
+        wait_for(lambda: len(other.messages) > seen + 20)
+        assert not told(other)
+    finally:
+        one.close()
+        other.close()
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_held_in_memory(kinectbot, show):
+    page = show(FakeRobot(kinectbot))
+    client = ReadingClient(page.port, keep=True)
+    try:
+        (button,) = [
+            uuid
+            for uuid, handle in page._server.gui._gui_input_handle_from_uuid.items()
+            if type(handle).__name__ == "GuiUploadButtonHandle"
+        ]
+
+        def upload(size: int, transfer: str) -> None:
+            client.send(
+                {
+                    "type": "FileTransferStartUpload",
+                    "source_component_uuid": button,
+                    "transfer_uuid": transfer,
+                    "filename": "large.json.gz",
+                    "mime_type": "",
+                    "part_count": 600,
+                    "size_bytes": size,
+                }
+            )
+
+        upload(1_000_000, "small")
+        states = page._server.gui._current_file_upload_states
+        wait_for(lambda: "small" in states)
+        upload(300_000_000, "large")
+        wait_for(lambda: any("too large" in str(one) for one in list(client.messages)))
+        assert "large" not in states
+    finally:
+        client.close()

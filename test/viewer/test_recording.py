@@ -1,13 +1,14 @@
 import gzip
 import json
+import threading
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.recording import Recorder, Recording, RecordingError
-from head_tracking.viewer.robot import Observation
 
 SECOND = 1_000_000_000
 
@@ -91,3 +92,30 @@ def test_a_file_that_was_cut_off_is_refused():
     data = Recording(tuple(seen(t) for t in range(50))).to_bytes()
     with pytest.raises(RecordingError):
         Recording.from_bytes(data[: len(data) // 2])
+
+
+def test_a_file_of_nests_is_no_recording_and_ends_nothing():
+    with pytest.raises(RecordingError):
+        Recording.from_bytes(gzip.compress(b"[" * 100_000 + b"]" * 100_000))
+
+
+def test_what_is_kept_is_taken_while_more_comes():
+    """In another thread, as a person who saves the last minute does."""
+    recorder = Recorder(60.0)
+    recorder.add(Observation(0))
+    ended = threading.Event()
+
+    def go_on() -> None:
+        stamp = 0
+        while not ended.is_set():
+            stamp += 100_000
+            recorder.add(Observation(stamp))
+
+    thread = threading.Thread(target=go_on)
+    thread.start()
+    try:
+        for _ in range(300):
+            recorder.recording()
+    finally:
+        ended.set()
+        thread.join()

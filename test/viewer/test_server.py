@@ -9,14 +9,15 @@ from websockets.asyncio import server as websocket_server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from head_tracking.viewer.same_origin import Guard, guarded
+from head_tracking.viewer.server import Door, guarded
 
 
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
-    with guarded("127.0.0.1") as guard:
+    door = Door("127.0.0.1")
+    with guarded(door):
         server = viser.ViserServer(host="127.0.0.1", port=8180, verbose=False)
-    assert guard.stands, "viser starts its server in another way now"
+    assert door.stands, "viser starts its server in another way now"
     yield server.get_port()
     server.stop()
 
@@ -65,23 +66,28 @@ def test_a_site_whose_name_points_here_may_not_even_load_the_page(port):
 
 
 def test_a_page_for_the_network_goes_by_any_name_but_is_its_own_only():
-    guard = Guard("0.0.0.0")
-    assert not guard.refusal({"Host": "robot.local:8080", "Origin": "http://robot.local:8080"})
-    assert not guard.refusal({"Host": "Robot.local", "Origin": "https://robot.local"})
-    assert guard.refusal({"Host": "robot.local:8080", "Origin": "http://elsewhere.example"})
+    door, path = Door("0.0.0.0", "word"), "/?token=word"
+    for host, origin in (
+        ("robot.local:8080", "http://robot.local:8080"),
+        ("Robot.local", "https://robot.local"),
+    ):
+        assert not door.refusal({"Host": host, "Origin": origin}, path)
+    headers = {"Host": "robot.local:8080", "Origin": "http://elsewhere.example"}
+    assert door.refusal(headers, path)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
 def test_a_page_for_this_machine_goes_by_all_of_its_names(host):
     for name in ("localhost:8080", "127.0.0.1:8080", "[::1]:8080", "localhost"):
-        assert not Guard(host).refusal({"Host": name, "Origin": f"http://{name}"})
+        assert not Door(host).refusal({"Host": name, "Origin": f"http://{name}"})
     for name in ("elsewhere.example", "", "localhost.elsewhere.example"):
-        assert Guard(host).refusal({"Host": name})
+        assert Door(host).refusal({"Host": name})
 
 
 def test_other_servers_of_the_process_are_left_alone():
     serve = websocket_server.serve
-    with guarded("127.0.0.1") as guard:
+    door = Door("127.0.0.1")
+    with guarded(door):
         pass
     assert websocket_server.serve is serve
-    assert not guard.stands
+    assert not door.stands

@@ -11,8 +11,9 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from head_tracking.viewer.robot import Outcome, Setting
-from head_tracking.viewer.running_services import wait_for_answer
+from head_tracking.viewer.graph import Graph
+from head_tracking.viewer.observation import Outcome, Setting
+from head_tracking.viewer.other_services import wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,
@@ -30,23 +31,24 @@ _SHOWN = {
     ParameterType.PARAMETER_STRING,
     ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
-_LONGEST_TEXT = 80
 _WORDS = "one of: "
 
 
-class RunningParameters:
+class OtherParameters:
     """What can be changed in nodes while they run.
 
     All but `set` and `settings` must be called in the node's thread.
 
     Args:
         node: asks the other nodes.
+        graph: the nodes.
         ignored: nodes to leave alone.
     """
 
-    def __init__(self, node: Node, ignored: Sequence[str]) -> None:
+    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str]) -> None:
         self._node = node
-        self._ignored = {node.get_fully_qualified_name(), *ignored}
+        self._graph = graph
+        self._ignored = ignored
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
         self._fixed: dict[str, dict[str, Any]] = {}
@@ -54,19 +56,20 @@ class RunningParameters:
 
     def look(self) -> None:
         """Asks nodes that came, and forgets nodes that went."""
-        suffix = "/list_parameters"
+        base = self._graph.namespace.rstrip("/")
         found = {
-            name.removesuffix(suffix)
-            for name, _ in self._node.get_service_names_and_types()
-            if name.endswith(suffix)
-        } - self._ignored
-        gone = {owner for owner in self._settings if not self._answers(owner)}
-        for owner in (self._clients.keys() - found) | gone:
+            f"{base}/{name}"
+            for name in self._graph.nodes
+            if name not in self._ignored
+            and f"{base}/{name}/list_parameters" in self._graph.services
+        }
+        silent = {owner for owner in self._settings if not self._answers(owner)}
+        for owner in (self._clients.keys() - found) | silent:
             for client in self._clients.pop(owner).values():
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
             self._fixed.pop(owner, None)
-        for owner in found - self._clients.keys() - gone:
+        for owner in found - self._clients.keys() - silent:
             self._clients[owner] = {
                 name: self._node.create_client(kind, f"{owner}/{name}")
                 for name, kind in _SERVICES.items()
@@ -75,20 +78,24 @@ class RunningParameters:
             self._ask(owner)
 
     def settings(self) -> tuple[Setting, ...]:
-        """All parameters that can be changed, by node."""
+        """All parameters that can be changed, by node.
+
+        Free text is left out: names of frames and topics, and whole models, are for the people who
+        set a robot up, and a wrong one can end its program.
+        """
         owners = dict(self._settings)
         return tuple(
             setting for owner in sorted(owners) for setting in list(owners[owner].values())
         )
 
-    def fixed(self, owner: str, ending: str) -> dict[str, Any]:
-        """The parameters of a node that can't be changed and whose names end so."""
-        values = self._fixed.get(owner, {})
-        return {name: value for name, value in values.items() if name.endswith(ending)}
-
-    def nodes(self) -> tuple[str, ...]:
-        """The nodes that answered."""
-        return tuple(sorted(self._settings))
+    def fixed(self, ending: str) -> dict[str, Any]:
+        """The parameters of all nodes that can't be changed and whose names end so."""
+        return {
+            name: value
+            for values in list(self._fixed.values())
+            for name, value in list(values.items())
+            if name.endswith(ending)
+        }
 
     def set(self, owner: str, name: str, value: Any) -> Outcome:
         """Sets a parameter; says what its node answered."""
@@ -120,9 +127,11 @@ class RunningParameters:
         )
 
     def _on_names(self, owner: str, names: Sequence[str]) -> None:
-        if owner not in self._clients:
+        self._ask_for(owner, [name for name in names if not _of_every_node(name)])
+
+    def _ask_for(self, owner: str, names: Sequence[str]) -> None:
+        if owner not in self._clients or not names:
             return
-        names = [name for name in names if not _of_every_node(name)]
         clients = self._clients[owner]
         described = clients["describe_parameters"].call_async(
             DescribeParameters.Request(names=names)
@@ -143,15 +152,22 @@ class RunningParameters:
         descriptors: Sequence[ParameterDescriptor],
         values: Sequence[Any],
     ) -> None:
-        settings, fixed = {}, {}
+        if not len(names) == len(descriptors) == len(values):
+            # one without a value, or that has gone, makes a node leave out all: the others are
+            # asked for without it
+            half = len(names) // 2
+            if half:
+                self._ask_for(owner, names[:half])
+                self._ask_for(owner, names[half:])
+            return
         for name, descriptor, value in zip(names, descriptors, values, strict=True):
             plain = parameter_value_to_python(value)
             if descriptor.read_only:
-                fixed[name] = plain
-            elif value.type in _SHOWN and not _is_long(plain):
-                settings[name] = _setting(owner, name, plain, descriptor)
-        self._fixed[owner] = fixed
-        self._settings[owner] = settings
+                self._fixed.setdefault(owner, {})[name] = plain
+            elif value.type in _SHOWN:
+                setting = _setting(owner, name, plain, descriptor)
+                if not isinstance(plain, str) or setting.choices:
+                    self._settings.setdefault(owner, {})[name] = setting
 
     def _on_event(self, event: ParameterEvent) -> None:
         settings = self._settings.get(event.node)
@@ -191,10 +207,6 @@ def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor)
 
 def _plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str) else [float(v) for v in value]
-
-
-def _is_long(value: Any) -> bool:
-    return isinstance(value, str) and len(value) > _LONGEST_TEXT
 
 
 def _of_every_node(name: str) -> bool:

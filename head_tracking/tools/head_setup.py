@@ -1,0 +1,200 @@
+"""head_setup: what a machine needs besides the package. Says what it will do, and asks.
+
+Needs nothing but Python, for it installs what the rest needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from head_tracking.share import PACKAGE, share_directory
+
+_RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
+_UNIT: Final = Path("/etc/systemd/system/head_tracking.service")
+_READERS: Final = ("yourdfpy>=0.0.56,<0.1", "trimesh>=4,<6")
+
+DONE, FAILED, REFUSED = 0, 1, 3
+
+
+class SetupError(Exception):
+    """It cannot be done here; says what to do instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Something to do.
+
+    Attributes:
+        why: What for.
+        command: The command that does it.
+    """
+
+    why: str
+    command: tuple[str, ...]
+
+
+def udev_steps(share: Path) -> list[Step]:
+    """Rights and latency of USB adapters."""
+    return [
+        Step(
+            f"the rules for the adapters go into {_RULES}",
+            _root("install", "-m", "0644", str(share / "machine" / _RULES.name), str(_RULES)),
+        ),
+        Step("udev reads them", _root("udevadm", "control", "--reload")),
+        Step("adapters that are plugged in get them", _root("udevadm", "trigger")),
+        Step(
+            "you may open serial ports, once you have logged out and in",
+            _root("usermod", "-a", "-G", "dialout", getpass.getuser()),
+        ),
+    ]
+
+
+def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
+    """The head starts with the machine.
+
+    Args:
+        share: The package's.
+        arguments: Of head_tracking, such as --port /dev/ttyUSB0.
+
+    Raises:
+        SetupError: This copy is no built workspace.
+    """
+    prefix = _workspace()
+    above = prefix.parent / "setup.bash"
+    text = (share / "machine" / _UNIT.name).read_text()
+    words = {
+        "@USER@": getpass.getuser(),
+        "@SETUP@": str(above if above.is_file() else prefix / "setup.bash"),
+        "@PROGRAM@": str(prefix / "lib" / PACKAGE / PACKAGE),
+        "@ARGUMENTS@": shlex.join(arguments).replace("'", "\\'").replace("%", "%%"),
+    }
+    for word, value in words.items():
+        text = text.replace(word, value)
+    file = Path(tempfile.mkdtemp(prefix="head_tracking"), _UNIT.name)
+    file.write_text(text)
+    return [
+        Step(f"the unit goes into {_UNIT}", _root("install", "-m", "0644", str(file), str(_UNIT))),
+        Step("systemd reads it", _root("systemctl", "daemon-reload")),
+        Step(
+            "the head starts now and with the machine",
+            _root("systemctl", "enable", "--now", _UNIT.name),
+        ),
+    ]
+
+
+def yourdfpy_steps() -> list[Step]:
+    """The reader of URDFs, which no package of Ubuntu and no key of rosdep brings.
+
+    In a virtual environment it goes there. Beside ROS it goes into the workspace, which its
+    setup.bash puts on Python's path: nothing of the system is touched, and PEP 668 has nothing
+    against it.
+
+    Raises:
+        SetupError: There is neither.
+    """
+    pip = (sys.executable, "-m", "pip", "install", "--no-deps")
+    if sys.prefix != sys.base_prefix:
+        return [Step(f"the reader of URDFs goes into {sys.prefix}", (*pip, *_READERS))]
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    target = _workspace() / "lib" / version / "site-packages"
+    return [
+        Step(
+            f"the reader of URDFs goes into {target}",
+            (*pip, "--upgrade", "--target", str(target), *_READERS),
+        )
+    ]
+
+
+def _workspace() -> Path:
+    """The prefix that colcon has built this package into."""
+    for place in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        if place and Path(place, "share", PACKAGE, "package.xml").is_file():
+            return Path(place)
+    raise SetupError(
+        "no workspace with head_tracking is sourced. Build it (colcon build), source "
+        "install/setup.bash, and start this as `ros2 run head_tracking head_setup`; from a "
+        "checkout without ROS, ./scripts/run needs nothing of this"
+    )
+
+
+def _root(*command: str) -> tuple[str, ...]:
+    return command if os.geteuid() == 0 else ("sudo", *command)
+
+
+def carry_out(
+    steps: Sequence[Step],
+    *,
+    dry_run: bool,
+    yes: bool,
+    execute: Callable[[Sequence[str]], int] = subprocess.call,
+    ask: Callable[[str], str] = input,
+) -> int:
+    """Say what will be done, ask, and do it; return the exit code."""
+    for step in steps:
+        print(f"{step.why}:\n    {shlex.join(step.command)}")
+    if dry_run:
+        return DONE
+    if not yes:
+        try:
+            answer = ask("Do that? [y/N] ") if sys.stdin.isatty() else ""
+        except (EOFError, KeyboardInterrupt):
+            answer = ""
+        if answer.strip().lower() not in ("y", "yes"):
+            print("nothing was done (--yes answers yes)", file=sys.stderr)
+            return REFUSED
+    for step in steps:
+        try:
+            code = execute(step.command)
+        except FileNotFoundError:
+            code = 127
+        if code:
+            cure = ""
+            if "pip" in step.command:
+                cure = "; pip is there after `sudo apt install python3-pip`, and needs the network"
+            print(f"head_setup: failed: {shlex.join(step.command)}{cure}", file=sys.stderr)
+            return FAILED
+    return DONE
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Sets up what the command line names; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="head_setup",
+        description="Sets up what a machine needs besides the package; says what it will do first.",
+        epilog="exit codes: 0 done; 1 failed; 2 wrong command line; 3 nobody said yes",
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.add_argument("--dry-run", action="store_true", help="only say what would be done")
+    commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    commands.add_parser("yourdfpy", help="the reader of URDFs, beside ROS on Ubuntu")
+    commands.add_parser("udev", help="rights and latency of USB adapters")
+    service = commands.add_parser("service", help="start the head with the machine (systemd)")
+    service.add_argument(
+        "arguments", nargs=argparse.REMAINDER, help="of head_tracking, such as --port /dev/ttyUSB0"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        if options.what == "yourdfpy":
+            steps = yourdfpy_steps()
+        elif options.what == "udev":
+            steps = udev_steps(share_directory())
+        else:
+            steps = service_steps(share_directory(), options.arguments)
+    except (SetupError, FileNotFoundError) as error:
+        print(f"head_setup: {error}", file=sys.stderr)
+        return FAILED
+    return carry_out(steps, dry_run=options.dry_run, yes=options.yes)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

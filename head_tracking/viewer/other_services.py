@@ -1,0 +1,65 @@
+"""The services of other nodes, called from any thread."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.viewer.observation import Outcome
+
+_PATIENCE = 5.0  # s
+
+
+class OtherServices:
+    """Clients for the switches and triggers of other nodes.
+
+    Args:
+        node: has the clients; another thread must spin it.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def know(self, kind: type[SetBool] | type[Trigger], *names: str) -> None:
+        """Makes clients, so that they find their services before they are needed."""
+        with self._lock:
+            for name in names:
+                if name not in self._clients:
+                    self._clients[name] = self._node.create_client(kind, name)
+
+    def offered(self, name: str) -> bool:
+        """Whether somebody offers a service that is known."""
+        client = self._clients.get(name)
+        return client is not None and bool(client.service_is_ready())
+
+    def trigger(self, name: str) -> Outcome:
+        """Calls a Trigger service."""
+        return self._call(name, Trigger.Request())
+
+    def switch(self, name: str, on: bool) -> Outcome:
+        """Calls a SetBool service."""
+        return self._call(name, SetBool.Request(data=on))
+
+    def _call(self, name: str, request: Any) -> Outcome:
+        if not self.offered(name):
+            return Outcome(False, f"nobody offers {name}; is its node running?")
+        answer = wait_for_answer(self._clients[name], request)
+        if answer is None:
+            return Outcome(False, f"{name} did not answer within {_PATIENCE:.0f} s")
+        return Outcome(bool(answer.success), str(answer.message))
+
+
+def wait_for_answer(client: Any, request: Any) -> Any:
+    """What a service answers, while another thread spins the node; None if it does not."""
+    answered = threading.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: answered.set())
+    if not answered.wait(_PATIENCE):
+        client.remove_pending_request(future)
+        return None
+    return future.result()

@@ -1,0 +1,414 @@
+"""Faults are named: which, how soon after their first visible sign, and none that is not there.
+
+A healthy twin gets the same commands. The first visible sign of a fault is the first cycle in which
+what the bus reads differs from what it reads of the twin by more than servos of one kind differ.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from random import Random
+
+import pytest
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    BusEvent,
+    EventKind,
+    Goal,
+    GoalError,
+    JointConfiguration,
+    PortLostError,
+    PortMissingError,
+    ServoBus,
+    ServoCalibration,
+    ServoState,
+    Symptom,
+    servo_model,
+)
+from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
+
+AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
+CYCLE = 0.02  # s
+HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.06"))
+"""Simulated time without a fault: HEAD_TRACKING_HOURS=8 takes a core for half an hour."""
+
+TOLD = 0.3  # s
+SEEN = 0.1  # rad: six degrees
+PAN, TILT = "head_pan_joint", "head_tilt_joint"
+
+
+class Rig:
+    """A head of two servos that follows a swinging goal; noise on encoders, supply and line.
+
+    Args:
+        model: of both servos.
+        seed: of all that is random.
+        pair: whether two servos drive the pan joint.
+    """
+
+    def __init__(self, model=AX, seed: int = 1, *, pair: bool = False, loss: float = 0.0) -> None:
+        self.random = Random(seed)
+        ids = (1, 2, 3) if pair else (1, 2)
+        self.faults = Faults(Random(seed), loss, [Fault.CORRUPT, Fault.DROP])
+        servos = [
+            SimulatedServo(
+                each, model, position_noise=0.4, start_delay=0.03, random=Random(seed + each)
+            )
+            for each in ids
+        ]
+        self.bench = Bench(SimulatedBus(servos, faults=self.faults))
+        self.port = self.bench.port
+        center, last = model.center, model.ticks - 1
+        second = ServoCalibration(PAN, 3, center, 0, last, model) if pair else None
+        self.joints = (
+            JointConfiguration(PAN, "pan", 1, center, 0, last, model=model, second=second),
+            JointConfiguration(TILT, "tilt", 2, center, last // 8, last - last // 8, model=model),
+        )
+        self.volts = model.nominal_voltage
+        self.time = 0.0
+        self.still = False
+        self.states: dict[str, ServoState] = {}
+        self.events: list[tuple[float, BusEvent]] = []
+        self.each_cycle: list[Callable[[], object]] = []
+
+    def connect(self) -> Rig:
+        self.bus = ServoBus(
+            self.port,
+            self.joints,
+            self.bench.now,
+            monotonic=self.bench.now,
+            pause=self.bench.pass_time,
+        )
+        self.bus.connect()
+        return self
+
+    def __getitem__(self, servo_id: int) -> SimulatedServo:
+        return self.bench.bus[servo_id]
+
+    def goal(self, joint: str) -> float:
+        slow = 0.4 if joint == PAN else 0.31
+        return 0.0 if self.still else 0.6 * math.sin(2.0 * math.pi * slow * self.time)
+
+    def step(self) -> None:
+        for name in (PAN, TILT):
+            speed = 0.3 + 2.0 * abs(self.random.gauss(1.0, 0.2))
+            with suppress(GoalError):  # it does not answer, or has shut itself down
+                self.bus.command({name: Goal(self.goal(name), speed)})
+        for servo in self.bench.bus:
+            servo.supply_voltage = self.volts + self.random.gauss(0.0, 0.05)
+        for what in self.each_cycle:
+            what()
+        begin = self.bench.now()
+        reading = self.bus.step()
+        self.states = dict(reading.states)
+        self.events += [(self.time, event) for event in reading.events]
+        rest = CYCLE - (self.bench.now() - begin) * 1e-9
+        self.bench.pass_time(max(0.0, rest) if abs(rest) < CYCLE else 0.0)
+        self.time += CYCLE
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / CYCLE)):
+            self.step()
+
+
+def differs(one: ServoState | None, other: ServoState | None) -> bool:
+    """Whether somebody who knows the twin sees that something is wrong."""
+    if one is None or other is None:
+        return one is not other
+    return (
+        abs(one.position - other.position) > SEEN
+        or abs(one.voltage - other.voltage) > 1.0
+        or one.error != other.error
+    )
+
+
+def told(rig: Rig, since: float, words: tuple[str, ...]) -> Iterator[float]:
+    for time, event in rig.events:
+        if time >= since and any(word in event.text for word in words):
+            yield time
+
+
+def torque_off(rig: Rig) -> None:
+    rig[1].set_register("Torque Enable", 0)
+
+
+def at_once(**changes: float) -> Callable[[Rig], None]:
+    def change(rig: Rig) -> None:
+        for name, value in changes.items():
+            rig[1].set_register(name.replace("_", " "), int(value))
+
+    return change
+
+
+def _latched(rig: Rig) -> None:
+    rig[1].set_register("Shutdown", 53)
+    rig[1].alarms.forced = 1
+
+
+def _sagging(rig: Rig) -> None:
+    def sag() -> None:
+        rig[1].supply_voltage = 12.0 - 5.0 * abs(rig[1].true_velocity) / 3.0
+
+    rig.each_cycle.append(sag)
+
+
+def _short_of_supply(rig: Rig) -> None:
+    rig.volts = 8.5
+
+
+def _frozen(rig: Rig) -> None:
+    rig[1].encoder_frozen = True
+
+
+def _blinks(rig: Rig) -> None:
+    rig[1].power_off()
+    end = rig.time + 0.25
+
+    def back() -> None:
+        if rig.time >= end and back in rig.each_cycle:
+            rig.each_cycle.remove(back)
+            rig[1].power_on()
+
+    rig.each_cycle.append(back)
+
+
+def _other_master(rig: Rig) -> None:
+    rig.each_cycle.append(lambda: rig[1].set_register("Goal Position", 700))
+
+
+def _jumps(rig: Rig) -> None:
+    servo, count = rig[1], [0]
+    gauss = servo._random.gauss
+    count[0] = 0
+
+    class Dirty(Random):
+        def gauss(self, mu: float = 0.0, sigma: float = 1.0) -> float:
+            count[0] += 1
+            return gauss(mu, sigma) + (120.0 if count[0] % 16 < 8 else 0.0)
+
+    servo._random = Dirty()
+
+
+def _line(rig: Rig) -> None:
+    rig.faults.rate = 0.4
+
+
+def _wheel(rig: Rig) -> None:
+    at_once(CW_Angle_Limit=0, CCW_Angle_Limit=0)(rig)
+
+
+def _pushed(rig: Rig) -> None:
+    rig[1].push(3.0)
+
+
+def _twin(rig: Rig) -> None:
+    twin = SimulatedServo(1, rig[1].model, position=100)
+    rig.bench.bus._servos = (*rig.bench.bus._servos, twin)
+
+
+def _unplugged(rig: Rig) -> None:
+    def gone(*_: object) -> None:
+        raise PortMissingError("simulated", ())
+
+    rig.port._open_device = gone
+
+    def lost(*_: object, **__: object) -> None:
+        rig.port.close()
+        raise PortLostError("simulated", "unplugged")
+
+    rig.port.read_group = lost
+
+
+NAMED = {
+    "supply voltage error, latched": (XM, _latched, ("input voltage",)),
+    "supply below what the servo needs": (AX, _short_of_supply, ("supply low", "input voltage")),
+    "supply that gives way": (AX, _sagging, ("supply",)),
+    "torque lost, X": (XM, torque_off, ("torque lost",)),
+    "supply blinks": (AX, _blinks, ("no answer", "lost its torque", "torque lost")),
+    "frozen encoder": (AX, _frozen, ("encoder frozen",)),
+    "frozen encoder, X": (XM, _frozen, ("encoder frozen",)),
+    "blocked shaft": (AX, lambda rig: rig[1].impede(1.5), ("blocked",)),
+    "blocked shaft, X": (XM, lambda rig: rig[1].impede(1.5), ("blocked",)),
+    "torque limit taken away": (AX, at_once(Torque_Limit=20), ("weak",)),
+    "too hot at once": (
+        AX,
+        lambda rig: setattr(rig[1], "temperature", 85.0),
+        ("overheating", "heats up"),
+    ),
+    "overload": (AX, lambda rig: rig[1].overload(), ("overload",)),
+    "overload, X": (XM, lambda rig: rig[1].overload(), ("overload",)),
+    "cable out": (AX, lambda rig: rig[1].power_off(), ("no answer",)),
+    "adapter unplugged": (AX, _unplugged, ("unplugged",)),
+    "second servo with its id": (AX, _twin, ("two servos",)),
+    "disturbed line": (AX, _line, ("line disturbed",)),
+    "encoder jumps": (AX, _jumps, ("encoder jumps",)),
+    "another master": (AX, _other_master, ("overruled",)),
+    "wheel mode": (AX, _wheel, ("wrong mode",)),
+    "operating mode, X": (XM, at_once(Operating_Mode=1), ("wrong mode", "torque lost")),
+    "pushed away": (AX, _pushed, ("moves away", "blocked")),
+}
+
+
+STANDING = ("wheel mode", "another master", "pushed away")
+"""What befalls a head that stands: on one that swings, their sign depends on where it just is."""
+
+
+@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.9])
+def test_a_fault_is_named_soon_after_its_first_visible_sign(name: str, phase: float) -> None:
+    model, strike, words = NAMED[name]
+    rig, twin = Rig(model).connect(), Rig(model).connect()
+    for each in (rig, twin):
+        each.still = name in STANDING
+        each.run(2.0 + phase)
+        assert not [event for _, event in each.events if event.kind is EventKind.SYMPTOM]
+    strike(rig)
+    struck, seen = rig.time, math.inf
+    while rig.time < struck + 4.0:
+        rig.step()
+        twin.step()
+        if any(differs(rig.states.get(joint), twin.states.get(joint)) for joint in (PAN, TILT)):
+            seen = min(seen, rig.time - CYCLE)
+        named = next(told(rig, struck, words), None)
+        if named is not None:
+            print(f"{name}: sign {seen - struck:.2f}, named {named - struck:.2f} s")
+            assert named <= min(seen, rig.time) + TOLD, [event.text for _, event in rig.events]
+            return
+    raise AssertionError(f"not named: {[event.text for _, event in rig.events]}")
+
+
+def drained(rig: Rig) -> None:
+    def drain() -> None:
+        rig.volts -= CYCLE * 0.05
+
+    rig.each_cycle.append(drain)
+
+
+def strained(rig: Rig) -> None:
+    """It works against a load that it can just bear, in the sun."""
+    rig.still = True
+    rig.each_cycle.append(lambda: rig[1].push(0.8))
+
+
+SLOW = {
+    "battery runs down": (AX, drained, ("supply low",), 200.0),
+    "battery runs down, X": (XM, drained, ("supply low",), 200.0),
+    "heats up": (AX, strained, ("heats up",), 1500.0),
+}
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_a_slow_fault_is_named_before_the_servo_shuts_down(name: str) -> None:
+    model, strike, words, longest = SLOW[name]
+    rig = Rig(model).connect()
+    rig.run(2.0)
+    strike(rig)
+    named = None
+    ended = False
+    while rig.time < longest and not ended:
+        if name == "heats up":
+            rig.bench.pass_time(0.5)  # it is hot work, and takes its time
+            rig.time += 0.5
+        rig.step()
+        named = next(told(rig, 2.0, words), None) if named is None else named
+        rests = any(event.kind is EventKind.RESTING for _, event in rig.events)
+        ended = bool(rig[1].alarms.active) or rests
+    assert ended, rig.states
+    assert named is not None, [event.text for _, event in rig.events]
+    assert rig.time - named > 1.0
+
+
+def test_a_servo_that_is_slower_than_asked_is_named() -> None:
+    rig = Rig().connect()
+    rig.goal = lambda joint: -1.2  # type: ignore[method-assign]
+    rig.run(2.0)
+    rig[1].impede(0.9)
+    rig.goal = lambda joint: 1.2  # type: ignore[method-assign]
+    struck = rig.time
+    rig.run(0.6)
+    named = next(told(rig, struck, ("slow: it turns at",)))
+    assert named - struck <= 2.0 * TOLD  # it takes TOLD until a healthy one has gathered speed
+
+
+def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
+    rig = Rig(pair=True).connect()
+    rig.run(2.0)
+    rig[3]._drive.angle += 0.12
+    rig[3].impede(2.0)
+    struck = rig.time
+    rig.run(0.5)
+    named = next(told(rig, struck, ("servos disagree",)))
+    assert named - struck <= TOLD
+
+
+def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
+    rig = Rig()
+    last = AX.ticks - 1
+    rig[1].set_register("CW Angle Limit", last // 8)
+    rig[1].set_register("CCW Angle Limit", last - last // 8)
+    rig.connect().run(0.1)
+    assert next(told(rig, 0.0, ("swapped: its memory holds the angle limits of head_tilt",))) < TOLD
+
+
+def outcome(rig: Rig, joint: str = PAN) -> str:
+    return next(each.outcome for each in rig.bus.statistics().servos if each.joint_name == joint)
+
+
+def health(rig: Rig) -> set[Symptom]:
+    return set(rig.bus.statistics().servos[0].symptoms)
+
+
+@pytest.mark.parametrize("model", [AX, XM], ids=["AX", "X"])
+def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
+    rig = Rig(model).connect()
+    rig.still = True
+    rig.run(1.0)
+    assert outcome(rig) == "arrived"
+    rig.goal = lambda joint: 0.3  # type: ignore[method-assign]
+    rig.run(0.1)
+    assert outcome(rig) == "under way"
+    rig.run(1.0)
+    assert outcome(rig) == "arrived"
+    rig[1].impede(2.0)
+    rig.goal = lambda joint: 0.7  # type: ignore[method-assign]
+    rig.run(0.5)
+    assert re.fullmatch(r"missed by 0\.[34]\d\d rad: blocked", outcome(rig)), outcome(rig)
+    assert health(rig) == {Symptom.BLOCKED}
+    rig[1].impede(0.0)
+    rig.run(0.3)
+    rig.bus.recover()
+    rig.run(3.0)
+    assert outcome(rig) == "arrived"
+    assert not health(rig)
+    assert EventKind.CLEARED in [event.kind for _, event in rig.events]
+    rig.goal = lambda joint: 0.8  # type: ignore[method-assign]
+    rig.run(0.06)
+    rig.bus.set_torque([PAN], False)
+    rig.run(0.04)
+    assert outcome(rig) == "not reached: relaxed on request; commands are refused"
+    rig.bus.set_torque([PAN], True)
+    rig.run(0.5)
+    rig.goal = lambda joint: -0.8  # type: ignore[method-assign]
+    rig.run(0.1)
+    rig[1].power_off()
+    rig.run(0.3)
+    assert outcome(rig) == "not reached: the servo does not answer"
+
+
+@pytest.mark.parametrize("model", [AX, XM], ids=["AX", "X"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_fault_is_named_where_there_is_none(model, seed: int) -> None:
+    """Swings and stands in turns, with noise and lost replies."""
+    rig = Rig(model, seed, loss=0.001).connect()
+    while rig.time < HOURS * 3600.0 / 4.0:
+        rig.still = False
+        rig.run(50.0)
+        rig.still = True
+        rig.run(10.0)
+    texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
+    assert not texts

@@ -1,0 +1,234 @@
+"""STOP of the page: whatever else fails, for its own robot only, confirmed or not."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.util import find_spec
+from typing import Any
+
+import pytest
+import rclpy
+from contract_nodes import BusStandIn, ControllerStandIn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from robot_under_test import wait_for
+
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.spinning import NodeThreads
+from head_tracking.viewer.head_modes import Mode
+
+pytestmark = pytest.mark.skipif(
+    find_spec("viser") is None,
+    reason="viser is missing: pip install -r requirements/viewer.txt",
+)
+PATIENCE = 30.0
+
+
+@pytest.fixture
+def threads() -> Iterator[NodeThreads]:
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(NodeThreads()) as threads:
+            yield threads
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def start(threads) -> Callable[[Any], Any]:
+    def start(node: Any) -> Any:
+        threads.start(node)
+        return node
+
+    return start
+
+
+def page(start: Callable[[Any], Any], namespace: str = "", **overrides: Any) -> Any:
+    """A page as it is when it has found what there is."""
+    given = [Parameter(name, value=value) for name, value in overrides.items()]
+    start(RobotStatePublisherNode(namespace=namespace, parameter_overrides=given))
+    node = start(ViewerNode(namespace=namespace, parameter_overrides=[Parameter("port", value=0)]))
+    wait_for(node.robot.model, PATIENCE)
+    return node.robot
+
+
+def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start):
+    bus = start(BusStandIn())
+    bus.confirms = {"head_pan_joint"}
+    robot = page(start)
+    outcome = robot.stop.stop()
+    assert not outcome.done
+    assert outcome.text == "head_pan_joint relaxed, head_tilt_joint NOT confirmed"
+    wait_for(lambda: bus.calls.count("stop") > 2)
+    bus.confirms.add("head_tilt_joint")
+    wait_for(lambda: robot.stop.outcome.done)
+    assert robot.stop.outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
+    wait_for(lambda: robot.stop.stopped and robot.stop.can_resume)
+    assert robot.stop.resume().done
+    wait_for(lambda: not robot.stop.stopped)
+    assert robot.stop.outcome is None
+
+
+def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(start):
+    bus, tracker = start(BusStandIn(offers=("relax",))), start(ControllerStandIn("head_tracker"))
+    robot = page(start)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    assert robot.stop_everything().done
+    assert set(bus.calls) == {"relax"}
+    wait_for(lambda: not tracker.on)  # such a bus obeys the next command
+
+
+def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start):
+    other = start(BusStandIn(offers=("relax",)))
+    robot = page(start)
+    bus = BusStandIn(offers=("stop",))
+    bus.hangs["stop"] = 2.0
+    with closing(NodeThreads()) as elsewhere:
+        elsewhere.start(bus)
+        wait_for(robot.stop._stop.service_is_ready)
+        assert robot.stop.stop().done
+        assert bus.calls == ["stop"]
+        assert "relax" in other.calls
+
+
+def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start):
+    robot = page(start)
+    outcome = robot.stop.stop()
+    assert not outcome.done
+    assert "NOT confirmed" in outcome.text
+    bus = start(BusStandIn())
+    wait_for(lambda: "stop" in bus.calls)
+
+
+def test_who_wants_the_head_to_move_again_ends_the_attempts(start):
+    bus = start(BusStandIn())
+    bus.confirms = set()
+    robot = page(start)
+    assert not robot.stop.stop().done
+    bus.say_stopped(False)  # resumed by somebody else
+    wait_for(lambda: robot.stop.outcome is None)
+    robot.stop.stop()
+    robot.stop.cancel()
+    assert robot.stop.outcome is None
+
+
+def test_a_parameter_without_a_value_kills_nothing(start):
+    common = Node("common_node")
+    common.declare_parameter("serial_number", Parameter.Type.STRING)
+    common.declare_parameter("exposure", 0.5)
+    start(common)
+    bus = start(BusStandIn())
+    robot = page(start)
+    wait_for(lambda: any(one.name == "exposure" for one in robot.parameters.settings()), PATIENCE)
+    assert robot.parameters.set("/common_node", "exposure", 0.25).done
+    assert robot.stop_everything().done
+    assert "stop" in bus.calls
+
+
+def test_stop_does_not_wait_for_other_requests(start):
+    """All else that the page asks for goes through one thread; that may hang."""
+    bus = start(BusStandIn())
+    robot = page(start)
+    robot._requests.node.create_timer(0.01, lambda: time.sleep(60.0))
+    wait_for(robot.stop._stop.service_is_ready)
+    assert robot.stop.stop().done
+    assert "stop" in bus.calls
+
+
+@pytest.mark.parametrize("prefixed", [False, True])
+def test_two_robots_in_one_graph_have_a_page_each(start, prefixed):
+    buses, pages = {}, {}
+    for side in ("left", "right"):
+        buses[side] = start(BusStandIn(side))
+        start(ControllerStandIn("head_tracker", namespace=side))
+        prefix = {"frame_prefix": f"{side}_"} if prefixed else {}
+        pages[side] = page(start, side, **prefix)
+    for side, robot in pages.items():
+        wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK, PATIENCE)
+        wait_for(lambda robot=robot: len(robot.joints.servos()) == 2, PATIENCE)
+        nodes = {one.node for one in robot.parameters.settings()}
+        assert all(node.startswith(f"/{side}/") for node in nodes)
+
+    def told() -> bool:
+        for side, bus in buses.items():
+            bus.diagnose(f"it is the {side} one")
+        return all(
+            [one.message for one in robot.health()] == [f"it is the {side} one"]
+            and [one.name for one in robot.health()] == ["servo_bus: head_pan_joint"]
+            for side, robot in pages.items()
+        )
+
+    wait_for(told)
+    left, right = pages["left"], pages["right"]
+    assert left.stop_everything().done
+    wait_for(lambda: left.stop.stopped)
+    assert not right.stop.stopped
+    assert right.modes.mode() is Mode.TRACK
+    assert buses["right"].calls == []
+
+
+def test_a_page_above_other_robots_is_none_of_theirs(start):
+    buses = [start(BusStandIn(namespace)) for namespace in ("", "left")]
+    robot = page(start)
+    wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
+    assert robot.stop_everything().done
+    assert buses[0].calls
+    assert not buses[1].calls
+
+
+def test_what_is_switched_on_is_what_the_nodes_say(start):
+    tracker, pointer = start(ControllerStandIn("head_tracker")), ControllerStandIn("point_head")
+    pointer.on = False
+    start(pointer).switch(False)
+    robot = page(start)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    tracker.switch(False)  # by somebody else
+    wait_for(lambda: robot.modes.mode() is Mode.OFF)
+    pointer.switch(True)
+    wait_for(lambda: robot.modes.mode() is Mode.POINT)
+    assert robot.modes.set_mode(Mode.TRACK).done
+    assert (tracker.on, pointer.on) == (True, False)
+    assert robot.modes.mode() is Mode.TRACK
+
+
+def test_a_page_that_opens_late_knows_what_was_said_before(start):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker", on=False))
+    tracker.say("disabled: tracking is switched off")
+    bus.own("/head_tracker")
+    bus.say_stopped(True)
+    robot = page(start)
+    wait_for(lambda: robot.stop.stopped)
+    wait_for(lambda: robot.topics.state("head_tracker") == "disabled: tracking is switched off")
+    assert robot.topics.enabled("head_tracker") is False
+    assert set(robot.topics.owners().values()) == {"head_tracker"}
+
+
+def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+    robot = page(start)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
+    assert robot.joints.move({"head_pan_joint": 0.2}).done
+    assert tracker.on is False
+    wait_for(lambda: bus.commands)
+    assert bus.commands[-1].header.frame_id == "/viewer"
+    bus.own("/somebody")
+    wait_for(lambda: "somebody" in robot.topics.owners().values())
+    outcome = robot.joints.move({"head_pan_joint": 0.3})
+    assert not outcome.done
+    assert "belongs to somebody" in outcome.text
+
+
+def test_two_senders_or_two_controllers_are_named(start):
+    for name in ("head_tracker", "point_head"):
+        start(ControllerStandIn(name))
+    robot = page(start)
+    wait_for(lambda: "both turn the head" in "".join(robot.notices()), PATIENCE)
+    camera = start(ControllerStandIn("visual_target"))
+    wait_for(lambda: robot.modes.mode() is Mode.VISUAL, PATIENCE)
+    wait_for(lambda: "base_link" in robot.buffer.frames())
+    assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    assert camera.on is False, "one sender only"
+    assert robot.notices() == ()

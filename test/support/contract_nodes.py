@@ -1,0 +1,126 @@
+"""Small nodes that speak as a servo bus and controllers do, and fail as those should not."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.tf.qos import LATCHED
+
+JOINTS = ("head_pan_joint", "head_tilt_joint")
+
+
+class BusStandIn(Node):
+    """Offers `stop`, `resume`, `relax`; says who owns the joints, and whether it is stopped.
+
+    Args:
+        namespace: of its robot.
+        offers: services it has.
+
+    Attributes:
+        calls: the services that were called, oldest first.
+        confirms: joints that confirm that they are relaxed.
+        hangs: services that answer only after so long [s].
+        commands: messages on joint_commands.
+    """
+
+    def __init__(
+        self, namespace: str = "", offers: tuple[str, ...] = ("stop", "resume", "relax")
+    ) -> None:
+        super().__init__("servo_bus", namespace=namespace)
+        self.calls: list[str] = []
+        self.confirms = set(JOINTS)
+        self.hangs: dict[str, float] = {}
+        self.commands: list[JointState] = []
+        self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
+        self._owners = self.create_publisher(String, "joint_owners", LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(JointState, "joint_commands", self.commands.append, 10)
+        for name in offers:
+            self.create_service(Trigger, name, self._callback(name))
+        for joint in JOINTS:
+            controller = joint.replace("joint", "controller")
+            self.create_service(SetBool, f"{controller}/torque_enable", self._on_torque)
+        self.say_stopped(False)
+        self.own("")
+
+    def own(self, owner: str) -> None:
+        """Who has the joints from now on."""
+        self._owners.publish(String(data="\n".join(f"{joint}: {owner}" for joint in JOINTS)))
+
+    def say_stopped(self, stopped: bool) -> None:
+        self._stopped.publish(Bool(data=stopped))
+
+    def diagnose(self, message: str, name: str = "") -> None:
+        """Says something of the pan servo, under a name with or without a namespace."""
+        namespace = self.get_namespace().strip("/")
+        own = f"{namespace}/servo_bus" if namespace else "servo_bus"
+        status = DiagnosticStatus(
+            name=name or f"{own}: head_pan_joint",
+            level=DiagnosticStatus.OK,
+            message=message,
+            values=[KeyValue(key="torque", value="torque on")],
+        )
+        self._diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def _on_torque(self, _: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        response.success = True
+        return response
+
+    def _callback(self, name: str) -> Any:
+        def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            self.calls.append(name)
+            time.sleep(self.hangs.get(name, 0.0))
+            response.success = name == "resume" or self.confirms == set(JOINTS)
+            response.message = ", ".join(
+                f"{joint} {'relaxed' if joint in self.confirms else 'NOT confirmed'}"
+                for joint in JOINTS
+            )
+            if name in ("stop", "resume"):
+                self.say_stopped(name == "stop")
+            return response
+
+        return callback
+
+
+class ControllerStandIn(Node):
+    """head_tracker or point_head: a switch, a latched topic, a state, an error.
+
+    Attributes:
+        on: whether it is switched on.
+        asked: what `~/enable` was called with.
+    """
+
+    def __init__(self, name: str, on: bool = True, namespace: str = "") -> None:
+        super().__init__(name, namespace=namespace)
+        self.on = on
+        self.asked: list[bool] = []
+        self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
+        self._state = self.create_publisher(String, "~/state", LATCHED)
+        kind = {"head_tracker": "tracking_error", "point_head": "pointing_error"}.get(name)
+        self._error = self.create_publisher(Float64, f"~/{kind or 'error'}", 10)
+        self.create_service(SetBool, "~/enable", self._on_enable)
+        self._enabled.publish(Bool(data=on))
+
+    def switch(self, on: bool) -> None:
+        """Somebody else has switched it."""
+        self.on = on
+        self._enabled.publish(Bool(data=on))
+
+    def say(self, state: str) -> None:
+        self._state.publish(String(data=state))
+
+    def miss(self, error: float) -> None:
+        self._error.publish(Float64(data=error))
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.asked.append(request.data)
+        self.switch(request.data)
+        response.success = True
+        return response
