@@ -24,7 +24,7 @@ def torque(port: str) -> list[int]:
 
 
 def test_a_run_ends_by_itself_with_a_summary(start):
-    run = start("head_tracking", "--sim", "--duration", "5")
+    run = start("head_tracking", "--sim", "--duration", "12")
     assert run.end() == 0
     assert "2 AX-12 servos: ids 1, 2" in run.output
     last = run.output.splitlines()[-1]
@@ -381,7 +381,7 @@ def test_a_terminal_that_has_only_ascii_gets_ascii(start):
         "head_tracking", "--sim", "--duration", "2", environment={"PYTHONIOENCODING": "ascii"}
     )
     assert run.end() == 0, run.output
-    assert re.search(r"^.*error .*deg \| pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
+    assert re.search(r"pan .*deg tilt .*deg \|", run.output)
 
 
 # other heads in the graph
@@ -544,9 +544,11 @@ def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
 def test_look_turns_a_running_head_and_says_by_how_much_it_misses(start):
     run = start("head_tracking", "--sim", "--mode", "point", "--target", "none")
     run.read_until("ready to point")
-    look = start("look", "1", "1", "0.5", "--frame", "base_link")
+    look = start("look", "1,1,0.5@base_link")
     assert look.end() == 0, look.output
     assert "arrived: the head misses the target by" in look.output
+    look = start("look", "1", "1", "0.4", "--frame", "base_link")
+    assert look.end() == 0, look.output
     look = start("look", "--centre")
     assert look.end() == 0, look.output
 
