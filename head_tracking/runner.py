@@ -13,6 +13,7 @@ from typing import Any
 
 import rclpy
 from rclpy.logging import get_logger
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
@@ -51,6 +52,7 @@ from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 
 _LOOKING = "looking for other heads"
+_LOOK_PERIOD = 0.1  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,6 +276,29 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
     )
 
 
+def _alone(plan: Run, stop: StopSignal, line: StatusLine) -> bool:
+    """Looks for other heads before there is anything to hear of this one.
+
+    A real head would take a simulated one's target and joints for its own.
+
+    Returns:
+        False: somebody stopped it while it looked.
+
+    Raises:
+        RefusedError: there is another head.
+    """
+    node = Node("head_tracking")
+    try:
+        watch = GraphWatch(node, plan.enclave, lambda _: None, simulated=True)
+        while watch.looking and not stop():
+            watch.look()
+            line.show([_LOOKING])
+            stop.wait(_LOOK_PERIOD)
+        return not watch.looking
+    finally:
+        node.destroy_node()
+
+
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     """Runs the nodes until it is time to stop.
 
@@ -284,6 +309,8 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         NodeDied: a node ended with an error.
         Exception: a node could not start.
     """
+    if plan.simulated and not plan.allow_others and not _alone(plan, stop, line):
+        return 0
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
