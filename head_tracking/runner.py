@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import seconds
@@ -24,7 +25,6 @@ from head_tracking.node_sets import (
     HEAD,
     LEFT_OUT,
     MODES,
-    NODE_NAMES,
     ROBOT,
     SCENES,
     SIMULATED_PORT,
@@ -289,7 +289,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
-        parameter_files.check(head.nodes.values(), NODE_NAMES)
+        parameter_files.check(head.nodes.values())
         watch = GraphWatch(
             head.nodes["servo_bus"],
             plan.enclave,
@@ -297,6 +297,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
             simulated=plan.simulated,
             allow_others=plan.allow_others,
         )
+        get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(
             RunSources(

@@ -2,71 +2,19 @@
 
 import io
 import os
-import pty
 import re
-import select
 import signal
-import sys
-import threading
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from terminal import Terminal
 from waiting import eventually
 
 from head_tracking.ros.stop_signal import ENDING
 from head_tracking.stop_key import StopKey
 
 PROGRAM = Path(__file__).parent / "support" / "stop_key_program.py"
-
-
-class Terminal:
-    """A shell in a terminal."""
-
-    def __init__(self) -> None:
-        self._pid, self._master = pty.fork()
-        if self._pid == 0:
-            os.environ["PS1"] = "$ "
-            os.environ["PYTHONPATH"] = str(PROGRAM.parents[2])
-            os.execvp("bash", ["bash", "--norc", "--noprofile", "--noediting", "-i"])
-        self.shown = ""
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._read)
-        self._thread.start()
-
-    def _read(self) -> None:
-        with suppress(OSError):  # the shell has gone
-            while not self._ended.is_set():
-                if select.select([self._master], [], [], 0.1)[0]:
-                    self.shown += os.read(self._master, 4096).decode(errors="replace")
-
-    def type(self, keys: str) -> None:
-        os.write(self._master, keys.encode())
-
-    def waits_for(self, pattern: str) -> str:
-        """What is shown up to and with a pattern, which is then done with."""
-        assert eventually(lambda: re.search(pattern, self.shown, re.DOTALL) is not None), self.shown
-        found = re.search(pattern, self.shown, re.DOTALL)
-        assert found is not None
-        text, self.shown = self.shown[: found.end()], self.shown[found.end() :]
-        return text
-
-    def start(self, way: str, after: str = "") -> None:
-        self.type(f"{sys.executable} {PROGRAM} {way}{after}\n")
-
-    def is_as_before(self) -> bool:
-        """Whether the shell finds the terminal as it should be."""
-        self.type("stty -a; echo do''ne\n")
-        text = self.waits_for(r"done\r")
-        return " icanon" in text and " echo " in text
-
-    def close(self) -> None:
-        os.kill(self._pid, signal.SIGKILL)
-        os.waitpid(self._pid, 0)
-        self._ended.set()
-        self._thread.join()
-        os.close(self._master)
 
 
 @pytest.fixture
@@ -78,7 +26,7 @@ def terminal() -> Iterator[Terminal]:
 
 @pytest.mark.parametrize("key", [" ", "s"])
 def test_a_key_stops_and_r_resumes_and_nothing_else_does(terminal, key):
-    terminal.start("wait")
+    terminal.start(f"{PROGRAM} wait")
     terminal.waits_for("<keys work: True>")
     terminal.type("x\x1b[A\x1b[15~\x1bOSq1\n\x1b")
     terminal.type(key)
@@ -93,7 +41,7 @@ def test_a_key_stops_and_r_resumes_and_nothing_else_does(terminal, key):
 
 @pytest.mark.parametrize("way", ["error", "exit"])
 def test_the_terminal_is_as_before_however_the_program_ends(terminal, way):
-    terminal.start(way)
+    terminal.start(f"{PROGRAM} {way}")
     terminal.waits_for("<keys work: True>")
     terminal.waits_for(r"\$ ")
     assert terminal.is_as_before()
@@ -101,7 +49,7 @@ def test_the_terminal_is_as_before_however_the_program_ends(terminal, way):
 
 @pytest.mark.parametrize("number", [*ENDING, signal.SIGKILL])
 def test_the_terminal_is_as_before_after_a_signal(terminal, number):
-    terminal.start("wait")
+    terminal.start(f"{PROGRAM} wait")
     pid = re.search(r"process (\d+)", terminal.waits_for("<keys work: True>"))
     assert pid is not None
     os.kill(int(pid[1]), number)
@@ -110,7 +58,7 @@ def test_the_terminal_is_as_before_after_a_signal(terminal, number):
 
 
 def test_a_suspended_program_leaves_the_terminal_and_takes_it_again(terminal):
-    terminal.start("wait")
+    terminal.start(f"{PROGRAM} wait")
     terminal.waits_for("<keys work: True>")
     terminal.type("\x1a")
     terminal.waits_for("Stopped")
@@ -129,7 +77,7 @@ def stops(terminal: Terminal) -> bool:
 
 
 def test_in_the_background_the_terminal_is_the_shells(terminal):
-    terminal.start("wait", " &")
+    terminal.start(f"{PROGRAM} wait &")
     terminal.waits_for("<keys work: False>")
     assert terminal.is_as_before()
     terminal.type("echo sss\n")

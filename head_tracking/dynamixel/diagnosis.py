@@ -23,6 +23,9 @@ from head_tracking.dynamixel.state import EventKind, Symptom
 
 _NS: Final = 1_000_000_000
 _STUCK: Final = 0.12  # s far from a goal without progress; a servo starts within 0.05 s
+_STANDSTILL: Final = (
+    0.05  # s of a cycle that count; in a longer one the goal may have just been written
+)
 _AWAY: Final = 120_000_000  # ns of motion away from it, without slowing down
 _LONG_AWAY: Final = 200_000_000  # ns of it in any case: a heavy head has turned round by then
 _GRACE: Final = 100_000_000  # ns until a servo has gathered speed
@@ -229,7 +232,7 @@ class Diagnosis:
                     watch.rest_since, watch.rest_position, watch.owed = now, position, 0.0
                 patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
                 if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):
-                    watch.owed += min(elapsed, _STUCK)
+                    watch.owed += min(elapsed, _STANDSTILL)
                     if watch.owed >= patience:
                         self._suspect(joint, servo, watch, Symptom.BLOCKED, now)
                 elif off <= near:

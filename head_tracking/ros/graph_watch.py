@@ -18,6 +18,8 @@ from head_tracking.exceptions import RefusedError
 LOOK_TIME = 3.0
 """So long [s] a run looks before anything moves: a node is heard of after 0.1 to 0.5 s, but when
 an announcement is lost, with the next one, up to 3 s later."""
+SIMULATED_LOOK_TIME = 1.0
+"""The same of a run with simulated servos, which gives way also later."""
 
 _CERTAIN = 0.5  # s: what is gone before was on its way out
 _CERTAIN_LATER = 2.0  # s: a run that refuses to start is gone before, and none moves before
@@ -57,6 +59,7 @@ class GraphWatch:
         self._enclave = enclave
         self._hold = hold
         self._gives_way = simulated
+        self._look_time = SIMULATED_LOOK_TIME if simulated else LOOK_TIME
         self._allow_others = allow_others
         self._clock = clock
         self._began = clock()
@@ -86,7 +89,7 @@ class GraphWatch:
         if self._looking:
             if self._somebody:
                 raise RefusedError(f"{self._said()}; {_CURES}")
-            if now - self._began >= LOOK_TIME:
+            if now - self._began >= self._look_time:
                 self._looking = False
                 self._hold("")
         elif self._somebody is not self._told:

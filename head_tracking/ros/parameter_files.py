@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import pkgutil
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
@@ -17,6 +19,11 @@ from head_tracking.exceptions import RefusedError
 _PARAMETERS = "ros__parameters"
 _LIKELY = 0.75  # how alike a name must be to be meant
 _LISTED = 3
+
+NODE_NAMES = tuple(
+    module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[1] / "nodes")])
+)
+"""Of all our nodes: one file can be for several of them, each in a process of its own."""
 
 
 class Given(NamedTuple):
@@ -73,7 +80,7 @@ def source(node: Node, name: str) -> str:
     return files[-1] if files else "the command line"
 
 
-def check(nodes: Iterable[Node], known_nodes: Iterable[str] = ()) -> None:
+def check(nodes: Iterable[Node]) -> None:
     """Looks for values that nobody takes, after the nodes have declared their parameters.
 
     A value for nodes of any name (`/**`) is somebody's if it is not one of these nodes'. So is one
@@ -81,7 +88,6 @@ def check(nodes: Iterable[Node], known_nodes: Iterable[str] = ()) -> None:
 
     Args:
         nodes: those of this process.
-        known_nodes: the names of others that there can be.
 
     Raises:
         UnknownParametersError: there are some; names each, with the nearest that exists.
@@ -93,14 +99,20 @@ def check(nodes: Iterable[Node], known_nodes: Iterable[str] = ()) -> None:
         anybodys = {
             given.name for given in _given if not given.node and given.is_for(full_name)
         } - {given.name for given in _given if given.node and given.is_for(full_name)}
-        declared = node._parameters
-        for name in sorted(node._parameter_overrides):
-            if name not in declared and name not in anybodys and not name.startswith("qos_over"):
+        declared, given = node._parameters, node._parameter_overrides
+        for name in sorted(given):
+            is_known = (
+                name in declared
+                or name in anybodys
+                or name.startswith("qos_overrides.")
+                or f"{name.split('.', 1)[0]}.motor.id" in given  # a servo that is not in use
+            )
+            if not is_known:
                 problems.append(
                     f"{source(node, name)}: {full_name} has no parameter {name}"
                     f"{_nearest(name, declared)}"
                 )
-    names = {*known_nodes, *(node.get_name() for node in nodes)}
+    names = {*NODE_NAMES, *(node.get_name() for node in nodes)}
     for file, misspelt in dict.fromkeys((given.file, given.node) for given in _given):
         if misspelt and misspelt not in names and _alike(misspelt, names):
             problems.append(f"{file}: there is no node {misspelt}{_nearest(misspelt, names)}")

@@ -71,7 +71,9 @@ def marker(dictionary: str, number: int, size: int = 320) -> Texture:
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
     modules = family.markerSize + 2
     border = size // (modules + 2)
-    black = cv2.aruco.generateImageMarker(family, number, border * modules)
+    # (Ubuntu 24.04 has OpenCV 4.6, which calls it drawMarker)
+    draw = getattr(cv2.aruco, "generateImageMarker", None) or cv2.aruco.drawMarker
+    black = draw(family, number, border * modules)
     framed = cv2.copyMakeBorder(black, *[border] * 4, cv2.BORDER_CONSTANT, value=255)
     return np.asarray(cv2.cvtColor(framed, cv2.COLOR_GRAY2BGRA))
 

@@ -47,7 +47,7 @@ class ColourDetector:
             return []
         p = self._selected or self.parameters
         mask = cv2.morphologyEx(_inside(frame.picture.hsv, p), cv2.MORPH_OPEN, _OPENING)
-        if not cv2.hasNonZero(mask):
+        if not cv2.countNonZero(mask):
             return []
         count, labels, stats, centres = cv2.connectedComponentsWithStats(mask)
         width, height = frame.picture.size

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from head_tracking.parameters import parameter
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
 from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.images import Pixels
 from head_tracking.vision.opencv import cv2
 
 DICTIONARIES = (
@@ -84,7 +86,7 @@ class MarkerDetector:
         # smaller than this OpenCV's adaptive threshold has no room
         if frame.picture is None or min(frame.picture.size) < 16:
             return []
-        corners, numbers, _ = self._detector.detectMarkers(frame.picture.gray)
+        corners, numbers, _ = self._detector(frame.picture.gray)
         if numbers is None:
             return []
         found = zip(numbers.ravel().tolist(), corners, strict=True)
@@ -108,11 +110,16 @@ class MarkerDetector:
         )
 
 
-def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+def _detector(dictionary: str) -> Callable[[Pixels], Any]:
+    """OpenCV's function that finds the markers of a family in a grey image."""
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
-    return cv2.aruco.ArucoDetector(family, settings)
+    older = not hasattr(cv2.aruco, "ArucoDetector")  # before 4.7, as on Ubuntu 24.04
+    settings = cv2.aruco.DetectorParameters_create() if older else cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if older:
+        return lambda gray: cv2.aruco.detectMarkers(gray, family, parameters=settings)
+    find: Callable[[Pixels], Any] = cv2.aruco.ArucoDetector(family, settings).detectMarkers
+    return find
 
 
 def _middle(corners: npt.NDArray[np.float32]) -> tuple[float, float]:

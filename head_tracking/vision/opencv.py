@@ -13,7 +13,8 @@ class OpenCVMissingError(HeadTrackingError, ImportError):
     def __init__(self) -> None:
         super().__init__(
             "OpenCV is not installed. In a checkout: pip install -r requirements/vision.txt; "
-            "elsewhere: pip install 'head_tracking[vision]', or opencv-python-headless 4.8 or newer"
+            "elsewhere: pip install 'head_tracking[vision]', or OpenCV 4.6 or newer by other ways "
+            "(4.8 for the net that finds faces)"
         )
 
 
@@ -38,8 +39,6 @@ def require_opencv() -> None:
     Its worker threads would take all cores, and the servo bus beside them would come too late.
 
     Raises:
-        OpenCVMissingError: it is not there, or is too old for what is used here.
+        OpenCVMissingError: it is not there.
     """
-    if not hasattr(cv2.aruco, "ArucoDetector"):
-        raise OpenCVMissingError
     cv2.setNumThreads(1)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bus import bus
 from chaos import chaos
+from network import network
 from page import fluidity, left_open
 from pointing import pointing
 from run import run
@@ -22,6 +23,7 @@ RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 
 BENCHMARKS: dict[str, Callable[[], str]] = {
     "bus": bus,
+    "network": network,
     "pointing": pointing,
     "run": run,
     "tracking": tracking,

@@ -24,7 +24,7 @@ from simulated_run import memory, processor_time
 HERE = Path(__file__).parent
 SECONDS = 20
 WARM_UP = 6.0  # s; until then a run sets itself up, and looks whether it is alone
-ROUNDS = 5
+ROUNDS = 3
 TUTORIAL = """\
 /**/head_tracker:
   ros__parameters: {law: speed, rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}

@@ -71,10 +71,10 @@ class SimulatedRun:
         for line in self._process.stdout:
             if found := re.search(r"the robot is at http://\S+:(\d+)", line):
                 self.port = int(found[1])
-            if found := re.search(r"error +([\d.]+)° \| bus (\d+) Hz", line):
+            if found := re.search(r"error +([\d.]+)°.*\| bus (\d+) Hz", line):
                 self.told.append(Status(float(found[1]), int(found[2])))
-            if re.search(r"\d° \| bus ", line) and (self.port or not self._shown):
-                self._ready.set()
+                if self.port or not self._shown:
+                    self._ready.set()
 
 
 def descendants(pid: int) -> Iterator[int]:

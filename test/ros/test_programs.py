@@ -3,11 +3,13 @@
 import os
 import re
 import signal
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from program_under_test import Program
 from robot_under_test import wait_for
+from terminal import Terminal
 
 from head_tracking.dynamixel import DynamixelPort, JointConfiguration, ServoBus, ServoNotFoundError
 
@@ -306,6 +308,26 @@ def test_relax_without_a_servo_bus_says_so(start):
 # what a run does without
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("dynamixels: [head_pan]", "no position of head_tilt_joint in joint_states"),
+        (
+            "head_pan_controller: {joint_name: neck}",
+            "no position of head_pan_joint in joint_states",
+        ),
+    ],
+)
+def test_a_simulated_head_that_lacks_a_joint_is_said_and_nothing_ends(start, tmp_path, text, words):
+    file = tmp_path / "servos.yaml"
+    file.write_text(f"servo_bus: {{ros__parameters: {{{text}}}}}\n")
+    run = start("head_tracking", "--sim", "--params", str(file))
+    run.read_until(words)
+    run.read_until("waiting for the head")
+    assert run.end(signal.SIGINT) == 0, run.output
+    assert "Traceback" not in run.output
+
+
 def test_a_malformed_parameter_file_is_one_line(start, tmp_path):
     file = tmp_path / "bad.yaml"
     file.write_text("servo_bus:\n  ros__parameters: [\n")
@@ -366,12 +388,12 @@ def test_a_terminal_that_has_only_ascii_gets_ascii(start):
 
 
 def runs(run: Program) -> None:
-    """Waits until it has looked for other heads, and goes on."""
-    wait_for(lambda: run.output.count("| bus") > 4, 30.0)
+    """Waits until it has looked for other heads, and moves."""
+    run.read_until("head_tilt_joint (id 2): torque on")
 
 
 def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, port):
-    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
+    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}", "-p", "reply_timeout:=0.5")
     real.read_until("relaxed until a command comes")
     simulated = start("head_tracking", "--sim")
     assert simulated.end() == 1
@@ -380,6 +402,36 @@ def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, p
     assert "--allow-others" in last
     assert "Traceback" not in simulated.output
     assert real.end(signal.SIGINT) == 0
+    assert "torque on" not in real.output
+    assert torque(port) == [0, 0]
+
+
+def test_a_simulated_run_does_not_turn_a_real_head_that_comes_later(start, port):
+    simulated = start("head_tracking", "--sim")
+    simulated.read_until("head_tilt_joint (id 2): torque on")
+    real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}", "-p", "reply_timeout:=0.5")
+    real.read_until("relaxed until a command comes")
+    said = simulated.read_until("another head is in this graph")
+    assert "/servo_bus (moves servos); this run holds" in said
+    assert real.end(signal.SIGINT) == 0
+    assert "torque on" not in real.output
+    assert torque(port) == [0, 0]
+
+
+def test_a_key_in_the_terminal_of_a_run_stops_and_resumes_it(domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    with closing(Terminal()) as terminal:
+        terminal.start("-m head_tracking --sim")
+        terminal.waits_for("head_tilt_joint .id 2.: torque on")
+        terminal.type(" ")
+        terminal.waits_for("STOP: head_pan_joint relaxed, head_tilt_joint relaxed; r resumes")
+        terminal.waits_for(r"STOPPED\x1b\[0m \| ")
+        terminal.type("r")
+        terminal.waits_for("torque on")
+        terminal.type("\x03")
+        terminal.waits_for(r"stopped once.*\$ ")
+        assert terminal.is_as_before()
 
 
 def test_of_two_simulated_runs_the_second_refuses_to_start(start):

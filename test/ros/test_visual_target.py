@@ -1,6 +1,7 @@
 """visual_target on simulated images, in simulated time: closed loops, and bad input."""
 
 import math
+import struct
 import threading
 from importlib.util import find_spec
 
@@ -16,7 +17,7 @@ from lockstep import World
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from visual_pursuit import head_yaml, pursue, tutorial_law
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
@@ -138,6 +139,58 @@ def test_the_point_has_the_images_stamp_and_frame(world, look, depth, lag):
     )
     assert [message.data > 0.5 for _, message in confidences] == [False, False] + [True] * 4
     assert (regions[-1][1].width, regions[-1][1].height) == (59, 59)
+
+
+def compressed(picture, depths, kind):
+    """Messages of image_transport's compressed and compressedDepth."""
+    cv2 = pytest.importorskip("cv2")
+    jpeg = cv2.imencode(".jpg", picture)[1].tobytes()
+    if kind == "16UC1":
+        header_bytes, numbers = bytes(12), depths
+    else:
+        a, b = 100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0
+        header_bytes = struct.pack("<iff", 0, a, b)
+        numbers = np.where(np.isfinite(depths), a / depths + b, 0).astype(np.uint16)
+    png = cv2.imencode(".png", numbers)[1].tobytes()
+    return (
+        CompressedImage(format="bgr8; jpeg compressed bgr8", data=jpeg),
+        CompressedImage(format=f"{kind}; compressedDepth png", data=header_bytes + png),
+    )
+
+
+@pytest.mark.parametrize("kind", ["16UC1", "32FC1"])
+def test_compressed_pictures_and_depths_serve_as_well(world, look, kind):
+    node = look(follow="colour", image_transport="compressed", depth_transport="compressedDepth")
+    targets = world.record("/target_point")
+    world.publishers["/depth/compressedDepth"] = 1
+    picture, depths = ball(kind, (320, 240))
+    for _ in range(6):
+        head = header(world.now, "camera_optical_frame")
+        image, depth = compressed(picture, depths, kind)
+        image.header = depth.header = head
+        world.publish("/camera_info", camera_info(head, CAMERA))
+        world.publish("/depth/compressedDepth", depth)
+        world.publish("/image/compressed", image)
+        world.run(1 / 30)
+    assert not node.said
+    point = targets[-1][1].point
+    assert (point.x, point.y, point.z) == pytest.approx(
+        (0.5 / CAMERA.fx * 1.5, 0.5 / CAMERA.fy * 1.5, 1.5), abs=2e-2
+    )
+    for broken, words in (
+        (CompressedImage(format="jpeg", data=b"no jpeg"), "is damaged, or compressed"),
+        (CompressedImage(format="jpeg"), "of 0 bytes is damaged"),
+    ):
+        broken.header = head
+        world.publish("/depth/compressedDepth", depth)
+        world.publish("/image/compressed", broken)
+        world.run(1 / 30)
+        assert words in node.said[-1]
+    wrong = CompressedImage(format="16UC1; compressedDepth rvl", data=bytes(40), header=head)
+    world.publish("/depth/compressedDepth", wrong)
+    world.publish("/image/compressed", image)
+    world.run(1 / 30)
+    assert "usable are '16UC1; compressedDepth png'" in node.said[-1]
 
 
 def damaged(image, depth):

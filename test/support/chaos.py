@@ -150,18 +150,21 @@ def flood() -> None:
     """What a `Flooder` does: an order is "targets" or "commands", how long [s], and a seed."""
     rclpy.init(args=[])
     node = Node("flooder")
-    publishers = {
-        "targets": node.create_publisher(PointStamped, "target_point", 10),
-        "commands": node.create_publisher(JointState, "joint_commands", 10),
-    }
+    topics = {"targets": (PointStamped, "target_point"), "commands": (JointState, "joint_commands")}
     for order in sys.stdin:
         what, seconds, seed = order.split()
         rnd = random.Random(seed)
         messages = [_bad_target(rnd) if what == "targets" else _bad_command(rnd) for _ in range(99)]
+        kind, topic = topics[what]
+        publisher = node.create_publisher(kind, topic, 10)
+        found = time.monotonic() + 0.5
+        while not publisher.get_subscription_count() and time.monotonic() < found:
+            time.sleep(0.01)
         end = time.monotonic() + float(seconds)
         while time.monotonic() < end:
-            publishers[what].publish(rnd.choice(messages))
+            publisher.publish(rnd.choice(messages))
             time.sleep(5e-5)
+        node.destroy_publisher(publisher)  # a run does not start beside one who commands
 
 
 BAD = (math.nan, math.inf, -math.inf)
@@ -238,7 +241,6 @@ class Chaos:
         resources.callback(rclpy.try_shutdown)
         self.node = Node("person")
         self.targets = self.node.create_publisher(PointStamped, "target_point", 10)
-        self.commands = self.node.create_publisher(JointState, "joint_commands", 10)
         self.clocks = self.node.create_publisher(Clock, "/clock", 10)
         self.node.create_subscription(
             String, "joint_owners", lambda m: setattr(self, "_owners", m.data), LATCHED
@@ -515,7 +517,7 @@ class Chaos:
         seconds = self.random.uniform(0.1, 0.5)
         self.note(f"flood of {what} for {seconds:.2f} s")
         self._flooder.tell(f"{what} {seconds} {self.random.random()}")
-        self.wait(seconds)
+        self.wait(0.1 + seconds)
 
     def foreign_commands(self) -> None:
         """Somebody else commands joints that the tracker owns."""
@@ -524,9 +526,13 @@ class Chaos:
         self.note("a foreigner commands the joints")
         message = JointState(name=[joint.joint_name for joint in JOINTS])
         message.position, message.velocity = [FOREIGN, 0.0], [1.0, 1.0]
-        for _ in range(20):
-            self.commands.publish(message)
-            self.wait(0.01)
+        publisher = self.node.create_publisher(JointState, "joint_commands", 10)
+        try:
+            for _ in range(50):
+                publisher.publish(message)
+                self.wait(0.01)
+        finally:
+            self.node.destroy_publisher(publisher)
 
     def owned(self) -> bool:
         """Whether the tracker owns all joints, and is there."""

@@ -1,0 +1,283 @@
+"""detection_target over real topics with the real messages of other packages."""
+
+import math
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PointStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from robot_under_test import wait_for
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+
+from head_tracking.nodes import detection_target
+from head_tracking.nodes.detection_target import DetectionTargetNode
+from head_tracking.ros.detections import MessagesMissingError
+from head_tracking.ros.images import camera_info, image_message
+from head_tracking.tf import Buffer
+from head_tracking.tf.messages import header
+from head_tracking.transforms import Rotation, Transform
+from head_tracking.vision import camera_with_view
+
+vision = pytest.importorskip("vision_msgs.msg")
+hri = pytest.importorskip("hri_msgs.msg")
+if find_spec("cv2") is None:
+    pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
+
+CAMERA = camera_with_view(320, 240, 1.0)
+START, PERIOD = 1_000_000_000_000, 33_000_000
+
+
+class Scene:
+    """Another program that finds things, and somebody who listens for the target."""
+
+    def __init__(self, **parameters):
+        rclpy.init()
+        self.buffer = Buffer()
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.node = DetectionTargetNode(self.buffer, parameter_overrides=overrides)
+        self.said = []
+        self.node._complain = self.said.append
+        self.other = rclpy.create_node("other")
+        self.executor = SingleThreadedExecutor()
+        for node in (self.node, self.other):
+            self.executor.add_node(node)
+        self.stamp = START
+        self.targets, self.ids = [], []
+        self.other.create_subscription(PointStamped, "target_point", self.targets.append, 10)
+        self.other.create_subscription(String, "detection_target/id", self._on_id, 10)
+        self.publishers = {}
+
+    def _on_id(self, message):
+        self.ids.append(message.data)
+
+    def publish(self, topic, message):
+        if topic not in self.publishers:
+            self.publishers[topic] = self.other.create_publisher(type(message), topic, 10)
+            self.until(self.publishers[topic].get_subscription_count)
+        self.publishers[topic].publish(message)
+
+    def until(self, condition):
+        def spun():
+            self.executor.spin_once(timeout_sec=0.01)
+            return condition()
+
+        wait_for(spun, 20.0)
+
+    def show(self, topic, make, images=6, depth=None):
+        """What is found in some images, one after the other; the points that came of it."""
+        before = len(self.targets)
+        done, sent = [], []
+        keep = self.node._tracker._keep
+        self.node._tracker._keep = lambda *a: (keep(*a), done.append(a))[0]
+        for _ in range(images):
+            self.stamp += PERIOD
+            head = header(self.stamp, "camera")
+            self.publish("camera_info", camera_info(head, CAMERA))
+            self.until(lambda: self.node._camera is not None)
+            if depth is not None:
+                count = len(self.node._depths)
+                self.publish("depth", image_message(head, "32FC1", depth))
+                self.until(lambda count=count: len(self.node._depths) > count)
+            for name, message in make(head):
+                self.publish(name, message)
+            sent.append(head)
+            self.until(lambda: len(done) == len(sent))
+        self.node._tracker._keep = keep
+        if done and self.node._tracker.identity.sighted:
+            self.until(lambda: self.targets and self.targets[-1].header.stamp == head.stamp)
+        return self.targets[before:]
+
+    def close(self):
+        self.executor.shutdown()
+        for node in (self.node, self.other):
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def scene():
+    scenes = []
+
+    def make(**parameters):
+        scenes.append(Scene(fixed_frame="", **parameters))
+        return scenes[-1]
+
+    yield make
+    for made in scenes:
+        made.close()
+
+
+def detection(name, u, v, width, *, score=0.9, kind="person"):
+    found = vision.Detection2D(id=name)
+    found.bbox.center.position.x, found.bbox.center.position.y = float(u), float(v)
+    found.bbox.size_x = found.bbox.size_y = float(width)
+    result = vision.ObjectHypothesisWithPose()
+    result.hypothesis.class_id, result.hypothesis.score = kind, score
+    found.results = [result]
+    return found
+
+
+def array(*detections):
+    return lambda head: [
+        ("detections", vision.Detection2DArray(header=head, detections=list(detections)))
+    ]
+
+
+def point(message):
+    return message.point.x, message.point.y, message.point.z
+
+
+def test_what_was_found_in_an_image_is_placed_with_its_depths(scene):
+    depth = np.full((240, 320), 4.0, np.float32)
+    depth[80:160, 40:120] = 1.5
+    world = scene()
+    found = world.show("detections", array(detection("a", 79.5, 119.5, 60)), depth=depth)
+    assert len(found) == 4, "believed from the third image on"
+    expected = CAMERA.point((79.5, 119.5), 1.5)
+    assert point(found[-1]) == pytest.approx(expected, abs=1e-3)
+    assert found[-1].header.frame_id == "camera"
+
+
+def test_without_depths_the_stated_size_tells_how_far_it_is(scene):
+    world = scene(object_size=0.3)
+    found = world.show("detections", array(detection("", 159.5, 119.5, 60)))
+    assert math.hypot(*point(found[-1])) == pytest.approx(0.3 * CAMERA.fx / 60, rel=0.01)
+
+
+def test_without_depth_and_size_it_is_told(scene):
+    world = scene()
+    assert world.show("detections", array(detection("a", 80, 80, 40))) == []
+    assert "set object_size or distance" in world.said[-1]
+
+
+def test_a_name_is_kept_wherever_its_owner_goes(scene):
+    """The larger one is followed, and still so when the other one is larger, or it jumps."""
+    world = scene(distance=2.0)
+    world.show("detections", array(detection("a", 80, 80, 60), detection("b", 240, 80, 40)))
+    world.show("detections", array(detection("a", 80, 80, 30), detection("b", 240, 80, 60)))
+    silence = world.show("detections", array(detection("b", 240, 80, 60)))
+    assert silence == []
+    jumped = world.show(
+        "detections", array(detection("a", 160, 200, 30), detection("b", 80, 80, 60)), images=2
+    )
+    assert len(jumped) == 2
+    assert jumped[-1].point.y > 0.3
+    world.until(lambda: len(world.ids) >= 12)
+    assert set(world.ids) == {"a"}
+
+
+def test_only_the_wanted_class_counts_and_what_makes_no_sense_is_left_out(scene):
+    world = scene(distance=2.0, class_id="person")
+    found = world.show(
+        "detections",
+        array(
+            detection("dog", 80, 80, 90, kind="dog"),
+            detection("nan", math.nan, 80, 90),
+            detection("empty", 80, 80, 0),
+            detection("me", 240, 80, 40),
+        ),
+    )
+    assert len(found) == 4
+    assert set(world.ids) <= {"me"}
+    assert found[-1].point.x > 0
+
+
+def test_things_in_space_are_taken_where_they_are(scene):
+    world = scene(source="detections_3d")
+
+    def found(head):
+        message = vision.Detection3DArray(header=head)
+        message.header.frame_id = "lidar"
+        for name, x in (("far", 5.0), ("near", 2.0)):
+            one = vision.Detection3D(id=name)
+            one.bbox.center.position.x, one.bbox.center.position.y = x, 0.5
+            one.bbox.size.x = one.bbox.size.y = one.bbox.size.z = 0.5
+            message.detections.append(one)
+        return [("detections", message)]
+
+    before = len(world.targets)
+    for _ in range(8):
+        world.stamp += PERIOD
+        for topic, message in found(header(world.stamp, "lidar")):
+            world.publish(topic, message)
+        count = len(world.targets)
+        for _ in range(5):
+            world.executor.spin_once(timeout_sec=0.02)
+        assert len(world.targets) <= count + 1
+    world.until(lambda: len(world.targets) > before)
+    message = world.targets[-1]
+    assert (message.header.frame_id, point(message)) == ("lidar", (2.0, 0.5, 0.0))
+
+
+@pytest.mark.parametrize("source", ["faces", "bodies"])
+def test_faces_and_bodies_of_ros4hri_are_followed_by_their_ids(scene, source):
+    world = scene(source=source, distance=2.0)
+
+    def people(names):
+        def make(head):
+            messages = [(f"/humans/{source}/tracked", hri.IdsList(header=head, ids=names))]
+            for i, name in enumerate(names):
+                region = hri.NormalizedRegionOfInterest2D(header=head, ymin=0.4, ymax=0.6, c=0.9)
+                region.xmin, region.xmax = 0.2 + 0.4 * i, 0.4 + 0.4 * i - 0.05 * i
+                messages.append((f"/humans/{source}/{name}/roi", region))
+            return messages
+
+        return make
+
+    found = world.show("roi", people(["abc", "xyz"]))
+    assert found[-1].point.x == pytest.approx(2.0 * math.sin(-0.21), abs=0.03)
+    world.until(lambda: world.ids)
+    assert set(world.ids) == {"abc"}
+    assert world.show("roi", people(["xyz"])) == [], "the other one is not taken at once"
+    world.show("roi", lambda head: [(f"/humans/{source}/tracked", hri.IdsList(header=head))])
+    assert world.node._regions == {}
+
+
+def test_a_face_with_a_frame_is_taken_from_there(scene):
+    world = scene(source="faces")
+    core = world.buffer.core
+    for i in range(8):
+        at = Transform((0.1, 0.2, 1.25), Rotation.identity())
+        core.set_transform(START + i * PERIOD, "camera", "face_abc", at)
+
+    def face(head):
+        region = hri.NormalizedRegionOfInterest2D(header=head, xmin=0.4, xmax=0.6, ymax=0.3)
+        tracked = hri.IdsList(header=head, ids=["abc"])
+        return [("/humans/faces/tracked", tracked), ("/humans/faces/abc/roi", region)]
+
+    found = world.show("roi", face)
+    assert point(found[-1]) == pytest.approx((0.1, 0.2, 1.25))
+
+
+@pytest.mark.parametrize(
+    ("source", "kind", "words"),
+    [
+        ("detections_2d", "Detection2DArray", "vision_msgs is not installed"),
+        ("detections_3d", "Detection3DArray", "vision_msgs is not installed"),
+        ("faces", "IdsList", "hri_msgs is not installed"),
+    ],
+)
+def test_without_the_messages_one_line_says_what_to_install(monkeypatch, source, kind, words):
+    monkeypatch.setattr(detection_target, kind, None)
+    rclpy.init()
+    try:
+        with pytest.raises(MessagesMissingError, match=words) as raised:
+            DetectionTargetNode(Buffer(), parameter_overrides=[Parameter("source", value=source)])
+        assert "\n" not in str(raised.value)
+        assert "ros-jazzy-" in str(raised.value)
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_a_camera_that_is_not_calibrated_is_told(scene):
+    world = scene(distance=1.0)
+    world.publish("camera_info", CameraInfo())
+    world.until(lambda: world.said)
+    assert "not calibrated" in world.said[-1]
+    world.publish("detections", array(detection("a", 80, 80, 40))(header(1, "camera"))[0][1])
+    world.until(lambda: "no usable camera_info" in world.said[-1])
+    world.publish("depth", Image())

@@ -1,0 +1,63 @@
+"""A shell in a terminal of its own, as a person has it."""
+
+import os
+import pty
+import re
+import select
+import signal
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+PATIENCE = 30.0  # s, for a program that has to start
+
+
+class Terminal:
+    """A shell in a terminal."""
+
+    def __init__(self) -> None:
+        self._pid, self._master = pty.fork()
+        if self._pid == 0:
+            os.environ["PS1"] = "$ "
+            os.environ["PYTHONPATH"] = str(Path(__file__).parents[2])
+            os.execvp("bash", ["bash", "--norc", "--noprofile", "--noediting", "-i"])
+        self.shown = ""
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with suppress(OSError):  # the shell has gone
+            while not self._ended.is_set():
+                if select.select([self._master], [], [], 0.1)[0]:
+                    self.shown += os.read(self._master, 4096).decode(errors="replace")
+
+    def type(self, keys: str) -> None:
+        os.write(self._master, keys.encode())
+
+    def waits_for(self, pattern: str) -> str:
+        """What is shown up to and with a pattern, which is then done with."""
+        deadline = time.monotonic() + PATIENCE
+        while (found := re.search(pattern, self.shown, re.DOTALL)) is None:
+            assert time.monotonic() < deadline, f"{pattern!r} is not in {self.shown}"
+            time.sleep(0.02)
+        text, self.shown = self.shown[: found.end()], self.shown[found.end() :]
+        return text
+
+    def start(self, program: str) -> None:
+        self.type(f"{sys.executable} {program}\n")
+
+    def is_as_before(self) -> bool:
+        """Whether the shell finds the terminal as it should be."""
+        self.type("stty -a; echo do''ne\n")
+        text = self.waits_for(r"done\r")
+        return " icanon" in text and " echo " in text
+
+    def close(self) -> None:
+        os.kill(self._pid, signal.SIGKILL)
+        os.waitpid(self._pid, 0)
+        self._ended.set()
+        self._thread.join()
+        os.close(self._master)
