@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
@@ -295,6 +296,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
             simulated=plan.simulated,
             allow_others=plan.allow_others,
         )
+        get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(
             RunSources(

@@ -42,7 +42,7 @@ ALLOWED: dict[str, set[str]] = {
     "status_line": set(),
     "stop_key": set(),
     "run_monitor": {"ros", "tracking", "status_line"},
-    "node_sets": {"nodes", "scene"},
+    "node_sets": set(),
     "__main__": {"ros", "runner", "output"},
     "viewer_process": {"ros", "nodes"},
     "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},

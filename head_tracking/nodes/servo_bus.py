@@ -121,8 +121,8 @@ class ServoBusNode(Node):
 
     @property
     def failure(self) -> BaseException | None:
-        """What has ended a bus or its services."""
-        return self._failure or self._bus_services.failure
+        """What has ended a bus."""
+        return self._failure
 
     @property
     def joints(self) -> tuple[JointConfiguration, ...]:

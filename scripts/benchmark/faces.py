@@ -13,8 +13,8 @@ from head_tracking.vision import Camera, FaceDetector, FaceParameters, Frame, Pi
 CAMERA = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
 ROLLS = (0, 20, 30, 45, 60)
 LIGHTS = (1.0, 0.5, 0.25)
-PARTS = 20  # of each photograph without a face
-ROUNDS = 20
+PARTS = 10  # of each photograph without a face
+ROUNDS = 8
 
 
 def faces() -> str:
