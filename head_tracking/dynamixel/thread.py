@@ -484,7 +484,7 @@ class Buses:
             ) from None
 
 
-def _relaxing(bus: ServoBus) -> Steps[None]:
+def _relaxing(bus: ServoBus) -> Any:
     return bus.switching_torque(None, False)
 
 
