@@ -142,9 +142,10 @@ class ServoBusNode(Node):
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
-        for switching in self._switching:
+        resuming = [switching for switching in self._switching if not switching.done()]
+        for switching in resuming:
             switching.cancel()
-        if not self._loop.owners.stopped:
+        if not (self._loop.owners.stopped or resuming):  # else what was on before counts still
             self._relaxed_before = {
                 joint.joint_name
                 for joint in self.joints
