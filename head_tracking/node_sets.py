@@ -4,22 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import Any
 
 from rclpy.node import Node
-
-from head_tracking.nodes.bus_process import BusProcessNode
-from head_tracking.nodes.fictitious_target import FictitiousTargetNode
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
-from head_tracking.nodes.node_starter import NodeStarterNode
-from head_tracking.nodes.point_head import PointHeadNode
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.nodes.servo_bus import ServoBusNode
-from head_tracking.nodes.simulated_camera import SimulatedCameraNode
-from head_tracking.nodes.target_mux import TargetMuxNode
-from head_tracking.nodes.visual_target import VisualTargetNode
-from head_tracking.scene import TARGET
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +16,7 @@ class NodeSpec:
 
     Attributes:
         name: the node's name.
-        make: its class.
+        kind: its class, in head_tracking.nodes; imported when it is needed.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
             "loop", its controllers; "connect", the port of simulated servos, or None;
             "true_position", where a simulated joint really is [rad], or None; "start", to start
@@ -38,15 +26,27 @@ class NodeSpec:
     """
 
     name: str
-    make: Callable[..., Node]
+    kind: str
     takes: tuple[str, ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def make(self) -> Callable[..., Node]:
+        """Its class."""
+        kind: Callable[..., Node] = resolve_name(f"head_tracking.nodes.{self.kind}")
+        return kind
+
 
 ROBOT = (
-    NodeSpec("servo_bus", ServoBusNode, takes=("connect", "loop")),
-    NodeSpec("robot_state_publisher", RobotStatePublisherNode, takes=("buffer", "loop")),
-    NodeSpec("joint_state_publisher", JointStatePublisherNode, takes=("loop",)),
+    NodeSpec("servo_bus", "servo_bus.ServoBusNode", takes=("connect", "loop")),
+    NodeSpec(
+        "robot_state_publisher",
+        "robot_state_publisher.RobotStatePublisherNode",
+        takes=("buffer", "loop"),
+    ),
+    NodeSpec(
+        "joint_state_publisher", "joint_state_publisher.JointStatePublisherNode", takes=("loop",)
+    ),
 )
 
 FEEDS_BUFFER = "robot_state_publisher"
@@ -59,12 +59,12 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """What a robot may have already, so that a run can do without."""
 
 
-BUS_PROCESS = NodeSpec("servo_bus", BusProcessNode, takes=("simulated", "arguments"))
+BUS_PROCESS = NodeSpec("servo_bus", "bus_process.BusProcessNode", takes=("simulated", "arguments"))
 """In the place of servo_bus: it runs in a process of its own."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", HeadTrackerNode, takes=("buffer", "loop")),
-    "point": NodeSpec("point_head", PointHeadNode, takes=("buffer", "loop")),
+    "track": NodeSpec("head_tracker", "head_tracker.HeadTrackerNode", takes=("buffer", "loop")),
+    "point": NodeSpec("point_head", "point_head.PointHeadNode", takes=("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
@@ -73,13 +73,19 @@ SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
     given = {"follow": follow, **parameters}
-    return (NodeSpec("visual_target", VisualTargetNode, takes=("buffer",), parameters=given),)
+    return (NodeSpec("visual_target", "visual_target.VisualTargetNode", ("buffer", "loop"), given),)
+
+
+def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
+    kind = "fictitious_target.FictitiousTargetNode"
+    return (NodeSpec("fictitious_target", kind, ("loop",), parameters),)
 
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
-    "fictitious": (NodeSpec("fictitious_target", FictitiousTargetNode, takes=("loop",)),),
-    "mux": (NodeSpec("target_mux", TargetMuxNode, takes=("buffer",)),),
+    "fictitious": _fictitious(),
+    "smooth": _fictitious(path="harmonic"),
+    "mux": (NodeSpec("target_mux", "target_mux.TargetMuxNode", ("buffer", "loop")),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
@@ -101,33 +107,22 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """The camera of a simulated head; small images, for it shares a processor with all the rest."""
     return NodeSpec(
         "simulated_camera",
-        SimulatedCameraNode,
+        "simulated_camera.SimulatedCameraNode",
         takes=("buffer", "true_position"),
         parameters={"scene": scene, "width": 320, "height": 240, **parameters},
     )
 
 
-STARTER = NodeSpec("node_starter", NodeStarterNode, takes=("start", "startable"))
+STARTER = NodeSpec("node_starter", "node_starter.NodeStarterNode", takes=("start", "startable"))
 
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
     """What a person can start on the viewer's page; with a camera if the head is simulated."""
-    camera = simulated_camera(TARGET, rate=10.0, depth_encoding="")
+    camera = simulated_camera("target", rate=10.0, depth_encoding="")
     specs = (*MODES.values(), *TARGETS["fictitious"], *([camera] if simulated else []))
     return {spec.name: spec for spec in specs}
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
     """The nodes that keep publishing one point [m]: the fictitious target without a swing."""
-    return (
-        NodeSpec(
-            "fictitious_target",
-            FictitiousTargetNode,
-            takes=("loop",),
-            parameters={
-                "frame_id": frame_id,
-                "center": list(point),
-                "amplitude": [0.0, 0.0, 0.0],
-            },
-        ),
-    )
+    return _fictitious(frame_id=frame_id, center=list(point), amplitude=[0.0, 0.0, 0.0])

@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -14,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32, String
 from std_srvs.srv import Trigger
 
+from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
 from head_tracking.ros.detections import (
     Detection2DArray,
@@ -26,9 +26,9 @@ from head_tracking.ros.detections import (
     require_messages,
 )
 from head_tracking.ros.images import camera_of, depth_of, frame_pose
-from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
+from head_tracking.ros.target_output import TargetOutput
 from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -91,7 +91,9 @@ class DetectionTargetNode(Node):
         MessagesMissingError: the messages of the source are not installed.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
         super().__init__("detection_target", **options)
         self._parameters_read = NodeParameters(self, DetectionTargetParameters)
         p = self._parameters_read.value
@@ -112,7 +114,7 @@ class DetectionTargetNode(Node):
         self._regions: dict[str, Subscription] = {}
         self._newest: dict[str, Any] = {}
         self._placed = False
-        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._output = TargetOutput(self, loop)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._name = self.create_publisher(String, "~/id", 10)
         self._working: Worker[Any] = Worker("detection target", self._take)
@@ -219,7 +221,7 @@ class DetectionTargetNode(Node):
 
     def _send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         if sighting is not None:
-            self._publisher.publish(target_message(Target(stamp, frame_id, sighting.point)))
+            self._output.send(Target(stamp, frame_id, sighting.point))
             name = sighting.candidate.label or str(sighting.number)
             if self._name.get_subscription_count():
                 self._name.publish(String(data=name))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
+from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
-from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.ros.switch import Switch
+from head_tracking.ros.target_output import TargetOutput
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch
@@ -31,7 +31,9 @@ class FrameTargetRate:
 class FrameTargetNode(Node):
     """Publishes `target_point` while somebody says where the frame is."""
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
         super().__init__("frame_target", **options)
         rate = NodeParameters(self, FrameTargetRate).value.rate
         self._buffer = (buffer or listening_buffer(self)).core
@@ -43,7 +45,7 @@ class FrameTargetNode(Node):
         self._switch = Switch(
             self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
         )
-        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._output = TargetOutput(self, loop)
         steady_timer(self, 1.0 / rate, self._publish)
 
     def _on_parameters(self, parameters: FrameTargetParameters) -> None:
@@ -63,7 +65,7 @@ class FrameTargetNode(Node):
             self.get_logger().warning(f"no target: {error}", throttle_duration_sec=2.0)
             return
         if target is not None:
-            self._publisher.publish(target_message(target))
+            self._output.send(target)
 
 
 def main() -> int:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -14,12 +13,13 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
+from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
 from head_tracking.ros.images import camera_of, depth_of, frame_pose, image_message, picture_of
-from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.ros.switch import Switch
+from head_tracking.ros.target_output import TargetOutput
 from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -105,7 +105,9 @@ class VisualTargetNode(Node):
     Looking has a thread of its own, which takes the newest image.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
         super().__init__("visual_target", **options)
         require_opencv()
         self._settings = NodeParameters(self, VisualTargetParameters).value
@@ -127,7 +129,7 @@ class VisualTargetNode(Node):
             self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
         )
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
-        self._publisher = self.create_publisher(PointStamped, "target_point", 10)
+        self._output = TargetOutput(self, loop)
         self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
@@ -211,7 +213,7 @@ class VisualTargetNode(Node):
         if sighting is not None:
             target = Target(frame.stamp, header.frame_id, sighting.point)
             if self._switch.on:
-                self._publisher.publish(target_message(target))
+                self._output.send(target)
             if self._region.get_subscription_count():
                 self._region.publish(_region(sighting.candidate.box, frame))
         elif self._tracker.without_distance:

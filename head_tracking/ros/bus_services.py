@@ -6,7 +6,6 @@ which takes it in steps between its cycles, and answers when that is done. Relax
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future
@@ -14,18 +13,17 @@ from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Buses, DynamixelError, EepromSettings, ServoBus
 from head_tracking.ros.joint_owners import stop_report
+from head_tracking.ros.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
 _MEMORY = 10.0  # s
 _POLL = 0.002  # s
-_POLL_END = 0.5  # s
 
 Joints = tuple[str, ...]
 Request = Callable[[ServoBus, Joints], object]
@@ -56,13 +54,8 @@ class BusServices:
         self._buses = buses
         self._eeprom = eeprom
         self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
-        self._node = node = Node(
-            f"{bus.get_name()}_services",
-            context=bus.context,
-            namespace=bus.get_namespace(),
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._own = OwnThread(bus, f"{bus.get_name()}_services")
+        self._node = node = self._own.node
         everything = tuple(joint.joint_name for joint in buses.joints)
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
@@ -80,28 +73,11 @@ class BusServices:
         )
         node.create_service(Trigger, "stop", lambda _, response: _stopped(response, stop()))
         node.create_service(Trigger, "resume", lambda _, response: _resumed(response, resume()))
-        self.failure: Exception | None = None
-        self._ending = threading.Event()
-        self._executor = SingleThreadedExecutor(context=bus.context)
-        self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._spin, name="bus services", daemon=True)
-        self._thread.start()
+        self._own.start()
 
     def close(self) -> None:
         """Offers nothing any more."""
-        self._ending.set()
-        self._executor.wake()
-        self._thread.join(_TIMEOUT)
-        if not self._thread.is_alive():
-            self._executor.shutdown()
-            self._node.destroy_node()
-
-    def _spin(self) -> None:
-        try:
-            while not self._ending.is_set():
-                self._executor.spin_once(timeout_sec=_POLL_END)
-        except Exception as error:
-            self.failure = error  # for whoever runs the bus: without services nobody can stop it
+        self._own.close()
 
     def _offer(self, name: str, act: Callable[[], Awaitable[str]]) -> None:
         async def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

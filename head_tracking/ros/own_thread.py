@@ -9,7 +9,7 @@ import traceback
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
-_POLL = 0.1  # s
+_POLL = 1.0  # s
 _PAUSE = 0.05  # s after an error: one that comes back takes no core
 _PATIENCE = 3.0  # s that a callback may take to return at the end
 
@@ -36,6 +36,7 @@ class OwnThread:
             start_parameter_services=False,
         )
         self._ending = threading.Event()
+        self._executor = SingleThreadedExecutor(context=beside.context)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def start(self) -> None:
@@ -45,13 +46,14 @@ class OwnThread:
     def close(self) -> None:
         """Ends the thread and the node; may be called twice."""
         self._ending.set()
+        self._executor.wake()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(_PATIENCE)
         if not self._thread.is_alive():
             self.node.destroy_node()
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self.node.context)
+        executor = self._executor
         executor.add_node(self.node)
         try:
             while not self._ending.is_set():

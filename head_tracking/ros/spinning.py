@@ -80,6 +80,16 @@ class NodeThreads:
         self.problems: list[str] = []
 
     @property
+    def executor(self) -> str:
+        """What spins the nodes."""
+        if self._events is not None:
+            return "all nodes run in one EventsExecutor"
+        return (
+            "each node runs in a SingleThreadedExecutor of its own, which costs more: rclpy's "
+            "EventsExecutor is missing or does not work here"
+        )
+
+    @property
     def failure(self) -> NodeDied | None:
         """The first node that died: in a callback, or as its `failure` says."""
         for node in self._nodes:

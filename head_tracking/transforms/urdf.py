@@ -2,19 +2,53 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import math
+import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 import xacro
-import yourdfpy
 
 from head_tracking.transforms.exceptions import RobotModelError
 from head_tracking.transforms.robot_model import Joint, JointLimits, JointType, Mimic, RobotModel
 from head_tracking.transforms.transform import Transform, Vector3
+
+
+def _import_yourdfpy() -> ModuleType:
+    """The library that reads URDF, without the one for meshes, until somebody asks for those.
+
+    No frame needs them, and that library takes a quarter of a second and 20 MB.
+    """
+    spec = find_spec("trimesh")
+    if spec is None or "trimesh" in sys.modules:
+        return importlib.import_module("yourdfpy")
+    stand_in = ModuleType("trimesh")
+    stand_in.__path__ = list(spec.submodule_search_locations or ())
+    named = {"Trimesh": object, "Scene": object}  # in annotations
+    vars(stand_in).update(
+        named, __getattr__=lambda name: getattr(importlib.import_module("trimesh"), name)
+    )
+    sys.modules["trimesh"] = stand_in
+    try:
+        return importlib.import_module("yourdfpy")
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
+            del sys.modules[name]
+        for name in named:
+            delattr(stand_in, name)
+
+
+if TYPE_CHECKING:
+    import yourdfpy
+else:
+    yourdfpy = _import_yourdfpy()
 
 # element, attribute: how many numbers it holds
 _NUMBERS = {

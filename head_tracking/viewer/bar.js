@@ -1,7 +1,7 @@
 // STOP and the badge, above viser's page: in view on every tab, whatever is folded away or scrolled.
 "use strict";
 (() => {
-  const PERIOD = 400, SILENT = 1500; // ms
+  const PERIOD = 400, SILENT = 3000; // ms
   const COLOURS = {
     "on target": "#2b8a3e", moving: "#1971c2", holding: "#495057", relaxed: "#5f3dc4",
     stopped: "#c92a2a", refused: "#d9480f", replay: "#862e9c", fault: "#c92a2a",

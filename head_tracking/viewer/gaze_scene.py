@@ -105,7 +105,7 @@ class GazeScene:
                 f"{camera}/view",
                 p.vertical_view,
                 p.aspect_ratio,
-                scale=0.25,
+                scale=0.15,
                 thickness=1.5,
                 thickness_units="screen",
                 color=_SIGHT_COLOUR,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -68,6 +69,7 @@ class OtherTopics:
         self._pictures: dict[str, Any] = {}
         self._diagnostics: dict[str, Heard] = {}
         self._log: deque[Logged] = deque(maxlen=100)
+        self._log_lock = threading.Lock()
         self._watched: dict[str, float] = {}
         self._images: tuple[str, ...] = ()
         for name in _SWITCHED:
@@ -122,7 +124,7 @@ class OtherTopics:
         said = self._heard.get(f"{name}/state")
         if said is not None:
             return str(said.what.data)
-        lines = [one for one in tuple(self._log) if one.node == name and one.level < _WARN]
+        lines = [one for one in self._logged() if one.node == name and one.level < _WARN]
         complaint = self.complaint(name)
         return (lines[-1].text if lines else "") + (f" ({complaint})" if complaint else "")
 
@@ -134,12 +136,12 @@ class OtherTopics:
             since: from this time on [s, monotonic]; None: lately.
         """
         start = time.monotonic() - _COMPLAINT_AGE if since is None else since
-        lines = [one for one in tuple(self._log) if one.node == name and one.at >= start]
+        lines = [one for one in self._logged() if one.node == name and one.at >= start]
         return lines[-1].text if lines and lines[-1].level >= _WARN else ""
 
     def warnings(self) -> tuple[str, ...]:
         """What nodes warned of, newest last."""
-        return tuple(f"{one.node}: {one.text}" for one in tuple(self._log) if one.level >= _WARN)
+        return tuple(f"{one.node}: {one.text}" for one in self._logged() if one.level >= _WARN)
 
     def health(self) -> tuple[Health, ...]:
         """The newest diagnostics by name; what is not said any more is stale."""
@@ -187,7 +189,12 @@ class OtherTopics:
         node = message.name.replace(".", "/")
         if self._graph.is_own(node):
             name = node.rpartition("/")[2]
-            self._log.append(Logged(time.monotonic(), name, message.level, message.msg))
+            with self._log_lock:
+                self._log.append(Logged(time.monotonic(), name, message.level, message.msg))
+
+    def _logged(self) -> tuple[Logged, ...]:
+        with self._log_lock:
+            return tuple(self._log)
 
 
 def picture(message: Image) -> npt.NDArray[np.uint8] | None:

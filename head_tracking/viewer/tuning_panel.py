@@ -190,7 +190,7 @@ def shown_value(setting: Setting) -> Any:
     if isinstance(value, list):
         return tuple(value) if len(value) == 3 else ", ".join(f"{number:g}" for number in value)
     factor = _factor(setting)
-    return value if factor == 1.0 else round(value * factor, 6)
+    return value if factor == 1.0 else round(value * factor, 3)
 
 
 def sent_value(setting: Setting, shown: Any) -> Any:
@@ -213,6 +213,8 @@ def sent_value(setting: Setting, shown: Any) -> Any:
 def _number(gui: Any, setting: Setting, name: str, hint: str) -> Any:
     factor = _factor(setting)
     value, low, high = shown_value(setting), factor * setting.minimum, factor * setting.maximum
+    if factor != 1.0 and 1.0 < high - low < math.inf:  # no farther than its node allows
+        low, high = math.ceil(100.0 * low) / 100.0, math.floor(100.0 * high) / 100.0
     whole = isinstance(setting.value, int)
     if math.isfinite(low) and math.isfinite(high):
         value = min(max(value, low), high)

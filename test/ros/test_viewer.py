@@ -200,7 +200,11 @@ def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
     page.get_by_text("update rate reached (Hz)").first.wait_for()
     page.get_by_role("cell", name="head_tilt_joint").wait_for()
     robot.look_at(1.0, 0.2, 0.5, "base_link")
-    plot = "Object.values(window.__viserTestpoints.uplots)[0].chart"
+    plot = (
+        "Object.values(window.__viserTestpoints.uplots).map(one => one.chart)"
+        ".find(chart => chart?.series[1].label === 'error (degrees)')"
+    )
+    wait_for(lambda: page.evaluate(f"!!{plot}"), PATIENCE)
     wait_for(lambda: page.evaluate(f"{plot}.data[1].filter(Number.isFinite).length") > 3, PATIENCE)
     assert page.evaluate(f"[{plot}.scales.x.min, {plot}.scales.x.max]") == [-30, 0]
 
@@ -347,6 +351,7 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
 
     open_tab(page, "Joints")
     switch = row(page, "head_tilt").locator("input[type=checkbox]")
+    wait_for(lambda: not switch.is_checked(), PATIENCE)  # what STOP did is told once a second
     switch.click(force=True)
     wait_for(lambda: torque() == [False, True], PATIENCE)
     switch.click(force=True)
