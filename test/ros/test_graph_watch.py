@@ -13,8 +13,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from waiting import eventually
 
+from head_tracking import runner
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.graph_watch import LOOK_TIME, GraphWatch, own_enclave
+from head_tracking.status_line import StatusLine
 
 RUN = "/head_tracking/run_under_test"
 
@@ -219,3 +221,27 @@ def test_who_goes_at_once_is_no_reason_to_refuse(graph):
     assert eventually(lambda: not seen(graph, "servo_bus"))
     graph.look(watch, LOOK_TIME + 1.0)
     assert graph.held[-1] == ""
+
+
+class NeverStopped:
+    def __call__(self) -> bool:
+        return False
+
+    def wait(self, _: float) -> None:
+        pass
+
+
+def test_a_simulated_run_looks_before_it_has_any_node_to_hear_of(monkeypatch):
+    """A real head would take a simulated one's target and joints for its own."""
+
+    def look(_: GraphWatch) -> None:
+        raise RefusedError("another head is in this graph")
+
+    monkeypatch.setattr(GraphWatch, "look", look)
+    monkeypatch.setattr(runner, "compose", lambda *_: pytest.fail("its nodes were made"))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with pytest.raises(RefusedError, match="another head"):
+            runner.run(runner.parse_arguments(["--sim"]), NeverStopped(), StatusLine())
+    finally:
+        rclpy.try_shutdown()
