@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from argparse import ArgumentTypeError
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 Value = TypeVar("Value")
 
@@ -35,6 +36,33 @@ def between(
         f"is not possible; allowed are {lowest:g} to {highest:g} {unit}",
         kind,
     )
+
+
+class PointInFrame(NamedTuple):
+    """A point [m] and the frame that it is in."""
+
+    point: tuple[float, float, float]
+    frame_id: str
+
+
+def point_in_frame(text: str) -> PointInFrame:
+    """A point in metres and its frame, such as 1,0.5,0@base_link."""
+    numbers, _, frame_id = text.strip().partition("@")
+    try:
+        x, y, z = (float(number) for number in numbers.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not frame_id or not all(map(math.isfinite, (x, y, z))):
+        raise ArgumentTypeError(
+            f"{text!r} is no point; give three numbers in metres and a frame, such as "
+            "1,0.5,0@base_link"
+        )
+    return PointInFrame((x, y, z), frame_id)
+
+
+def with_points(arguments: Sequence[str]) -> list[str]:
+    """The command line, so that argparse takes a point that begins with a minus for no option."""
+    return [f" {word}" if re.match(r"-[\d.]\S*@", word) else word for word in arguments]
 
 
 def servo_id(text: str) -> int:

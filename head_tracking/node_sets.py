@@ -76,12 +76,16 @@ def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
     return (NodeSpec("visual_target", "visual_target.VisualTargetNode", ("buffer", "loop"), given),)
 
 
+def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
+    kind = "fictitious_target.FictitiousTargetNode"
+    return (NodeSpec("fictitious_target", kind, ("loop",), parameters),)
+
+
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
-    "fictitious": (
-        NodeSpec("fictitious_target", "fictitious_target.FictitiousTargetNode", takes=("loop",)),
-    ),
-    "mux": (NodeSpec("target_mux", "target_mux.TargetMuxNode", takes=("buffer", "loop")),),
+    "fictitious": _fictitious(),
+    "smooth": _fictitious(path="harmonic"),
+    "mux": (NodeSpec("target_mux", "target_mux.TargetMuxNode", ("buffer", "loop")),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
@@ -121,15 +125,4 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
     """The nodes that keep publishing one point [m]: the fictitious target without a swing."""
-    return (
-        NodeSpec(
-            "fictitious_target",
-            "fictitious_target.FictitiousTargetNode",
-            takes=("loop",),
-            parameters={
-                "frame_id": frame_id,
-                "center": list(point),
-                "amplitude": [0.0, 0.0, 0.0],
-            },
-        ),
-    )
+    return _fictitious(frame_id=frame_id, center=list(point), amplitude=[0.0, 0.0, 0.0])

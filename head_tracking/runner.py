@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -14,9 +13,10 @@ from typing import Any
 
 import rclpy
 from rclpy.logging import get_logger
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.command_line import seconds
+from head_tracking.command_line import point_in_frame, seconds, with_points
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.node_sets import (
@@ -52,6 +52,7 @@ from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 
 _LOOKING = "looking for other heads"
+_LOOK_PERIOD = 0.1  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
     )
-    options = parser.parse_args(without_ros_arguments([parser.prog, *arguments])[1:])
+    options = parser.parse_args(with_points(without_ros_arguments([parser.prog, *arguments])[1:]))
     if options.viewer and not installed():
         parser.error(MISSING)
     if options.target is None:
@@ -275,6 +276,29 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
     )
 
 
+def _alone(plan: Run, stop: StopSignal, line: StatusLine) -> bool:
+    """Looks for other heads before there is anything to hear of this one.
+
+    A real head would take a simulated one's target and joints for its own.
+
+    Returns:
+        False: somebody stopped it while it looked.
+
+    Raises:
+        RefusedError: there is another head.
+    """
+    node = Node("head_tracking")
+    try:
+        watch = GraphWatch(node, plan.enclave, lambda _: None, simulated=True)
+        while watch.looking and not stop():
+            watch.look()
+            line.show([_LOOKING])
+            stop.wait(_LOOK_PERIOD)
+        return not watch.looking
+    finally:
+        node.destroy_node()
+
+
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
     """Runs the nodes until it is time to stop.
 
@@ -285,6 +309,8 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         NodeDied: a node ended with an error.
         Exception: a node could not start.
     """
+    if plan.simulated and not plan.allow_others and not _alone(plan, stop, line):
+        return 0
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
         if plan.viewer:
@@ -351,17 +377,13 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
     """The nodes that publish a target, and the scene that a simulated camera needs for it."""
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
-    point, at, frame_id = text.partition("@")
     try:
-        x, y, z = (float(number) for number in point.split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not at or not frame_id or not all(map(math.isfinite, (x, y, z))):
+        return fixed_target(*point_in_frame(text)), ""
+    except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no target; give {', '.join(TARGETS)}, or a point in metres and its "
             "frame such as 1,0.5,0@base_link"
-        )
-    return fixed_target((x, y, z), frame_id), ""
+        ) from None
 
 
 def _said_enclave(arguments: Sequence[str]) -> str:

@@ -96,16 +96,16 @@ class StopKey:
     def _take(self) -> None:
         """Has keys sent one by one and unseen, if the terminal is ours now."""
         with self._lock:
-            if self._ended or self._found is not None or not self._in_foreground():
+            if self._ended or not self._in_foreground():
                 return
             assert self._terminal is not None
             try:
-                found = termios.tcgetattr(self._terminal)
+                found = self._found or termios.tcgetattr(self._terminal)
                 single = termios.tcgetattr(self._terminal)
                 single[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C and Ctrl-Z stay signals
-                single[6][termios.VMIN], single[6][termios.VTIME] = 1, 0
-                # what was typed before was not meant for us
-                termios.tcsetattr(self._terminal, termios.TCSAFLUSH, single)
+                single[6][termios.VMIN], single[6][termios.VTIME] = 0, 0
+                # a key that was pressed while the program started counts
+                termios.tcsetattr(self._terminal, termios.TCSANOW, single)
             except (termios.error, OSError):
                 return  # it has gone
             self._found = found
@@ -145,16 +145,21 @@ class StopKey:
                 self._take()  # `fg` tells a program that was running already nothing
                 continue
             ready, _, _ = select.select([self._terminal, self._wake], [], [])
-            if self._terminal not in ready or not self._in_foreground():
+            if self._terminal in ready:
+                self._press(self._keys())
+
+    def _keys(self) -> bytes:
+        """What was typed; nothing if the terminal is no longer ours."""
+        assert self._terminal is not None
+        with self._lock:  # given back meanwhile, it would wait for a whole line
+            if self._found is None or not self._in_foreground():
                 self._ours.clear()
-                continue
+                return b""
             try:
-                keys = os.read(self._terminal, 64)
+                return os.read(self._terminal, 64)
             except OSError:
-                keys = b""
-            if not keys:
-                return  # it has gone
-            self._press(keys)
+                self._ours.clear()  # it has gone
+                return b""
 
     def _press(self, keys: bytes) -> None:
         keys = _SEQUENCE.sub(b"", keys)

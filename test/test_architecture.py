@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"output"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"},
     "nodes": CORE | {"tf", "share", "viewer", "ros", "status_line"},
-    "tools": CORE | {"output", "tf", "share", "ros", "command_line"},
+    "tools": CORE | {"output", "status_line", "tf", "share", "ros", "command_line"},
     "status_line": set(),
     "stop_key": set(),
     "run_monitor": {"ros", "tracking", "status_line"},

@@ -2,7 +2,16 @@ from argparse import ArgumentTypeError
 
 import pytest
 
-from head_tracking.command_line import above_zero, between, finite, read_by, seconds, servo_id
+from head_tracking.command_line import (
+    above_zero,
+    between,
+    finite,
+    point_in_frame,
+    read_by,
+    seconds,
+    servo_id,
+    with_points,
+)
 
 
 @pytest.mark.parametrize(
@@ -56,3 +65,26 @@ def test_a_reader_tells_its_own_reason():
 
     with pytest.raises(ArgumentTypeError, match=r"^no servo is called 'b'$"):
         read_by(read, LookupError)("b")
+
+
+@pytest.mark.parametrize(
+    ("text", "point", "frame"),
+    [
+        ("1,0.5,0@base_link", (1.0, 0.5, 0.0), "base_link"),
+        ("-1,-0.5,1e-3@left/arm", (-1.0, -0.5, 0.001), "left/arm"),
+        (" -1,0,0@a", (-1.0, 0.0, 0.0), "a"),
+    ],
+)
+def test_a_point_is_read_with_its_frame(text, point, frame):
+    assert point_in_frame(text) == (point, frame)
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "1,2@a", "1,2,nan@a", "1,2,3@", "1 2 3@a", "@a", ""])
+def test_what_is_no_point_is_told(text):
+    with pytest.raises(ArgumentTypeError, match="three numbers in metres and a frame"):
+        point_in_frame(text)
+
+
+def test_a_point_that_begins_with_a_minus_is_no_option():
+    given = ["--target", "-1,0,0@a", "-.5,0,0@a", "-1", "--sim", "-p"]
+    assert with_points(given) == ["--target", " -1,0,0@a", " -.5,0,0@a", "-1", "--sim", "-p"]

@@ -39,6 +39,14 @@ def test_a_key_stops_and_r_resumes_and_nothing_else_does(terminal, key):
     assert terminal.is_as_before()
 
 
+def test_a_key_that_was_pressed_while_the_program_started_stops(terminal):
+    terminal.start(f"{PROGRAM} wait")
+    terminal.type(" ")
+    terminal.waits_for("<STOP: pan relaxed")
+    terminal.type("\x03")
+    terminal.waits_for(r"\$ ")
+
+
 @pytest.mark.parametrize("way", ["error", "exit"])
 def test_the_terminal_is_as_before_however_the_program_ends(terminal, way):
     terminal.start(f"{PROGRAM} {way}")

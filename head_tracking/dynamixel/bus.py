@@ -922,9 +922,10 @@ class ServoBus:
     def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
         chosen = self._require_connection(joints)
         problems: dict[str, object] = {}
-        for joint in chosen:
+        for joint in chosen:  # all in the first step: who relaxes one later is heard
             if not (joint.stopped or joint.faulted or joint.resting):
                 joint.relaxed = False
+        for joint in chosen:
             try:
                 problem = yield from self._exclusively(joint, joint.switch_on())
             except (PortLostError, NotConnectedError) as cause:

@@ -23,9 +23,7 @@ from head_tracking.dynamixel.state import EventKind, Symptom
 
 _NS: Final = 1_000_000_000
 _STUCK: Final = 0.12  # s far from a goal without progress; a servo starts within 0.05 s
-_STANDSTILL: Final = (
-    0.05  # s of a cycle that count; in a longer one the goal may have just been written
-)
+_STANDSTILL: Final = 0.02  # s of a cycle that count: in a late one the goal may have come late
 _AWAY: Final = 120_000_000  # ns of motion away from it, without slowing down
 _LONG_AWAY: Final = 200_000_000  # ns of it in any case: a heavy head has turned round by then
 _GRACE: Final = 100_000_000  # ns until a servo has gathered speed

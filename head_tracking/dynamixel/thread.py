@@ -465,6 +465,7 @@ class Buses:
                 problems.update(thread.at_once(lambda b: b.relax_at_once(timeout), timeout / 2))
             except DynamixelError as cause:
                 problems.update((joint.joint_name, str(cause)) for joint in bus.joints)
+                thread.call(_relaxing)  # as soon as it can
 
         helpers = [threading.Thread(target=relax, args=pair) for pair in self._threads[1:]]
         for helper in helpers:
@@ -481,6 +482,10 @@ class Buses:
             raise GoalError(
                 f"no joint {joint!r} on any bus; there are {', '.join(self._by_joint)}"
             ) from None
+
+
+def _relaxing(bus: ServoBus) -> Any:
+    return bus.switching_torque(None, False)
 
 
 def _swapped(

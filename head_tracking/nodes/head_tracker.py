@@ -34,6 +34,7 @@ from head_tracking.tracking import (
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _ARRIVED = 0.03  # rad
+_SLOW_TIME, _FAST = 2.0, 3.0  # s, rad/s: so long a head is slow after a stop; that is not slow
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,8 @@ class HeadTrackerNode(Node):
         self._law = self._own.value.law
         self._period = max(1.0 / self._own.value.rate, loop.period if loop else 0.0)
         self._stepped = 0.0, 0.0
+        self._slow = CAUTIOUS_SPEED
+        self._slow_since: float | None = None
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
         self._states = self.create_publisher(String, "~/state", LATCHED)
@@ -115,7 +118,19 @@ class HeadTrackerNode(Node):
     @property
     def _speed_limits(self) -> SpeedLimits:
         limits = self._limits.value
-        return replace(limits, max_joint_speed=CAUTIOUS_SPEED) if self.interface.slow else limits
+        return replace(limits, max_joint_speed=self._slow) if self.interface.slow else limits
+
+    def _speed_up(self, error: float | None, now: float) -> None:
+        """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
+        if self._slow == CAUTIOUS_SPEED and self._slow_since is None:
+            self._slow_since = now
+        waited = now - (self._slow_since or now)
+        faster = CAUTIOUS_SPEED * 2.0 ** max(0.0, waited - _SLOW_TIME)
+        if (error is not None and error < _ARRIVED) or faster > _FAST or waited < 0.0:
+            self.interface.slow = False
+        if not self.interface.slow or faster > 1.1 * self._slow:
+            self._slow = faster
+            self._tune()
 
     def _make_law(self, head: PanTiltHead) -> TrackingLaw:
         own = self._laws[self._law].value
@@ -162,9 +177,8 @@ class HeadTrackerNode(Node):
             tracker.machine.refused(refused, now)
         step = tracker.step(now)
         self.interface.tell_error(step.error)
-        if self.interface.slow and step.error is not None and step.error < _ARRIVED:
-            self.interface.slow = False
-            self._tune()
+        if self.interface.slow:
+            self._speed_up(step.error, now)
         return step.command
 
     def switched(self) -> None:
@@ -172,6 +186,7 @@ class HeadTrackerNode(Node):
         if self._tracker is None:
             return
         off = self.interface.off
+        self._slow, self._slow_since = CAUTIOUS_SPEED, None
         self._tracker.machine.off = off
         self._tracker.enable(not off, self.interface.now)
         self._tune()

@@ -95,6 +95,7 @@ class ServoBusNode(Node):
         self._told_owners = ""
         self._told_stopped: bool | None = None
         self._relaxed_before: set[str] = set()
+        self._switching: list[Future[None]] = []  # torque on again, after a stop
         self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -141,6 +142,8 @@ class ServoBusNode(Node):
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
+        for switching in self._switching:
+            switching.cancel()
         if not self._loop.owners.stopped:
             self._relaxed_before = {
                 joint.joint_name
@@ -280,7 +283,7 @@ class ServoBusNode(Node):
             self._stopped_topic.publish(Bool(data=owners.stopped))
             if resumed:
                 holding = [joint for joint in joints if joint not in self._relaxed_before]
-                self._switching: list[Future[None]] = self._buses.call(
+                self._switching = self._buses.call(
                     holding, lambda bus, share: bus.switching_torque(share, True)
                 )
 

@@ -74,6 +74,11 @@ class GraphWatch:
         if self._looking:
             hold("looking for other heads")
 
+    @property
+    def looking(self) -> bool:
+        """Whether it does not know yet whether there is somebody."""
+        return self._looking
+
     def look(self) -> None:
         """Looks once; to be called a few times a second.
 

@@ -84,7 +84,7 @@ def check(nodes: Iterable[Node]) -> None:
     """Looks for values that nobody takes, after the nodes have declared their parameters.
 
     A value for nodes of any name (`/**`) is somebody's if it is not one of these nodes'. So is one
-    for a node whose name is like none of ours.
+    for a node whose name is like none of ours, or is one of ours with something more.
 
     Args:
         nodes: those of this process.
@@ -114,7 +114,9 @@ def check(nodes: Iterable[Node]) -> None:
                 )
     names = {*NODE_NAMES, *(node.get_name() for node in nodes)}
     for file, misspelt in dict.fromkeys((given.file, given.node) for given in _given):
-        if misspelt and misspelt not in names and _alike(misspelt, names):
+        if not misspelt or any(name in misspelt for name in names):
+            continue  # servo_bus_left is somebody's second servo_bus
+        if _alike(misspelt, names):
             problems.append(f"{file}: there is no node {misspelt}{_nearest(misspelt, names)}")
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")

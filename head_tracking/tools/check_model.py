@@ -6,8 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.share import robot_file
-from head_tracking.transforms import RobotModel, RobotModelError, load_robot_model
+from head_tracking.transforms import RobotModel, load_robot_model
 from head_tracking.transforms.robot_model import walk
 
 
@@ -25,6 +26,18 @@ def tree_text(model: RobotModel) -> str:
     return "\n".join(lines)
 
 
+def summary(model: RobotModel) -> str:
+    """What was checked, and what is in the model."""
+    joints = model.joints.values()
+    moving = [joint for joint in joints if joint.moves]
+    mimics = sum(joint.mimic is not None for joint in moving)
+    return (
+        f"{len(model.links)} links and {len(model.joints)} joints, {len(moving)} of them moving"
+        f"{f' ({mimics} by mimicking another)' if mimics else ''}: one root, no link with two "
+        "parents, no cycle; all names, types, axes, limits and mimicked joints can be used"
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Checks the model named on the command line; returns the exit code."""
     parser = argparse.ArgumentParser(
@@ -32,8 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("model", help="a URDF or xacro file, or the name of a robot")
     try:
-        print(tree_text(load_robot_model(robot_file(parser.parse_args(arguments).model))))
-    except (RobotModelError, FileNotFoundError) as error:
+        model = load_robot_model(robot_file(parser.parse_args(arguments).model))
+        print(tree_text(model))
+        print(summary(model))
+    except HeadTrackingError as error:
         print(f"check_model: {error}", file=sys.stderr)
         return 1
     return 0

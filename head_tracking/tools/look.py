@@ -14,7 +14,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from head_tracking.command_line import finite
+from head_tracking.command_line import PointInFrame, finite, point_in_frame, with_points
 from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.spinning import NodeThreads
@@ -210,9 +210,13 @@ def parse_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         epilog="Exit code 0: it looks there. 1: it does not, and the message says why. 2: usage.",
     )
     parser.add_argument(
-        "coordinates", nargs="*", type=finite, metavar="X Y Z", help="a point [m]; default 0 0 0"
+        "where",
+        nargs="*",
+        type=_number_or_point,
+        metavar="x,y,z@frame",
+        help="a point [m] and its frame, such as 1,0.5,0@base_link; or X Y Z with --frame",
     )
-    parser.add_argument("--frame", help="the frame of the point, or the frame to look at")
+    parser.add_argument("--frame", help="the frame of X Y Z; alone: the frame to look at")
     parser.add_argument("--follow", action="store_true", help="go on until Ctrl-C")
     parser.add_argument("--centre", "--center", action="store_true", help="look straight ahead")
     parser.add_argument(
@@ -232,12 +236,16 @@ def parse_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--camera", default="camera_link", help="what looks (%(default)s)")
     parser.add_argument("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     parser.add_argument("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
-    options = parser.parse_intermixed_args(arguments)
-    if options.centre == bool(options.coordinates or options.frame):
-        parser.error("say where to look: X Y Z with --frame, --frame alone, or --centre alone")
-    if not options.centre and (options.frame is None or len(options.coordinates) not in (0, 3)):
-        parser.error("a point needs X, Y, Z and --frame, such as: look 1 1 0 --frame base_link")
-    options.point = tuple(options.coordinates) or (0.0, 0.0, 0.0)
+    options = parser.parse_intermixed_args(with_points(arguments))
+    if options.centre == bool(options.where or options.frame):
+        parser.error("say where to look: x,y,z@frame, --frame alone, or --centre alone")
+    points = [one for one in options.where if isinstance(one, PointInFrame)]
+    if len(options.where) == len(points) == 1 and options.frame is None:
+        options.point, options.frame = points[0]
+        return options
+    if not options.centre and (points or options.frame is None or len(options.where) not in (0, 3)):
+        parser.error("a point needs a frame, such as: look 1,1,0@base_link")
+    options.point = tuple(options.where) or (0.0, 0.0, 0.0)
     return options
 
 
@@ -253,6 +261,10 @@ def main() -> int:
         buffer = listening_buffer(node)
         resources.enter_context(closing(NodeThreads())).start(node)
         return look(node, buffer, arguments, stop)
+
+
+def _number_or_point(text: str) -> float | PointInFrame:
+    return point_in_frame(text) if "@" in text or "," in text else finite(text)
 
 
 def _degrees(text: str) -> float:

@@ -25,6 +25,7 @@ from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.status_line import StatusLine
 from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
@@ -50,6 +51,7 @@ class TrackReportNode(Node):
         self._buffer = listening_buffer(self).core
         self._placer: TargetPlacer | None = None
         self._came: dict[int, float] = {}
+        self.targets = 0
         self.head: PanTiltHead | None = None
         self.record = TrackRecord()
         self.create_subscription(PointStamped, "target_point", self._on_target, 50)
@@ -62,6 +64,7 @@ class TrackReportNode(Node):
     def _on_target(self, message: PointStamped) -> None:
         if self.head is None or self._placer is None:
             return
+        self.targets += 1
         target = target_from_message(message)
         self._placer.offer(target, self._now)
         self._came[target.stamp] = self._now
@@ -128,9 +131,13 @@ def record_run(
                 "no robot_description or no joint_states came; is a head running, in this "
                 "ROS_DOMAIN_ID? (start one by: head_tracking --sim)"
             )
-    end = time.monotonic() + options.duration
-    while not stop() and time.monotonic() < end:
+    began, line = time.monotonic(), StatusLine(sys.stderr)
+    while not stop() and (elapsed := time.monotonic() - began) < options.duration:
         executor.spin_once(timeout_sec=0.05)
+        line.show(
+            [f"recording: {elapsed:.0f} of {options.duration:g} s", f"{node.targets} targets"]
+        )
+    line.end(f"recorded {time.monotonic() - began:.1f} s, {node.targets} targets")
     node.place()
     recording = node.record.recording(node.head)
     if len(recording) < 10:
@@ -138,8 +145,12 @@ def record_run(
             "there was hardly any moment at which both the joints and a target were known; is "
             "somebody publishing target_point?"
         )
-    text = table(recording, node.record.ages, node.record.target_rate)
-    options.output.write_text(picture(recording, f"{node.head.pointing_frame} and its target"))
+    text = table(recording, node.record.ages, node.record.target_rate, markdown=options.markdown)
+    try:
+        options.output.write_text(picture(recording, f"{node.head.pointing_frame} and its target"))
+    except OSError as error:  # what was recorded is not lost
+        print(text)
+        return _fail(f"the picture cannot be written: {error}")
     print(f"{text}\n\nThe picture is {options.output}.")
     return 0
 
@@ -147,6 +158,21 @@ def record_run(
 def _fail(reason: str) -> int:
     print(f"track_report: {reason}", file=sys.stderr)
     return 1
+
+
+def _writable(text: str) -> Path:
+    """A file that can be written, tried before anything is recorded; it is left as it is."""
+    path = Path(text)
+    try:
+        was_there = path.exists()
+        path.open("a").close()
+        if not was_there:
+            path.unlink()
+    except OSError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} cannot be written ({error.strerror}); give a file in a folder that can"
+        ) from None
+    return path
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -161,11 +187,12 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--output",
-        type=Path,
-        default=Path("track_report.svg"),
+        type=_writable,
+        default="track_report.svg",
         metavar="FILE",
         help="the picture (default: %(default)s)",
     )
+    parser.add_argument("--markdown", action="store_true", help="the table for a document")
     return parser.parse_args(arguments)
 
 

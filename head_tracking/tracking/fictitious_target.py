@@ -11,7 +11,10 @@ from head_tracking.transforms import Vector3
 
 @dataclass(frozen=True, slots=True)
 class FictitiousTargetParameters:
-    """The path x, y, z = centre + amplitude * (sin t, sin t, |sin t|); defaults: the tutorial's."""
+    """The path x, y, z = centre + amplitude * (sin t, sin t, h); defaults: the tutorial's.
+
+    h is |sin t|, which turns round at once where it is 0, or the same without the jerk: sin^2 t.
+    """
 
     center: tuple[float, ...] = parameter(
         (0.5, 0.0, -0.1), "Middle of the path: x, y, z.", unit="m", minimum=-1e3, maximum=1e3
@@ -22,6 +25,11 @@ class FictitiousTargetParameters:
         unit="m",
         minimum=-1e3,
         maximum=1e3,
+    )
+    path: str = parameter(
+        "tutorial",
+        "How the height swings: |sin t| as in the tutorial, or harmonic, without a jerk: sin^2 t.",
+        choices=("tutorial", "harmonic"),
     )
     step: float = parameter(
         0.025,
@@ -51,4 +59,5 @@ class FictitiousTarget:
         self._t += p.step
         x, y, z = p.center
         dx, dy, dz = p.amplitude
-        return x + dx * sine, y + dy * sine, z + dz * abs(sine)
+        height = sine * sine if p.path == "harmonic" else abs(sine)
+        return x + dx * sine, y + dy * sine, z + dz * height

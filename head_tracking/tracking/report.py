@@ -15,13 +15,16 @@ _TARGET, _HEAD, _GRID = "#d9480f", "#1864ab", "#dddddd"
 _MOST_POINTS = 1500  # of a curve
 
 
-def table(recording: Recording, ages: Sequence[float], target_rate: float) -> str:
-    """The figures of a run, in Markdown.
+def table(
+    recording: Recording, ages: Sequence[float], target_rate: float, *, markdown: bool = False
+) -> str:
+    """The figures of a run.
 
     Args:
         recording: of the run.
         ages: of the points when they came [s].
         target_rate: points a second.
+        markdown: for a document; else for a terminal.
     """
     wanted = recording.velocities(recording.wanted)
     done = recording.velocities(recording.positions)
@@ -43,7 +46,10 @@ def table(recording: Recording, ages: Sequence[float], target_rate: float) -> st
         ),
         ("mean jerk of pan", f"{recording.jerk():.0f} rad/s³"),
     ]
-    return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
+    if markdown:
+        return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
 def lag(recording: Recording) -> float | None:

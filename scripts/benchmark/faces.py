@@ -11,10 +11,10 @@ from photographs import EMPTY, KINDS, SIZES, empty, fetch, photographs
 from head_tracking.vision import Camera, FaceDetector, FaceParameters, Frame, Picture
 
 CAMERA = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
-ROLLS = (0, 20, 30, 45, 60)
+ROLLS = (0, 20, 30, 45)
 LIGHTS = (1.0, 0.5, 0.25)
-PARTS = 20  # of each photograph without a face
-ROUNDS = 20
+PARTS = 5  # of each photograph without a face
+ROUNDS = 5
 
 
 def faces() -> str:

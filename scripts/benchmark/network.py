@@ -15,6 +15,7 @@ import os
 import random
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -124,7 +125,14 @@ def _start(host: str, link: Link, *command: object, **options: Any) -> subproces
     if link.server:
         environment["ROS_DISCOVERY_SERVER"] = "10.77.0.1:11811"
     words = ["ip", "netns", "exec", f"ht_{host}", *map(str, command)]
-    return subprocess.Popen(words, env=environment, text=True, **options)
+    # A session of its own, so that what it starts in turn is ended with it.
+    return subprocess.Popen(words, env=environment, text=True, start_new_session=True, **options)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM)
+    process.wait(15.0)
 
 
 def _role(name: str, *arguments: object) -> tuple[object, ...]:
@@ -140,8 +148,7 @@ def measured(link: Link, cut_for: float = 0.0) -> dict[str, Any]:
 
         def start(host: str, *command: object, **options: Any) -> subprocess.Popen[str]:
             process = _start(host, link, *command, **options)
-            stack.callback(process.wait, 15.0)
-            stack.callback(process.terminate)
+            stack.callback(_end, process)
             return process
 
         if link.server:
@@ -254,8 +261,6 @@ def camera(file: Path, cut_for: float) -> None:
 
 def page(file: Path) -> None:
     """Listens, and writes down what the head says of itself until it is ended."""
-    import signal
-
     import rclpy
     from geometry_msgs.msg import PointStamped
     from rclpy.executors import SingleThreadedExecutor
@@ -331,14 +336,14 @@ def _told(page: dict[str, Any]) -> list[str]:
     targets = page["targets"]
     gaps = [(later - earlier, earlier) for earlier, later in pairwise(targets)]
     gap, begin = max(gaps)
-    lines = ["| Time after the last target | the head says |", "|---|---|"]
+    moments = [(gap, "(the first target that comes again)")]
     last = ""
     for at, text in page["said"]:
         if begin - 0.5 <= at <= begin + gap + 3.0 and text != last:
-            lines.append(f"| {at - begin:+.2f} s | {text} |")
+            moments.append((at - begin, text))
             last = text
-    lines.append(f"| {gap:+.2f} s | (the first target that comes again) |")
-    return lines
+    rows = [f"| {when:+.2f} s | {text} |" for when, text in sorted(moments)]
+    return ["| Time after the last target | the head says |", "|---|---|", *rows]
 
 
 if __name__ == "__main__":

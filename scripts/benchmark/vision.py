@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from faces import faces
 from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 from visual_pursuit import head_yaml, pursue, tutorial_law
@@ -47,7 +46,7 @@ def vision() -> str:
     """All tables; also draws docs/camera.jpg."""
     require_opencv()
     draw_camera(ROOT / "docs" / "camera.jpg")
-    parts = (faces, speed, errors, encodings, closed_loop, empty_scene)
+    parts = (speed, errors, encodings, closed_loop, empty_scene)
     return "\n\n".join(part() for part in parts)
 
 

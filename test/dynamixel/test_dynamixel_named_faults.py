@@ -346,6 +346,22 @@ def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
     assert named - struck <= TOLD
 
 
+def test_one_of_two_servos_mounted_the_wrong_way_round_is_named() -> None:
+    rig = Rig(pair=True).connect()
+
+    def turn_together() -> None:
+        rig[3]._drive.angle = -rig[1]._drive.angle
+
+    rig.each_cycle.append(turn_together)
+    rig.goal = lambda joint: 0.0  # type: ignore[method-assign]
+    rig.run(1.0)
+    assert not list(told(rig, 0.0, ("servos disagree",)))
+    rig.goal = lambda joint: 0.5  # type: ignore[method-assign]
+    started = rig.time
+    rig.run(0.6)
+    assert next(told(rig, started, ("mounted or calibrated the wrong way round",))) < started + 0.3
+
+
 def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     rig = Rig()
     last = AX.ticks - 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -448,3 +449,38 @@ def test_nobody_is_asked_again_while_another_replies() -> None:
         ordeal.run(600, 0.3)
         overlaps = ordeal.bench.line.overlaps
         assert not {Overlap.REQUEST, Overlap.STATUS} & set(overlaps), overlaps
+
+
+# A stop that comes in the midst of something
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("cycles", range(8))
+def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
+    rig.bus.set_torque(None, False)
+    rig.bus.submit(rig.bus.switching_torque(None, True))
+    rig.step(cycles)
+    assert set(rig.bus.relax_at_once(0.4).values()) == {""}
+    rig.step(20)
+    assert rig.torque == [0, 0]
+    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_ON_REQUEST}
+
+
+def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
+    port = FakePort()
+    bus = ServoBus(port, [PAN, TILT])
+    bus.connect()
+    bus.set_torque(None, True)
+    buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
+    ((_, thread),) = buses._threads
+    buses.start()
+    try:
+        with thread._owner:  # as a cycle holds it that the machine does not let end
+            assert all(buses.relax_at_once(0.02).values())
+        deadline = time.monotonic() + 10.0
+        while bus.torque(PAN.joint_name) is not Torque.OFF_ON_REQUEST:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+    finally:
+        buses.stop()

@@ -87,6 +87,8 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
         "/**: {ros__parameters: {use_sim_time: false, robot_name: rosie}}",
         "lidar_driver: {ros__parameters: {scan_rate: 10.0}}",
         "viewer: {ros__parameters: {port: 8081}}",
+        "head_tracker_2: {ros__parameters: {rat: 8081}}",
+        "servo_bus_left: {ros__parameters: {rat: 8081}}",
         "/**/point_head: {ros__parameters: {min_tilt: -1.0}}",  # as in config/head.yaml
         "joint_state_publisher: {ros__parameters: {zeros.neck: 0.1}}",
         "/left/head_tracker: {ros__parameters: {rat: 30.0}}",

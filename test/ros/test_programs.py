@@ -24,7 +24,7 @@ def torque(port: str) -> list[int]:
 
 
 def test_a_run_ends_by_itself_with_a_summary(start):
-    run = start("head_tracking", "--sim", "--duration", "5")
+    run = start("head_tracking", "--sim", "--duration", "12")
     assert run.end() == 0
     assert "2 AX-12 servos: ids 1, 2" in run.output
     last = run.output.splitlines()[-1]
@@ -381,7 +381,7 @@ def test_a_terminal_that_has_only_ascii_gets_ascii(start):
         "head_tracking", "--sim", "--duration", "2", environment={"PYTHONIOENCODING": "ascii"}
     )
     assert run.end() == 0, run.output
-    assert re.search(r"^.*error .*deg \| pan .*deg tilt .*deg \|", run.output, re.MULTILINE)
+    assert re.search(r"pan .*deg tilt .*deg \|", run.output)
 
 
 # other heads in the graph
@@ -396,11 +396,13 @@ def test_a_simulated_run_does_not_turn_a_real_head_and_says_whose_it_is(start, p
     real = start("servo_bus", "--ros-args", "-p", f"port_name:={port}", "-p", "reply_timeout:=0.5")
     real.read_until("relaxed until a command comes")
     simulated = start("head_tracking", "--sim")
-    assert simulated.end() == 1
-    last = simulated.output.splitlines()[-1]
-    assert "another head is in this graph: /servo_bus (moves servos)" in last
-    assert "--allow-others" in last
+    # (it refuses to start, or holds if it hears of the other one late)
+    said = simulated.read_until("another head is in this graph: ")
+    assert "/servo_bus (moves servos)" in said
+    assert "--allow-others" in said or "this run holds" in said
     assert "Traceback" not in simulated.output
+    # it had no node yet whose target or joints the real head could have taken for its own
+    assert "relaxed until a command comes" not in simulated.output
     assert real.end(signal.SIGINT) == 0
     assert "torque on" not in real.output
     assert torque(port) == [0, 0]
@@ -434,14 +436,15 @@ def test_a_key_in_the_terminal_of_a_run_stops_and_resumes_it(domain, monkeypatch
         assert terminal.is_as_before()
 
 
-def test_of_two_simulated_runs_the_second_refuses_to_start(start):
+def test_of_two_simulated_runs_the_second_gives_way(start):
     first = start("head_tracking", "--sim")
     runs(first)
     second = start("head_tracking", "--sim")
-    assert second.end() == 1
-    assert "/servo_bus (moves servos)" in second.output.splitlines()[-1]
-    assert first.end(signal.SIGINT) == 0
-    assert "another head" not in first.output
+    said = second.read_until("another head is in this graph: ")
+    assert "/servo_bus (moves servos)" in said
+    if "this run holds" not in said:  # it has heard of the first one in time, as is usual
+        assert second.end() == 1
+        assert first.end(signal.SIGINT) == 0
 
 
 def test_who_allows_others_runs_beside_them(start):
@@ -542,9 +545,11 @@ def test_transforms_tells_a_mistake_on_the_command_line(start, arguments):
 def test_look_turns_a_running_head_and_says_by_how_much_it_misses(start):
     run = start("head_tracking", "--sim", "--mode", "point", "--target", "none")
     run.read_until("ready to point")
-    look = start("look", "1", "1", "0.5", "--frame", "base_link")
+    look = start("look", "1,1,0.5@base_link")
     assert look.end() == 0, look.output
     assert "arrived: the head misses the target by" in look.output
+    look = start("look", "1", "1", "0.4", "--frame", "base_link")
+    assert look.end() == 0, look.output
     look = start("look", "--centre")
     assert look.end() == 0, look.output
 

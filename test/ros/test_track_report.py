@@ -19,7 +19,7 @@ def report(capsys, tmp_path, monkeypatch):
         picture = tmp_path / "picture.svg"
         node, executor = TrackReportNode(), SingleThreadedExecutor()
         executor.add_node(node)
-        options = argparse.Namespace(duration=duration, output=picture)
+        options = argparse.Namespace(duration=duration, output=picture, markdown=False)
         try:
             code = record_run(node, executor, options, lambda: False)
         finally:
@@ -34,7 +34,9 @@ def test_a_run_becomes_a_table_and_a_picture(make_robot, report):
     make_robot("--target", "fictitious")
     code, output, picture = report(6.0)
     assert code == 0, output.err
-    assert "| error, rms |" in output.out
+    assert "error, rms  " in output.out
+    assert "|" not in output.out
+    assert "recording: " in output.err
     assert "points/s" in output.out
     assert picture.read_text().startswith("<svg")
 
@@ -64,3 +66,18 @@ def test_durations_are_checked(capsys):
             track_report._parse(["--duration", bad])
         assert "seconds above 0" in capsys.readouterr().err
     assert track_report._parse([]).duration == 20.0
+
+
+def test_where_the_picture_goes_is_checked_before_anything_is_recorded(capsys, tmp_path):
+    with pytest.raises(SystemExit):
+        track_report._parse(["--output", str(tmp_path / "nowhere" / "picture.svg")])
+    assert "cannot be written (No such file or directory)" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        track_report._parse(["--output", str(tmp_path)])
+    assert "cannot be written" in capsys.readouterr().err
+    good, there = tmp_path / "picture.svg", tmp_path / "old.svg"
+    there.write_text("old")
+    assert track_report._parse(["--output", str(good)]).output == good
+    assert track_report._parse(["--output", str(there)]).output == there
+    assert not good.exists()
+    assert there.read_text() == "old"

@@ -68,6 +68,7 @@ ON_TARGET = math.radians(3.0)
 BESIDE = 0.5  # rad beside the ways of the targets: there the head may be
 AHEAD = 1.3  # rad beside them: there goals may be, which lie ahead of the head
 START_LIMIT = 30.0  # s
+LONG = 20.0  # s; a shorter life has no time for a colleague's run
 FOREIGN = -2.2  # rad, where no target is: what foreigners command
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -215,6 +216,7 @@ class Chaos:
         self._start = time.monotonic()
         self._offset = 0.0  # s, of the robot's clock
         self._targets = False
+        self._seconds = 0.0
         self._ending = threading.Event()
         self._stopped = False
         self._commanded = False
@@ -450,10 +452,11 @@ class Chaos:
             (2, self.foreign_commands),
             (2, self.foreign_parameters),
             (2, self.second_robot),
-            (1, self.second_run),
             (3, self.stop),
             (1, self.stop_without_adapter),
         ]
+        if self._seconds >= LONG:
+            blows.append((1, self.second_run))
         if self.clock:
             blows.append((3, self.jump))
         weights, strikes = zip(*blows, strict=True)
@@ -492,6 +495,7 @@ class Chaos:
 
     def unplug(self) -> None:
         """The adapter is pulled out and plugged in again."""
+        self.until(self.complete, START_LIMIT, "the robot is complete")  # none starts without it
         seconds = self.random.uniform(0.05, 1.0)
         self.note(f"unplugged for {seconds:.2f} s")
         self.port.unplug()
@@ -619,6 +623,7 @@ class Chaos:
 
     def stop_without_adapter(self) -> None:
         """STOP while the adapter is out: the servos are relaxed as soon as it is back."""
+        self.until(self.complete, START_LIMIT, "the robot is complete")
         self.until(self.has_bus, START_LIMIT, "the bus comes")
         self.note("STOP while the adapter is out")
         self.port.unplug()
@@ -700,6 +705,7 @@ class Chaos:
         self.quiet()
         self._commanded = self._targets = True
         self.until(lambda: self.error() < ON_TARGET, START_LIMIT, "the head finds its target")
+        self._seconds = seconds
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             for _ in range(self.random.randrange(1, 4)):

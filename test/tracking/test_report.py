@@ -29,7 +29,7 @@ def test_a_target_that_stands_still_tells_no_lag():
 
 
 def test_the_table_has_the_figures():
-    text = table(swing(), [0.04, 0.06], 29.97)
+    text = table(swing(), [0.04, 0.06], 29.97, markdown=True)
     assert "| target | 30.0 points/s, 50 ms old |" in text
     assert f"{1e3 * swing().rms:.1f} mrad" in text
     assert "| head behind its target | 100 ms |" in text

@@ -1,4 +1,4 @@
-"""A robot that has publishers and frames of its own keeps them."""
+"""What a person asks of a run, and what a robot has already and keeps."""
 
 from pathlib import Path
 
@@ -57,3 +57,22 @@ def test_a_robot_of_ones_own_stands_in_a_world_if_it_is_given(
     own.write_text(kinectbot.urdf)
     given = ["-p", "robot_state_publisher:world_frame:=map"]
     assert "map" in frames(make_robot, "--robot", str(own), ros_args=given)
+
+
+def test_a_smooth_target_is_there_beside_the_tutorials():
+    def path(target: str) -> object:
+        (node,) = (
+            node
+            for node in parse_arguments(["--sim", "--target", target]).nodes
+            if node.name == "fictitious_target"
+        )
+        return node.parameters.get("path", "tutorial")
+
+    assert path("fictitious") == "tutorial"
+    assert path("smooth") == "harmonic"
+
+
+def test_a_point_with_a_minus_can_be_the_target():
+    nodes = parse_arguments(["--sim", "--target", "-1,0.5,0@base_link"]).nodes
+    (target,) = (node for node in nodes if node.name == "fictitious_target")
+    assert target.parameters["center"] == [-1.0, 0.5, 0.0]
