@@ -84,7 +84,7 @@ def badge(
     said = live.state.partition(": ")[2]
     word, _, reason = said.partition(": ")
     refusal = complaint if "refused" in complaint else reason.partition(_REFUSED)[2]
-    if refusal:
+    if refusal and word != TargetState.TRACKING:  # then it was one point among many
         return Badge(Word.REFUSED, refusal)
     loose = [servo.joint or servo.controller for servo in servos if servo.torque is False]
     if loose and len(loose) == len(servos):

@@ -251,7 +251,8 @@ class _Net:
         """Looks at one place and adds the face there, if it is one that was not found before."""
         if any(math.dist(centre, face.centre) < 0.6 * face.size for face in found):
             return
-        for turn in self._TURNS:
+        # where a face is found already, another one that is turned waits for the next search
+        for turn in self._TURNS[: 1 if found else None]:
             face = self._upright(picture, centre, size, roll + turn)
             if face is not None and face.score >= score:
                 if all(math.dist(face.centre, other.centre) > 0.6 * other.size for other in found):

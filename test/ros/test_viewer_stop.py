@@ -201,8 +201,8 @@ def test_a_page_that_opens_late_knows_what_was_said_before(start):
     robot = page(start)
     wait_for(lambda: robot.stop.stopped)
     wait_for(lambda: robot.topics.state("head_tracker") == "disabled: tracking is switched off")
-    assert robot.topics.enabled("head_tracker") is False
-    assert set(robot.topics.owners().values()) == {"head_tracker"}
+    wait_for(lambda: robot.topics.enabled("head_tracker") is False)
+    wait_for(lambda: set(robot.topics.owners().values()) == {"head_tracker"})
 
 
 def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start):
