@@ -142,10 +142,11 @@ def test_what_was_on_before_a_stop_is_on_after_the_resume_of_the_next_one(tracki
     def torque():
         return robot.simulated.port.use(lambda bus: [s.register("Torque Enable") for s in bus])
 
+    bus = robot.composition.nodes["servo_bus"]
     robot.look_at(1, 0.2, 0, "torso_link")
     wait_for(lambda: torque() == [1, 1])
     for _ in range(3):
-        for service in ("stop", "resume", "stop", "resume"):
-            response = robot.call(service)
-            assert response.success, response.message
+        for _ in range(2):
+            assert set(bus.stop().values()) == {""}
+            bus.resume()
         wait_for(lambda: torque() == [1, 1])
