@@ -169,8 +169,13 @@ def test_a_new_choice_of_mode_ends_a_stop(robot, seen):
     seen.stop.cancel()
     assert seen.modes.set_mode(Mode.POINT).done
     wait_for(lambda: not seen.stop.stopped)
-    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4), wait=True).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
+
+    def points() -> bool:
+        # again: a point that comes before the servos have torque again is left out
+        assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
+        return head_is_at(robot, bearing(1.0, -0.6))
+
+    wait_for(points)
 
 
 @pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
