@@ -309,10 +309,12 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         NodeDied: a node ended with an error.
         Exception: a node could not start.
     """
-    if plan.simulated and not plan.allow_others and not _alone(plan, stop, line):
+    alone = plan.simulated and not plan.allow_others
+    if alone and not _alone(plan, stop, line):
         return 0
     with ExitStack() as resources, closing(NodeThreads()) as threads:
-        head = compose(plan, threads, resources, "" if plan.allow_others else _LOOKING)
+        held = "" if alone or plan.allow_others else _LOOKING
+        head = compose(plan, threads, resources, held)
         if plan.viewer:
             resources.enter_context(viewer_process(ros_arguments(plan)))
         parameter_files.check(head.nodes.values())
@@ -322,6 +324,7 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
             head.loop.hold,
             simulated=plan.simulated,
             allow_others=plan.allow_others,
+            alone=alone,
         )
         get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)

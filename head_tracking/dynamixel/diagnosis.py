@@ -73,7 +73,7 @@ class _Watch:
         "apart_since", "away_from", "away_since", "calm", "examined", "failures", "frozen_since",
         "frozen_ticks", "goals", "identity", "jumped", "low_since", "lowest", "outcome", "owed",
         "pace_begin", "pace_since", "position", "rest_position", "rest_since", "sag_since", "seen",
-        "stamp", "symptoms", "target", "target_since", "usual_voltage", "wanted", "warm",
+        "side", "stamp", "symptoms", "target", "target_since", "usual_voltage", "wanted", "warm",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -83,6 +83,7 @@ class _Watch:
         self.frozen_since = self.low_since = self.sag_since = self.apart_since = 0
         self.target_since = 0
         self.examined = -_AGAIN
+        self.side = 0.0
         self.position = self.rest_position = self.away_from = self.pace_begin = 0.0
         self.frozen_ticks = 0
         self.jumped = 0.0
@@ -226,7 +227,9 @@ class Diagnosis:
                         self._suspect(joint, servo, watch, Symptom.SLOW, now)
                     watch.pace_since, watch.pace_begin = now - _GRACE, position
                 # Stuck
-                if abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
+                turns = error * watch.side < 0.0  # the goal has moved to the other side of it
+                watch.side = error
+                if turns or abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
                     watch.rest_since, watch.rest_position, watch.owed = now, position, 0.0
                 patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
                 if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):

@@ -38,6 +38,7 @@ class GraphWatch:
         hold: called with the reason while nothing may move, and with "" when that is over.
         simulated: the servos are; the run gives way to a head that comes later.
         allow_others: nothing is refused and nothing held; who is there is said.
+        alone: somebody has looked already: nothing is held while this watch looks again.
         clock: gives the time [s].
 
     Attributes:
@@ -52,6 +53,7 @@ class GraphWatch:
         *,
         simulated: bool,
         allow_others: bool = False,
+        alone: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.others = ""
@@ -71,7 +73,7 @@ class GraphWatch:
         self._owners = node.resolve_topic_name("joint_owners")
         self._states = node.resolve_topic_name("servo_states")
         self._bus_services = {node.resolve_service_name(name) for name in ("stop", "relax")}
-        if self._looking:
+        if self._looking and not alone:
             hold("looking for other heads")
 
     @property
