@@ -23,6 +23,7 @@ from head_tracking.dynamixel.state import EventKind, Symptom
 
 _NS: Final = 1_000_000_000
 _STUCK: Final = 0.12  # s far from a goal without progress; a servo starts within 0.05 s
+_TURNS: Final = 0.1  # s that it may take to slow down and start the other way
 _STANDSTILL: Final = 0.02  # s of a cycle that count: in a late one the goal may have come late
 _AWAY: Final = 120_000_000  # ns of motion away from it, without slowing down
 _LONG_AWAY: Final = 200_000_000  # ns of it in any case: a heavy head has turned round by then
@@ -230,7 +231,8 @@ class Diagnosis:
                 turns = error * watch.side < 0.0  # the goal has moved to the other side of it
                 watch.side = error
                 if turns or abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
-                    watch.rest_since, watch.rest_position, watch.owed = now, position, 0.0
+                    watch.rest_since, watch.rest_position = now, position
+                    watch.owed = -_TURNS if turns else 0.0
                 patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
                 if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):
                     watch.owed += min(elapsed, _STANDSTILL)

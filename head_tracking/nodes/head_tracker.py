@@ -157,12 +157,16 @@ class HeadTrackerNode(Node):
         """See `HeadTurner`."""
         tracker = self._tracker
         now, stamp, positions = reading
-        before, measured = self._stepped
-        again = 0.0 <= stamp - measured < 0.75 * self._period
-        if tracker is None or (again and 0.0 <= now - before < 1.5 * self._period):
-            return None  # joints are measured more often; or simulated time is slow, or stands
-        self._stepped = now, stamp
+        if tracker is None:
+            return None
         tracker.joints_read(stamp, positions)
+        before, measured = self._stepped
+        passed, newer = now - before, stamp - measured
+        if 0.0 <= passed < 0.5 * self._period:
+            return None  # joint states that were held up come all at once; or time stands still
+        if 0.0 <= newer < 0.75 * self._period and 0.0 <= passed < 1.5 * self._period:
+            return None  # joints are measured more often
+        self._stepped = now, stamp
         for target, point in self.interface.take_targets(positions, now):
             verdict = tracker.target_seen(
                 target.stamp * 1e-9 if target.stamp else now,

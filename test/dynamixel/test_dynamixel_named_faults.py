@@ -428,3 +428,22 @@ def test_no_fault_is_named_where_there_is_none(model, seed: int) -> None:
         rig.run(10.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
+
+
+def test_a_joint_that_slows_down_and_turns_round_meets_no_obstacle() -> None:
+    """As a tracker does it: the goal leads, slower and slower, then it is on the other side."""
+    rig = Rig(AX, 5).connect()
+    rig.each_cycle.append(lambda: rig.bus.command({PAN: turning(rig)}))
+    rig.run(30.0)
+    texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
+    assert not texts
+
+
+def turning(rig: Rig) -> Goal:
+    phase = rig.time % 1.0
+    side = 1.0 if rig.time % 2.0 < 1.0 else -1.0
+    speed = 1.5 if phase > 0.06 else 0.5
+    if phase > 0.5:
+        speed = max(0.24, 1.2 * (1.0 - phase))
+    here = rig.states[PAN].position if PAN in rig.states else 0.0
+    return Goal(here + side * (0.07 + 0.16 * speed), speed)

@@ -216,3 +216,16 @@ def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monke
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}
+
+
+def test_joint_states_that_were_held_up_are_no_reason_to_hurry(make):
+    """A tracker that took a step for each of them would think that as much time had passed."""
+    head = make()
+    head.target = LEFT
+    head.until_state("tracking:")
+    head.held_up = True
+    time.sleep(0.3)
+    before = head.commands
+    head.held_up = False
+    time.sleep(0.06)
+    assert head.commands - before <= 5
