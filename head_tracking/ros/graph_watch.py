@@ -38,7 +38,7 @@ class GraphWatch:
         hold: called with the reason while nothing may move, and with "" when that is over.
         simulated: the servos are; the run gives way to a head that comes later.
         allow_others: nothing is refused and nothing held; who is there is said.
-        alone: somebody has looked already: nothing is held while this watch looks again.
+        alone: somebody has looked already: nothing is held, and nothing refused any more.
         clock: gives the time [s].
 
     Attributes:
@@ -68,12 +68,12 @@ class GraphWatch:
         self._changed = -math.inf  # when the answer to "is anybody there?" changed
         self._somebody = False
         self._told = False
-        self._looking = not allow_others
+        self._looking = not (allow_others or alone)
         self._commands = node.resolve_topic_name("joint_commands")
         self._owners = node.resolve_topic_name("joint_owners")
         self._states = node.resolve_topic_name("servo_states")
         self._bus_services = {node.resolve_service_name(name) for name in ("stop", "relax")}
-        if self._looking and not alone:
+        if self._looking:
             hold("looking for other heads")
 
     @property
