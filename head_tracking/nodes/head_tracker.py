@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -78,7 +79,7 @@ class HeadTrackerNode(Node):
         self._law = self._own.value.law
         self._period = max(1.0 / self._own.value.rate, loop.period if loop else 0.0)
         self._stepped = 0.0, 0.0
-        self._slow = CAUTIOUS_SPEED
+        self._at_most = math.inf  # rad/s
         self._slow_since: float | None = None
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
@@ -115,26 +116,23 @@ class HeadTrackerNode(Node):
             self.interface.send(self._tracker.reset(reason, self.interface.now))
             self.report()
 
-    @property
-    def _speed_limits(self) -> SpeedLimits:
-        limits = self._limits.value
-        return replace(limits, max_joint_speed=self._slow) if self.interface.slow else limits
-
     def _speed_up(self, error: float | None, now: float) -> None:
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
-        if self._slow == CAUTIOUS_SPEED and self._slow_since is None:
+        if self._slow_since is None:
             self._slow_since = now
-        waited = now - (self._slow_since or now)
-        faster = CAUTIOUS_SPEED * 2.0 ** max(0.0, waited - _SLOW_TIME)
-        if (error is not None and error < _ARRIVED) or faster > _FAST or waited < 0.0:
+        waited = now - self._slow_since
+        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, waited - _SLOW_TIME)
+        if (error is not None and error < _ARRIVED) or self._at_most > _FAST or waited < 0.0:
             self.interface.slow = False
-        if not self.interface.slow or faster > 1.1 * self._slow:
-            self._slow = faster
-            self._tune()
+            self._at_most = math.inf
+        if self._tracker is not None:
+            self._tracker.law.at_most = self._at_most
 
     def _make_law(self, head: PanTiltHead) -> TrackingLaw:
         own = self._laws[self._law].value
-        return LAWS[self._law](head, self._period, self._speed_limits, own)
+        law = LAWS[self._law](head, self._period, self._limits.value, own)
+        law.at_most = self._at_most
+        return law
 
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
@@ -144,11 +142,11 @@ class HeadTrackerNode(Node):
             self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
-    def _tune(self, _: object = None) -> None:
+    def _tune(self, _: object) -> None:
         if self._tracker is None:
             return
         with self.interface.lock:
-            self._tracker.law.limits = self._speed_limits
+            self._tracker.law.limits = self._limits.value
             self._tracker.law.parameters = self._laws[self._law].value
             self._tracker.estimator.parameters = self._estimator.value
             self._tracker.machine.parameters = self._target_state.value
@@ -190,10 +188,11 @@ class HeadTrackerNode(Node):
         if self._tracker is None:
             return
         off = self.interface.off
-        self._slow, self._slow_since = CAUTIOUS_SPEED, None
+        self._at_most = CAUTIOUS_SPEED if self.interface.slow else math.inf
+        self._slow_since = None
+        self._tracker.law.at_most = self._at_most
         self._tracker.machine.off = off
         self._tracker.enable(not off, self.interface.now)
-        self._tune()
 
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """See `HeadTurner`."""

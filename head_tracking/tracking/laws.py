@@ -18,8 +18,6 @@ from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_controller import JointController, MotionLimits, Reference
 from head_tracking.transforms import JointLimits
 
-_USUAL_SPEED = 5.0  # rad/s
-
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimits:
@@ -44,10 +42,6 @@ class SpeedLimits:
         minimum=0.02,
         maximum=3.0,
     )
-
-    def speed(self, usual: float) -> float:
-        """The fastest speed for a law that usually needs `usual` [rad/s]."""
-        return self.max_joint_speed or usual
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +123,17 @@ class TrackingLaw(ABC):
     Attributes:
         Parameters: a dataclass of parameters; their names differ from those of the other laws.
         description: what it does, for who chooses one.
+        usual_speed: the fastest [rad/s], where the limits say nothing.
         limits: may change at any time.
         parameters: may change at any time.
+        at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
     """
 
     Parameters: ClassVar[type[Any]] = NoParameters
     description: ClassVar[str]
+    usual_speed: ClassVar[float] = 5.0
     parameters: Any
+    at_most = math.inf
 
     def __init__(
         self,
@@ -148,6 +146,11 @@ class TrackingLaw(ABC):
         self.parameters = parameters or self.Parameters()
         self._head = head
         self._period = period
+
+    @property
+    def fastest(self) -> float:
+        """The fastest speed now [rad/s]."""
+        return min(self.limits.max_joint_speed or self.usual_speed, self.at_most)
 
     @property
     def horizon(self) -> float:
@@ -190,7 +193,7 @@ class PositionLaw(TrackingLaw):
         """See `TrackingLaw`."""
         gaze = self._head.look(target.sight, *joints.positions)
         goal = gaze.pan, gaze.tilt
-        return together(joints.positions, goal, self.limits.speed(_USUAL_SPEED)), gaze
+        return together(joints.positions, goal, self.fastest), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -201,10 +204,7 @@ class PositionLaw(TrackingLaw):
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         goal = inside(self._head, joints.positions)
-        return together(goal, goal, self.limits.speed(_USUAL_SPEED))
-
-
-_TUTORIALS_SPEED = 0.5  # rad/s
+        return together(goal, goal, self.fastest)
 
 
 class SpeedLaw(TrackingLaw):
@@ -212,6 +212,7 @@ class SpeedLaw(TrackingLaw):
 
     Parameters = SpeedLawParameters
     description = "by the tutorials' speeds"
+    usual_speed = 0.5
     parameters: SpeedLawParameters
 
     def __init__(
@@ -257,8 +258,7 @@ class SpeedLaw(TrackingLaw):
             wanted: pan and tilt that look at the target [rad].
             present: pan and tilt as measured [rad].
         """
-        p, limits = self.parameters, self.limits
-        fastest, lead = limits.speed(_TUTORIALS_SPEED), limits.lead_target_angle
+        p, fastest, lead = self.parameters, self.fastest, self.limits.lead_target_angle
         (pan, pan_speed), (tilt, tilt_speed) = (
             joint.step(there - here, here, gain, threshold, fastest, lead)
             for joint, there, here, gain, threshold in zip(
@@ -276,7 +276,7 @@ class SpeedLaw(TrackingLaw):
         )
 
     def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
-        speed = self.limits.speed(_TUTORIALS_SPEED)
+        speed = self.fastest
         return HeadCommand(*goal, speed, speed)
 
     def _forget(self) -> None:
@@ -382,7 +382,7 @@ class PredictiveLaw(TrackingLaw):
             )
             for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
         ]
-        return self._steer(references, self.limits.speed(_USUAL_SPEED), now), gaze
+        return self._steer(references, self.fastest, now), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -395,7 +395,7 @@ class PredictiveLaw(TrackingLaw):
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
         self._drives = self._path = None
-        speed = self.limits.speed(_USUAL_SPEED)
+        speed = self.fastest
         return HeadCommand(*inside(self._head, joints.positions), speed, speed)
 
     def _take(self, joints: JointReading, now: float) -> tuple[JointController, JointController]:

@@ -109,6 +109,7 @@ class Tracker:
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
         self._cautious = PositionLaw(head, 0.02, law.limits)
+        self._cautious.at_most = CAUTIOUS_SPEED
         self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
@@ -205,7 +206,7 @@ class Tracker:
             self.stamp_error.calm_down()
         cautious = now < self._cautious_until
         if cautious:
-            self._cautious.limits = replace(self.law.limits, max_joint_speed=CAUTIOUS_SPEED)
+            self._cautious.limits = self.law.limits
         elif now > self._cautious_until + 2.0 * self._pause:
             self._pause = _FIRST_PAUSE
         self.machine.swung = (
@@ -238,7 +239,8 @@ class Tracker:
         goal = self.machine.goal(joints.positions, now)
         if goal is None:
             return TrackingStep()
-        command = self.law.go_to(goal, self.machine.parameters.default_joint_speed, joints, now)
+        speed = min(self.machine.parameters.default_joint_speed, self.law.at_most)
+        command = self.law.go_to(goal, speed, joints, now)
         self._watch_servos(command, joints, now)
         return TrackingStep(command)
 

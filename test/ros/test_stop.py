@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
@@ -74,6 +75,17 @@ def test_resume_goes_on_slowly_with_what_was_on(robot):
     assert max(velocities[:20]) < 0.6
     wait_for(lambda: not tracker.slow, 20.0)  # even if the target runs away from a slow head
     assert not tracker.off
+
+
+def test_a_resumed_head_is_no_faster_than_a_person_allows(robot):
+    tracker = robot.composition.nodes["head_tracker"]
+    assert tracker.set_parameters([Parameter("max_joint_speed", value=0.1)])[0].successful
+    tracking(robot)
+    assert robot.call("stop").success
+    goals = robot.goals()
+    assert robot.call("resume").success
+    wait_for(lambda: len(goals) > 50)
+    assert max(goal.speed for told in goals for goal in told.values()) <= 0.1001
 
 
 def test_stop_waits_for_no_controller_that_hangs(robot):
