@@ -112,12 +112,6 @@ class ControlLoop:
         with self._lock:
             self._controllers += (controller,)
 
-    def remove(self, controller: Controller) -> None:
-        """Lets it take no part any more."""
-        with self._lock:
-            self._controllers = tuple(one for one in self._controllers if one is not controller)
-        self.owners.release(controller.name)
-
     def joints_read(
         self, stamp: int, measured: Mapping[str, JointSample]
     ) -> Mapping[str, JointSample]:

@@ -71,6 +71,9 @@ class ServoBusNode(Node):
     Raises:
         DynamixelError: the configuration can't work, a port can't be opened, or a servo does not
             answer.
+
+    Attributes:
+        failure: what has ended a bus; None as long as all run.
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class ServoBusNode(Node):
         **options: Any,
     ) -> None:
         super().__init__("servo_bus", **options)
-        self._failure: BaseException | None = None
+        self.failure: BaseException | None = None
         p = NodeParameters(self, ServoBusParameters).value
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
@@ -119,11 +122,6 @@ class ServoBusNode(Node):
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
         self._tell_owners()
         self._buses.start()
-
-    @property
-    def failure(self) -> BaseException | None:
-        """What has ended a bus."""
-        return self._failure
 
     @property
     def joints(self) -> tuple[JointConfiguration, ...]:
@@ -299,7 +297,7 @@ class ServoBusNode(Node):
 
     def _on_error(self, error: BaseException) -> None:
         """Called in a bus's thread when it has ended."""
-        self._failure = error
+        self.failure = error
 
     def _on_joint_claims(self, message: JointState) -> None:
         """Somebody takes joints over, whoever had them."""

@@ -181,6 +181,8 @@ class HeadInterface:
         ValueError: a parameter is not allowed.
 
     Attributes:
+        name: the node's.
+        joints: pan and tilt.
         trouble: why the head is left alone; empty: nothing keeps it from moving.
         lock: held while the turner is asked anything.
         off: why the node does not turn the head; empty: it does.
@@ -210,6 +212,8 @@ class HeadInterface:
         self._node = node
         self._log = node.get_logger()
         self._parameters = NodeParameters(node, HeadParameters).value
+        self.name = str(node.get_fully_qualified_name())
+        self.joints = self._parameters.head_pan_joint, self._parameters.head_tilt_joint
         self._pointing_frame = pointing_frame
         self._turner = turner
         self._clock = ClockWatch(lambda: float(node.get_clock().now().nanoseconds) * 1e-9)
@@ -256,16 +260,6 @@ class HeadInterface:
         self._loop.target_takers.append(self._take_target)
         self._loop.add(self)
         steady_timer(self._node, _WATCH_PERIOD, self._watch)
-
-    @property
-    def name(self) -> str:
-        """The node's."""
-        return str(self._node.get_fully_qualified_name())
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Pan and tilt."""
-        return self._parameters.head_pan_joint, self._parameters.head_tilt_joint
 
     def update(self) -> None:
         """Asks the turner what to do now, and does it; see `ControlLoop`."""
