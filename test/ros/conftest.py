@@ -2,7 +2,7 @@ import fcntl
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,12 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
 os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
+import rclpy
 from program_under_test import Program
+from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
+
+from head_tracking.ros.spinning import NodeThreads
 
 MakeRobot = Callable[..., Robot]
 
@@ -40,6 +44,17 @@ def pointing_robot(make_robot: MakeRobot) -> Robot:
 @pytest.fixture
 def tracking_robot(make_robot: MakeRobot) -> Robot:
     return make_robot("--target", "none")
+
+
+@pytest.fixture
+def threads() -> Iterator[NodeThreads]:
+    """ROS, and what spins nodes in it until the end of the test."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(NodeThreads()) as threads:
+            yield threads
+    finally:
+        rclpy.try_shutdown()
 
 
 @pytest.fixture

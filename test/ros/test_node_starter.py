@@ -2,31 +2,17 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-import rclpy
 from contract_nodes import ControllerStandIn
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.node_starter import NodeStarterNode
-from head_tracking.ros.spinning import NodeThreads
-
-
-@pytest.fixture
-def threads() -> Iterator[NodeThreads]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with closing(NodeThreads()) as threads:
-            yield threads
-    finally:
-        rclpy.try_shutdown()
 
 
 @pytest.fixture

@@ -1,14 +1,10 @@
 """Nodes that send targets are switched off and on, and say so to whoever comes later."""
 
-from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 import pytest
-import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -17,18 +13,7 @@ from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.frame_target import FrameTargetNode
 from head_tracking.nodes.target_mux import TargetMuxNode
 from head_tracking.nodes.visual_target import VisualTargetNode
-from head_tracking.ros.spinning import NodeThreads
 from head_tracking.tf.qos import LATCHED
-
-
-@pytest.fixture
-def threads() -> Iterator[NodeThreads]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with closing(NodeThreads()) as threads:
-            yield threads
-    finally:
-        rclpy.try_shutdown()
 
 
 def switch(person: Node, name: str, on: bool) -> Any:

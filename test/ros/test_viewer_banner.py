@@ -1,15 +1,11 @@
 """What the page calls for help for: joints that fall silent, nodes that go away."""
 
-from collections.abc import Iterator
-from contextlib import closing
 from importlib.util import find_spec
 from typing import Any
 
 import pytest
-import rclpy
 from contract_nodes import ControllerStandIn
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -28,14 +24,9 @@ JOINTS = ["head_pan_joint", "head_tilt_joint"]
 
 
 @pytest.fixture
-def threads() -> Iterator[NodeThreads]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with closing(NodeThreads()) as threads:
-            threads.start(RobotStatePublisherNode())
-            yield threads
-    finally:
-        rclpy.try_shutdown()
+def threads(threads: NodeThreads) -> NodeThreads:
+    threads.start(RobotStatePublisherNode())
+    return threads
 
 
 @pytest.fixture

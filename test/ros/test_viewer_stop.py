@@ -1,17 +1,15 @@
 """STOP of the page: whatever else fails, for its own robot only, confirmed or not."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from importlib.util import find_spec
 from typing import Any
 
 import pytest
-import rclpy
 from contract_nodes import BusStandIn, ControllerStandIn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
@@ -24,16 +22,6 @@ pytestmark = pytest.mark.skipif(
     reason="viser is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
-
-
-@pytest.fixture
-def threads() -> Iterator[NodeThreads]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with closing(NodeThreads()) as threads:
-            yield threads
-    finally:
-        rclpy.try_shutdown()
 
 
 @pytest.fixture
