@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from collections import deque
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class Head:
         self.positions: dict[str, float] = {}
         self.heard: dict[str, str] = {}
         self.stopped: bool | None = None
+        self._latest: deque[float] = deque(maxlen=20)
         self._person = person
         self._target = (2.0, 0.0)
         parameters = folder / f"{name}.yaml"
@@ -65,6 +67,7 @@ class Head:
 
     def _on_joints(self, message: JointState) -> None:
         self.positions.update(zip(message.name, message.position, strict=True))
+        self._latest.append(self.pan)
 
     def _on_stopped(self, message: Bool) -> None:
         self.stopped = message.data
@@ -85,6 +88,16 @@ class Head:
     @property
     def pan(self) -> float:
         return self.positions.get("head_pan_joint", 0.0)
+
+    def come_to_rest(self) -> float:
+        """The pan once twenty joint states agree about it: a head that is held swings back."""
+        self._latest.clear()
+        wait_for(self._rests, PATIENCE)
+        return self.pan
+
+    def _rests(self) -> bool:
+        pans = list(self._latest)
+        return len(pans) == self._latest.maxlen and max(pans) - min(pans) < 0.005
 
     def call(self, service: str, request):
         client = self._person.create_client(_kind(request), service)
@@ -166,7 +179,7 @@ def test_each_head_has_its_own_commands_owners_stop_frames_and_diagnostics(heads
     assert right.heard["joint_owners"].count("/right/head_tracker") == 2
 
     # one rests, the other goes on
-    rest = left.pan
+    rest = left.come_to_rest()
     left.look_at(2.0, -1.0)
     right.look_at(2.0, 1.0)
     wait_for(lambda: right.pan > 0.3, PATIENCE)

@@ -222,7 +222,7 @@ def test_everything_can_be_drawn_and_taken_away_again(kinectbot, show):
         return scene.get_handle_by_name(f"{page._scene.path('torso_link')}/label")
 
     try:
-        wait_for(lambda: page._views._parts and page._scene is not None)
+        wait_for(lambda: page._views._parts and "other" in page._views._frames.options)
         page._views._frames.value = "all frames"
         wait_for(lambda: label() and scene.get_handle_by_name("/frames/other"))
         page._views._frames.value = "none"
