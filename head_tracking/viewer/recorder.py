@@ -133,7 +133,7 @@ class Recorder:
                 )
             except OSError as error:
                 return Outcome(
-                    False, f"nothing is recorded: {error}; see the viewer's record_directory"
+                    False, f"nothing is recorded: {error}; see the parameter record_directory"
                 )
             return Outcome(True, f"records into {file}")
 
