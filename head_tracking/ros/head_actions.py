@@ -50,6 +50,7 @@ except ImportError:
 _PERIOD = 0.02  # s
 _FEEDBACK_PERIOD = 0.035  # s
 _NEAR = 0.03  # rad; a joint so near to where it was sent is meant to be there
+_PAUSE = 0.5  # s between two complaints of a stream
 _FASTEST = 12.0  # rad/s; the model's limit is the one that counts
 
 
@@ -76,6 +77,11 @@ class HeadTask(ABC):
         self.interface = interface
         self._goal = goal
         self._told = -math.inf
+
+    @property
+    def streamed(self) -> bool:
+        """Whether it is one of many: nobody waits for its end."""
+        return self._goal is None
 
     @abstractmethod
     def step(self, reading: HeadReading, law: PredictiveLaw) -> HeadCommand | None:
@@ -367,9 +373,11 @@ class HeadActions:
             self._log.warning(f"{task.title}: {task.outcome}")
 
     def _take(self, task: HeadTask, goal: Goal | None) -> None:
-        self.end(f"preempted by a newer goal: {task.title}")
+        streamed = task.streamed and self.task is not None and self.task.streamed
+        if not streamed:
+            self.end(f"preempted by a newer goal: {task.title}")
+            self._log.info(task.title)
         self.task = task
-        self._log.info(task.title)
         if goal is not None:
             goal.on_cancel = lambda: self._cancel(task)
 
@@ -462,7 +470,8 @@ class HeadActions:
                 )
             self._begin(goal.request.trajectory, goal)
         except TrajectoryError as error:
-            self._refused(error)
+            self._log.warning(f"a trajectory is rejected: {error}")
+            self._on_outcome(f"rejected: {error}")
             goal.abort(
                 FollowJointTrajectory.Result(error_code=int(error.code), error_string=str(error))
             )
@@ -471,11 +480,9 @@ class HeadActions:
         try:
             self._begin(message, None)
         except TrajectoryError as error:
-            self._refused(error)
-
-    def _refused(self, error: TrajectoryError) -> None:
-        self._on_outcome(f"rejected: {error}")
-        self._log.warning(f"a trajectory is rejected: {error}", throttle_duration_sec=0.5)
+            text = f"a trajectory is rejected: {error}"
+            self._log.warning(text, throttle_duration_sec=_PAUSE)
+            self._on_outcome(f"rejected: {error}")
 
     def _begin(self, message: Any, goal: Goal | None) -> None:
         """Begins a trajectory.

@@ -9,7 +9,8 @@ from head_tracking.transforms import Vector3
 
 _RAMP = 0.2  # s in which a turn comes to its speed, and to rest
 _ARRIVED = 0.1  # s for which the head must have been on its target
-_STEADY = 0.01  # rad; a head that leaves or nears its target by less in that time is on it
+_WELL = 0.3  # of the threshold: nothing is gained by waiting until the head is nearer
+_STEADY = 0.006  # rad; a head that nears or leaves its target by less in that time is on it
 _STILL = 0.006  # rad; a joint that moved less did not move: a little over a tick of an AX-12
 _WINDOW = 0.15  # s over which the target's motion is measured
 _AHEAD = 0.3  # s for which it is taken to go on
@@ -27,7 +28,8 @@ class Turn:
         max_velocity: of either joint [rad/s].
         min_duration: the turn takes so long at least [s].
         threshold: the head has arrived when it misses by less [rad].
-        settle_time: a head that has stood still beside its target for so long [s] has failed.
+        settle_time: what the head misses by after it has stood still for so long [s] counts, if
+            it has not been well on its target before.
 
     Attributes:
         head: as given.
@@ -56,7 +58,7 @@ class Turn:
         self._seen = 0.0
         self._errors: deque[tuple[float, tuple[float, float]]] = deque()
         self._rest = (0.0, 0.0)
-        self._still_since = 0.0
+        self._still_since = self._beside_since = 0.0
 
     def aim(
         self,
@@ -94,6 +96,8 @@ class Turn:
                     (b - a) / (self._seen - before) for a, b in zip(old, positions, strict=True)
                 )
                 self._rate = pan, tilt
+        if self.miss > self._threshold:
+            self._beside_since = now
         error = present[0] - positions[0], present[1] - positions[1]
         self._errors.append((now, error))
         while len(self._errors) > 2 and self._errors[1][0] <= now - _ARRIVED:
@@ -120,12 +124,13 @@ class Turn:
         steady = now - since >= _ARRIVED and all(
             abs(a - b) <= _STEADY for a, b in zip(first, self._errors[-1][1], strict=True)
         )
-        if self.miss <= self._threshold:
-            return PointingResult(True, self.miss) if steady else None
-        moving = max(map(abs, self._rate)) > _STEADY
-        if moving or now - self._still_since < self._settle_time:
+        if self.miss <= _WELL * self._threshold and steady:
+            return PointingResult(True, self.miss)
+        followed = max(map(abs, self._rate)) > _STEADY
+        if now - (self._beside_since if followed else self._still_since) < self._settle_time:
             return None
-        return PointingResult(False, self.miss)
+        arrived = self.miss <= self._threshold
+        return None if followed and not arrived else PointingResult(arrived, self.miss)
 
     def _share(self, elapsed: float) -> float:
         """Of the way that is done: even speed, reached and left within a ramp."""

@@ -1,13 +1,10 @@
-"""PointHead, as stock clients of PR2, TIAGo and Fetch use it."""
+"""PointHead and FollowJointTrajectory, as stock clients use them."""
 
 import math
-import random
 import time
 
 import pytest
 from action_client import ABORTED, CANCELED, SUCCEEDED, Client
-from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point, Vector3
 from robot_under_test import wait_for
 from std_msgs.msg import String
 
@@ -15,25 +12,16 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import Rotation, Transform
 
-control_msgs = pytest.importorskip("control_msgs.action")
-PointHead = control_msgs.PointHead
-JOINTS = ("head_pan_joint", "head_tilt_joint")
+goals = pytest.importorskip("goals")
+goal, trajectory, following = goals.point_goal, goals.trajectory, goals.following
+JOINTS = goals.JOINTS
 DEGREE = math.radians(1.0)
-
-
-def goal(x, y, z, frame="base_link", *, velocity=0.0, duration=0.0, pointing="", axis=(0, 0, 0)):
-    made = PointHead.Goal(pointing_frame=pointing, max_velocity=float(velocity))
-    made.target.header.frame_id = frame
-    made.target.point = Point(x=float(x), y=float(y), z=float(z))
-    made.pointing_axis = Vector3(x=float(axis[0]), y=float(axis[1]), z=float(axis[2]))
-    made.min_duration = Duration(sec=int(duration), nanosec=round(duration % 1 * 1e9))
-    return made
 
 
 @pytest.fixture(scope="module")
 def running(make_module_robot):
     robot = make_module_robot("--mode", "point")
-    robot.client = Client(robot.node, PointHead, "point_head/point_head_action")
+    robot.client = Client(robot.node, goals.PointHead, "point_head/point_head_action")
     robot.states = []
     robot.node.create_subscription(
         String, "point_head/state", lambda m: robot.states.append(m.data), LATCHED
@@ -43,13 +31,16 @@ def running(make_module_robot):
 
 @pytest.fixture
 def robot(running):
-    """Awake, looking straight on, and quick."""
-    running.call("resume")
-    running.call("point_head/enable", True)
-    assert running.call("torque_enable", True).success
-    running.composition.nodes["point_head"].interface.slow = False
-    status, _ = running.client.send(goal(3, 0, 0.4)).ended()
-    assert status == SUCCEEDED
+    """Awake, and looking about straight on."""
+    interface = running.composition.nodes["point_head"].interface
+    if interface.off:
+        running.call("resume")
+        running.call("point_head/enable", True)
+        wait_for(lambda: not interface.off)
+        assert running.call("torque_enable", True).success
+        interface.slow = False
+    if abs(running.pan) > 0.1 or running.composition.nodes["point_head"].actions.task is not None:
+        assert running.client.send(goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
     running.forget_log()
     return running
 
@@ -76,23 +67,6 @@ def test_a_goal_succeeds_when_the_measured_joints_have_arrived(robot):
     assert angles[0] > 0.6  # measured, not meant
     assert angles[-1] < DEGREE
     assert len(times) > 10 * (times[-1] - times[0])
-
-
-def test_the_reported_miss_is_that_of_the_true_angles(robot):
-    """A short one of scripts/benchmark/measure interfaces."""
-    rnd, head = random.Random(3), head_of(robot)
-    for _ in range(12):
-        bearing, distance = rnd.uniform(-1.8, 1.8), rnd.uniform(0.8, 4.0)
-        point = distance * math.cos(bearing), distance * math.sin(bearing), rnd.uniform(0.1, 1.0)
-        sent = robot.client.send(goal(*point, velocity=5.0))
-        status, _ = sent.ended()
-        said = robot.states
-        wait_for(lambda said=said: said[-1].startswith("arrived"))
-        reported = float(said[-1].split()[-2])
-        assert status == SUCCEEDED
-        truly = math.degrees(true_miss(robot, head, point))
-        assert truly == pytest.approx(reported, abs=0.5)
-        assert truly < 1.0
 
 
 def test_a_newer_goal_preempts_the_older(robot):
@@ -123,14 +97,13 @@ def test_cancel_holds(robot):
 
 def test_velocity_and_duration_are_honoured(robot):
     velocities = robot.listen_to_velocity("head_pan_joint")
-    begun = time.monotonic()
-    status, _ = robot.client.send(goal(1, 1, 0.3, velocity=0.4)).ended()
+    status, _ = robot.client.send(goal(1, 0.5, 0.3, velocity=0.3)).ended()
     assert status == SUCCEEDED
-    assert max(velocities) < 0.5
+    assert max(velocities) < 0.4
     begun = time.monotonic()
-    status, _ = robot.client.send(goal(1, 0.6, 0.3, duration=2.5)).ended()
+    status, _ = robot.client.send(goal(1, 0.6, 0.3, duration=1.2)).ended()
     assert status == SUCCEEDED
-    assert time.monotonic() - begun > 2.4
+    assert time.monotonic() - begun > 1.15
     velocities.clear()
     assert robot.client.send(goal(3, 0, 0.4)).ended()[0] == SUCCEEDED
     assert max(velocities) > 0.6
@@ -164,9 +137,8 @@ def test_a_target_out_of_reach_is_aborted_with_the_miss(robot):
     assert robot.at_rest() == pytest.approx(before, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
+def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot):
+    for wrong, words in (
         (goal(math.nan, 0, 0), "not finite"),
         (goal(1, 0, 0, "nowhere"), "'nowhere' does not exist"),
         (goal(1, 0, 0, ""), "no frame name"),
@@ -175,12 +147,11 @@ def test_a_target_out_of_reach_is_aborted_with_the_miss(robot):
         (goal(1, 0, 0, velocity=-1), "below 0"),
         (goal(1, 0, 0, velocity=math.inf), "not finite"),
         (goal(1, 0, 0, axis=(math.nan, 0, 0)), "not finite"),
-    ],
-)
-def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot, wrong, words):
-    assert not robot.client.send(wrong).accepted
-    assert words in robot.logged("is rejected")
-    wait_for(lambda: robot.states[-1].startswith("rejected: "))
+    ):
+        robot.forget_log()
+        assert not robot.client.send(wrong).accepted
+        assert words in robot.logged("is rejected")
+        wait_for(lambda: robot.states[-1].startswith("rejected: "))
 
 
 def test_a_stopped_head_takes_no_goal_and_a_stop_aborts_the_one_under_way(robot):
@@ -257,3 +228,84 @@ def test_a_head_that_is_held_says_that_it_did_not_arrive(robot):
     finally:
         robot.simulated.port.push(1, 0.0)
         robot.call("recover")
+
+
+@pytest.fixture
+def follower(robot):
+    robot.follower = Client(robot.node, goals.FollowJointTrajectory, goals.FOLLOW)
+    return robot
+
+
+def test_a_trajectory_is_followed_closely_with_feedback(follower):
+    begun = time.monotonic()
+    sent = follower.follower.send(
+        following(
+            (0.8, (0.5, 0.2), (0.5, 0.0), (0.0, 0.0)),
+            (1.6, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+            path=dict.fromkeys(JOINTS, 0.1),
+        )
+    )
+    status, result = sent.ended()
+    assert (status, result.error_code) == (SUCCEEDED, 0)
+    assert "arrived" in result.error_string
+    assert time.monotonic() - begun > 1.55
+    assert max(message.actual.positions[0] for _, message in sent.feedback) > 0.45
+    message = sent.feedback[len(sent.feedback) // 2][1]
+    assert tuple(message.joint_names) == JOINTS
+    assert message.error.positions[0] == pytest.approx(
+        message.desired.positions[0] - message.actual.positions[0]
+    )
+    assert len(sent.feedback) > 15
+
+
+def test_a_newer_trajectory_preempts_cancel_holds_and_an_empty_one_ends_it(follower):
+    first = follower.follower.send(following((5.0, (2.0,)), names=JOINTS[:1]))
+    wait_for(lambda: follower.pan > 0.05)
+    tilt = follower.tilt
+    second = follower.follower.send(following((5.0, (-2.0,)), names=JOINTS[:1]))
+    status, result = first.ended()
+    assert (status, result.error_code) == (ABORTED, -1)
+    assert "preempted by a newer goal" in result.error_string
+    second.cancel()
+    assert second.ended()[0] == CANCELED
+    third = follower.follower.send(following((5.0, (2.0,)), names=JOINTS[:1]))
+    wait_for(lambda: follower.pan > 0.1)
+    assert follower.follower.send(following(names=())).ended()[0] == SUCCEEDED
+    assert third.ended()[0] == ABORTED
+    pan, _ = follower.at_rest()
+    assert 0.05 < pan < 0.4
+    assert follower.tilt == pytest.approx(tilt, abs=0.012)
+
+
+def test_trajectories_that_cannot_be_followed_are_answered_with_the_code(follower):
+    def code(*points, **options):
+        status, result = follower.follower.send(following(*points, **options)).ended()
+        assert status == ABORTED
+        assert result.error_string
+        return result.error_code
+
+    assert code((1.0, (9.0, 0.0))) == -1
+    assert code((1.0, (0.0,)), names=("nose",)) == -2
+    assert code((1.0, (0.0, 0.0)), stamp=time.time() - 5.0) == -3
+    assert code((0.2, (1.5, 0.0)), path={JOINTS[0]: 0.05}) == -4
+    assert code((0.1, (-1.5, 0.0)), time=0.05, end={JOINTS[0]: 0.01}) == -5
+    assert code((1.0, (0.0, 0.0)), path={"nose": 0.1}) == -2
+    assert code((1.0, (0.0, 0.0)), end={JOINTS[0]: -2.0}) == -1
+    assert follower.call("stop").success
+    assert code((1.0, (0.0, 0.0))) == -1
+    follower.logged("a trajectory is rejected: stopped")
+
+
+def test_the_topic_is_streamed_to(robot):
+    for k in range(25):
+        robot.publish("point_head/joint_trajectory", trajectory((0.1, (0.02 * k, 0.0))))
+        time.sleep(0.02)
+    wait_for(lambda: robot.pan == pytest.approx(0.48, abs=0.03))
+    robot.publish("point_head/joint_trajectory", trajectory((1.0, (7.0, 0.0))))
+    robot.logged("a trajectory is rejected: point 1 of 1 takes head_pan_joint to 7.000 rad")
+    later = trajectory((0.5, (-0.3, 0.0)), stamp=time.time() + 0.6)
+    robot.publish("point_head/joint_trajectory", later)
+    sent = robot.client.send(goal(3, 0.3, 0.4))
+    assert sent.ended()[0] == SUCCEEDED
+    time.sleep(0.8)  # the goal came later
+    assert robot.pan == pytest.approx(0.1, abs=0.05)
