@@ -12,6 +12,7 @@ import viser
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.observation import Hold
 from head_tracking.viewer.other_topics import OtherTopics
 
 _NONE = "no picture"
@@ -33,11 +34,13 @@ class CameraPicture:
         gui: viser's control panel, with the container open that gets them.
         topics: have the pictures.
         modes: starts the simulated camera.
+        hold: while a recording is shown, what the camera sees now is not.
     """
 
-    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes) -> None:
+    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
         self._modes = modes
+        self._hold = hold
         self._menu = gui.add_dropdown(
             "Camera picture", [_NONE], hint="Pictures that nodes publish (sensor_msgs/Image)."
         )
@@ -60,9 +63,10 @@ class CameraPicture:
             return
         self._next = now + _PERIOD
         topic = self._menu.value
-        picture = None if topic == _NONE else self._topics.picture(topic)
+        picture = None if topic == _NONE or self._hold.reason else self._topics.picture(topic)
         self._image.visible = picture is not None
-        self._line.content = _NOTHING if topic != _NONE and picture is None else ""
+        missing = topic != _NONE and picture is None and not self._hold.reason
+        self._line.content = _NOTHING if missing else ""
         if picture is None:
             if gaze is not None and self._shown is not None:
                 gaze.show_picture(None)

@@ -22,7 +22,7 @@ from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
 from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.reachable_field import pointing_axis
-from head_tracking.viewer.recording import Recorder
+from head_tracking.viewer.recording import LastMinute
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene
@@ -98,7 +98,7 @@ class Page:
         self._stepped = time.monotonic()
         actions: dict[str, Action] = {
             "/head/status": self._status_now,
-            "/head/stop": lambda: {"text": robot.stop_everything().text},
+            "/head/stop": self._stop,
             "/head/resume": lambda: {"text": robot.stop.resume().text},
         }
         door = Door(parameters.host, parameters.token, parameters.max_browsers, actions)
@@ -117,7 +117,7 @@ class Page:
         self._frames: FramesScene | None = None
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
-        self._recorder = Recorder(_RECORDED)
+        self._last_minute = LastMinute(_RECORDED)
         self._make_panels()
         self._next_slow = 0.0
         self._ended = threading.Event()
@@ -152,7 +152,7 @@ class Page:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
             self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
-            self._picture = CameraPicture(server.gui, robot.topics, robot.modes)
+            self._picture = CameraPicture(server.gui, robot.topics, robot.modes, robot.hold)
             self._status.add_strip()
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
@@ -163,7 +163,9 @@ class Page:
         with tabs.add_tab("View"):
             self._views = ViewPanel(server, robot, self._view)
         with tabs.add_tab("Record"):
-            self._recording = RecordingPanel(server, self._recorder)
+            self._recording = RecordingPanel(
+                server, self._last_minute, robot.recorder, robot.hold, robot.model
+            )
 
     def _run(self) -> None:
         pause = self._period
@@ -184,7 +186,7 @@ class Page:
         live = self._live = self._robot.observe()
         self._stepped = time.monotonic()
         if self._scene is not None:
-            self._recorder.add(live)
+            self._last_minute.add(live)
         if not self.browsers:
             return
         self._status.take(live)
@@ -223,6 +225,11 @@ class Page:
         self._picture.refresh()
         self._recording.refresh()
 
+    def _stop(self) -> dict[str, Any]:
+        outcome = self._robot.stop_everything()
+        self._recording.close()  # whoever stops the robot wants to see it
+        return {"text": outcome.text}
+
     def _status_now(self) -> dict[str, Any]:
         """What the bar above the page shows."""
         stop, model = self._robot.stop, self._robot.model()
@@ -248,7 +255,8 @@ class Page:
             client.add_notification("Recording: refused", text, color="red")
 
     def _follow_model(self) -> None:
-        model = self._robot.model()
+        live = self._robot.model()
+        model = self._recording.model or live
         if model is not None and (self._scene is None or self._scene.model is not model):
             if self._scene is not None and self._frames is not None and self._gaze is not None:
                 self._frames.remove()
@@ -260,10 +268,11 @@ class Page:
             self._gaze = GazeScene(self._server.scene, self._scene, self._view)
             self._frames = FramesScene(self._server.scene, self._scene)
             self._head = None
-            self._joints.set_model(model)
-            self._steering.set_root(model.root)
+            if model is live:
+                self._joints.set_model(model)
+                self._steering.set_root(model.root)
             self._views.set_scenes(self._gaze, self._frames)
-        head = self._robot.head()
+        head = self._robot.head() if model is live else None
         if head is not None and head is not self._head and self._gaze and self._scene:
             self._head = head
             axis = pointing_axis(head.pointing_frame, self._axis)
