@@ -289,7 +289,7 @@ def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
         own = browser.camera.position
         view = page._views._camera
         view._on_click(SimpleNamespace(client=browser))
-        wait_for(lambda: 0.5 < browser.camera.position[2] < 0.75)  # the camera's height
+        wait_for(lambda: math.dist(browser.camera.position[:2], (0.0, 0.0)) < 0.3)  # over the robot
         x, y, z, w = browser.camera.wxyz[[1, 2, 3, 0]]
         positions = robot.observe().joints
         view._on_click(SimpleNamespace(client=browser))
