@@ -301,7 +301,7 @@ def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
         own = browser.camera.position
         view = page._views._camera
         view._on_click(SimpleNamespace(client=browser))
-        wait_for(lambda: 0.5 < browser.camera.position[2] < 0.75)  # the camera's height
+        wait_for(lambda: math.dist(browser.camera.position[:2], (0.0, 0.0)) < 0.3)  # over the robot
         x, y, z, w = browser.camera.wxyz[[1, 2, 3, 0]]
         positions = robot.observe().joints
         view._on_click(SimpleNamespace(client=browser))
@@ -346,7 +346,7 @@ def test_the_recording_of_another_robot_is_shown_on_its_own_model(kinectbot, tur
         wait_for(lambda: page._scene.model.name == "turtlebot")
         seen = robot.seen
         wait_for(lambda: robot.seen > seen + 5)
-        assert page._stop() == {"text": "head_pan_joint relaxed"}  # and shows the robot again
+        assert page._stop({}) == {"text": "head_pan_joint relaxed"}  # and shows the robot again
         wait_for(lambda: page._scene.model is kinectbot)
     finally:
         client.close()
