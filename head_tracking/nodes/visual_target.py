@@ -58,7 +58,6 @@ class VisualTargetParameters:
         "What to follow: `features` is what a rectangle on ~/select holds, `nearest` needs depths "
         "only.",
         choices=tuple(DETECTORS),
-        fixed=True,
     )
     use_depth: bool = parameter(
         True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
@@ -110,16 +109,12 @@ class VisualTargetNode(Node):
     ) -> None:
         super().__init__("visual_target", **options)
         require_opencv()
-        self._settings = NodeParameters(self, VisualTargetParameters).value
-        p = self._settings
-        make, kind = DETECTORS[p.follow]
-        self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
+        self._kinds: dict[str, NodeParameters[Any]] = {}
+        self._given = NodeParameters(self, VisualTargetParameters, on_change=self._on_follow)
+        self._settings = p = self._given.value
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
-        detector = make(self._detector_parameters.value)
-        if isinstance(detector, FaceDetector) and detector.shortcoming:
-            self.get_logger().warning(detector.shortcoming)
-        self._tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+        self._tracker = self._make_tracker(p.follow)
         self._buffer = (buffer or listening_buffer(self)).core
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._camera: Camera | None = None
@@ -134,10 +129,9 @@ class VisualTargetNode(Node):
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
-        if p.follow != "nearest":
-            self._subscribe("image", p.image_transport, self._on_image)
-        if p.use_depth or p.follow == "nearest":
-            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
+        self._image: Subscription | None = None
+        self._depth: Subscription | None = None
+        self._subscribe_for(p.follow)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
@@ -146,11 +140,49 @@ class VisualTargetNode(Node):
         self._looking.close()
         super().destroy_node()
 
+    def _make_tracker(self, follow: str) -> VisualTracker:
+        """What finds and keeps to one kind of thing; its parameters are declared the first time."""
+        make, kind = DETECTORS[follow]
+        if follow not in self._kinds:
+            self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
+        detector = make(self._kinds[follow].value)
+        if isinstance(detector, FaceDetector) and detector.shortcoming:
+            self.get_logger().warning(detector.shortcoming)
+        return VisualTracker(detector, self._distances.value, self._identity.value)
+
+    def _on_follow(self, changed: VisualTargetParameters) -> None:
+        if changed.follow == self._settings.follow:
+            return
+        self._settings = changed
+        self._subscribe_for(changed.follow)
+        tracker = self._make_tracker(changed.follow)
+
+        def take() -> None:
+            self._tracker = tracker
+
+        self._looking.do(take)
+        self.get_logger().info(f"the target is what is found now: {changed.follow}")
+
+    def _subscribe_for(self, follow: str) -> None:
+        """Listens to the pictures and depths that are needed to find something."""
+        p = self._settings
+        wants_image, wants_depth = follow != "nearest", p.use_depth or follow == "nearest"
+        if wants_image and self._image is None:
+            self._image = self._subscribe("image", p.image_transport, self._on_image)
+        elif not wants_image and self._image is not None:
+            self.destroy_subscription(self._image)
+            self._image = None
+        if wants_depth and self._depth is None:
+            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
+        elif not wants_depth and self._depth is not None:
+            self.destroy_subscription(self._depth)
+            self._depth = None
+
     def _on_parameters(self, _: Any) -> None:
         self._looking.do(self._take_parameters)
 
     def _take_parameters(self) -> None:
-        self._tracker.detector.parameters = self._detector_parameters.value
+        self._tracker.detector.parameters = self._kinds[self._settings.follow].value
         self._tracker.distances = self._distances.value
         self._tracker.identity.parameters = self._identity.value
 
@@ -170,7 +202,8 @@ class VisualTargetNode(Node):
             self._complain(str(error))
 
     def _on_image(self, message: AnyImage) -> None:
-        if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
+        depth = self._depth
+        if depth is None or not self.count_publishers(depth.topic_name):
             self._looking.offer(_Shot(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
@@ -192,6 +225,9 @@ class VisualTargetNode(Node):
 
     def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
+        outputs = (self._confidence, self._region, self._annotated)
+        if not self._switch.on and not any(one.get_subscription_count() for one in outputs):
+            return
         stamped, image, depth = shot
         camera = self._camera
         if camera is None:

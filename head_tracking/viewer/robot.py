@@ -78,7 +78,9 @@ class Robot:
         self.parameters = OtherParameters(
             requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
         )
-        self.modes = HeadModes(node, services, self.topics, self._graph, self.buffer)
+        self.modes = HeadModes(
+            node, services, self.topics, self._graph, self.parameters, self.buffer
+        )
         self.joints = JointControl(
             node,
             services,
