@@ -180,8 +180,8 @@ class SimulatedCameraNode(Node):
         wants_image = self._image.get_subscription_count() > 0
         wants_depth = p.depth_encoding != "" and self._depth.get_subscription_count() > 0
         if wants_image or wants_depth:
-            if exposure.target is not None:
-                self.renderer.scene = with_target(self.scene, exposure.target)
+            target = exposure.target
+            self.renderer.scene = self.scene if target is None else with_target(self.scene, target)
             seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9)
         if wants_depth:
             depth: npt.NDArray[Any] = self._noise.depth(seen.depth)
