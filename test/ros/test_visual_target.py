@@ -377,10 +377,10 @@ def test_a_ball_shows_the_target_but_not_where_the_camera_itself_has_found_it(wo
         blue, green, red = pixels[..., 0], pixels[..., 1], pixels[..., 2]
         return np.count_nonzero((red > green + 60) & (blue > green + 60))
 
-    assert magenta("base_link", (1.0, 0.0, 0.5)) < 50, "nothing but a face is asked for"
+    assert magenta("base_link", (1.0, 0.0, 0.5)) < 150, "nothing but a face is asked for"
     assert eye.set_parameters([Parameter("scene", value="everything")])[0].successful
     assert magenta("base_link", (1.0, 0.0, 0.5)) > 300
-    assert magenta("camera_optical_frame", (0.0, 0.0, 1.0)) < 50
+    assert magenta("camera_optical_frame", (0.0, 0.0, 1.0)) < 150
 
 
 @pytest.mark.parametrize("follow", DETECTORS)
