@@ -105,6 +105,11 @@ class Pointing:
         """The last commanded pan and tilt [rad], unrounded by any servo."""
         return None if self._command is None else (self._command.pan, self._command.tilt)
 
+    @property
+    def turning(self) -> bool:
+        """Whether a turn is under way that has not been judged."""
+        return not self._judged
+
     def start_from(self, present: tuple[float, float]) -> tuple[float, float]:
         """Where the head stands [rad] for a target that moves with it.
 

@@ -15,7 +15,7 @@ from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.head_interface import HeadInterface, HeadReading
+from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
@@ -77,8 +77,7 @@ class HeadTrackerNode(Node):
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._law = self._own.value.law
-        self._period = max(1.0 / self._own.value.rate, loop.period if loop else 0.0)
-        self._stepped = 0.0, 0.0
+        self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
         self._at_most = math.inf  # rad/s
         self._slow_since: float | None = None
         self._tracker: Tracker | None = None
@@ -130,7 +129,7 @@ class HeadTrackerNode(Node):
 
     def _make_law(self, head: PanTiltHead) -> TrackingLaw:
         own = self._laws[self._law].value
-        law = LAWS[self._law](head, self._period, self._limits.value, own)
+        law = LAWS[self._law](head, self._pace.period, self._limits.value, own)
         law.at_most = self._at_most
         return law
 
@@ -158,13 +157,8 @@ class HeadTrackerNode(Node):
         if tracker is None:
             return None
         tracker.joints_read(stamp, positions)
-        before, measured = self._stepped
-        passed, newer = now - before, stamp - measured
-        if 0.0 <= passed < 0.5 * self._period:
-            return None  # joint states that were held up come all at once; or time stands still
-        if 0.0 <= newer < 0.75 * self._period and 0.0 <= passed < 1.5 * self._period:
-            return None  # joints are measured more often
-        self._stepped = now, stamp
+        if not self._pace.due(reading):
+            return None
         for target, point in self.interface.take_targets(positions, now):
             verdict = tracker.target_seen(
                 target.stamp * 1e-9 if target.stamp else now,

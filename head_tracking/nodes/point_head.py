@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.node import Node
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead, Pointing, PointingParameters
 from head_tracking.parameters import parameter
+from head_tracking.ros.head_actions import HeadActions
 from head_tracking.ros.head_interface import HeadInterface, HeadReading
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.tf import Buffer
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import CAUTIOUS_SPEED, HeadBase, Refusal
 
 
@@ -26,7 +29,9 @@ class PointHeadParameters:
 
 
 class PointHeadNode(Node):
-    """Points a frame of the head at `target_point`.
+    """Points a frame of the head at `target_point`, or as the goals of actions have it.
+
+    As long as a goal is under way, points on `target_point` are left alone.
 
     Args:
         buffer: the transforms that the process shares; None: this node listens itself.
@@ -44,9 +49,12 @@ class PointHeadNode(Node):
             self, PointingParameters, on_change=self._on_parameters
         )
         self._pointing: Pointing | None = None
+        self._outcome, self._told = "no target has come yet", ""
+        self._states = self.create_publisher(String, "~/state", LATCHED)
         self.interface = HeadInterface(
             self, p.pointing_frame, "~/pointing_error", buffer, loop, self
         )
+        self.actions = HeadActions(self, self.interface, lambda: self._tuned, self._said)
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         self.interface.begin()
 
@@ -57,12 +65,18 @@ class PointHeadNode(Node):
 
     def reset(self, reason: str) -> None:
         """What is known of the turn that is under way holds no more; the head ends it by itself."""
+        self.actions.end(reason)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Whatever comes next begins where the head is."""
         if self._pointing is not None:
             self._pointing = Pointing(self._pointing.head, self._tuned)
 
     def head_known(self, head: PanTiltHead, base: HeadBase | None) -> None:
         """See `HeadTurner`."""
         self._pointing = Pointing(head, self._tuned)
+        self.actions.head_known(head)
         self.get_logger().info(f"ready to point {head.pointing_frame} at target_point")
 
     @property
@@ -77,29 +91,56 @@ class PointHeadNode(Node):
 
     def switched(self) -> None:
         """See `HeadTurner`."""
+        if self.interface.off:
+            self.actions.end(self.interface.off)
         if self._pointing is not None:
             self._pointing.parameters = self._tuned
 
+    def _said(self, outcome: str) -> None:
+        """Keeps what the state says."""
+        self._outcome = outcome
+
     def report(self) -> None:
         """See `HeadTurner`."""
+        self.actions.tell()
+        if self.interface.off:
+            text = f"disabled: {self.interface.off}"
+        elif self.interface.trouble:
+            text = f"idle: {self.interface.trouble}"
+        elif self.actions.task is not None:
+            text = self.actions.task.title
+        else:
+            text = self._outcome
+        if text != self._told:
+            self._told = text
+            self._states.publish(String(data=text))
 
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """See `HeadTurner`."""
         if self._pointing is None or reading is None:
             return None
-        return self._pointing.stop(reading.positions, reading.now)
+        halted = self.actions.halt(reading)
+        return halted or self._pointing.stop(reading.positions, reading.now)
 
     def step(self, reading: HeadReading) -> HeadCommand | None:
         """See `HeadTurner`."""
         pointing = self._pointing
         if pointing is None:
             return None
+        task = self.actions.task
+        if task is not None:
+            self._forget()
+            self.interface.forget_targets()
+            command = self.actions.step(reading)
+            self.interface.tell_error(task.miss)
+            return command
         command = self._take_target(pointing, reading)
         if self.interface.off:
             return None
         self.interface.tell_error(pointing.miss(reading.positions))
         result = pointing.judge(reading.positions, reading.now)
         if result is not None:
+            self._said(str(result))
             if self.interface.slow:
                 self.interface.slow = False
                 self.switched()
@@ -117,7 +158,10 @@ class PointHeadNode(Node):
             return None
         target, point = placed
         gaze, command = pointing.point_at(point, reading.positions, reading.now)
+        if pointing.turning:
+            self._said(f"turning to {target}")
         if command is None:
+            self._said(f"refused: {gaze.reason}")
             self.interface.refuse(Refusal(target, f"nothing moves: {gaze.reason}"))
         elif not gaze.reached:
             self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
@@ -134,7 +178,9 @@ class PointHeadNode(Node):
             if self.interface.off:
                 response.message = f"the head cannot be recentred: {self.interface.off}"
                 return response
+            self.actions.end("the head is recentred")
             self.interface.forget_targets()
+            self._said("recentring")
             self.interface.send(self._pointing.recenter(reading.positions, reading.now))
         response.success, response.message = True, "recentring"
         return response

@@ -101,18 +101,26 @@ class HeadParameters:
         fixed=True,
     )
 
-    def head(self, model: RobotModel, pointing_frame: str) -> PanTiltHead:
+    def head(
+        self, model: RobotModel, pointing_frame: str, axis: tuple[float, ...] | None = None
+    ) -> PanTiltHead:
         """The head of this robot.
+
+        Args:
+            model: of the robot.
+            pointing_frame: the frame to point.
+            axis: the direction in it to point; None: `pointing_axis`.
 
         Raises:
             RobotModelError: the model has no such head.
         """
+        axis = self.pointing_axis if axis is None else axis
         return PanTiltHead(
             model,
             self.head_pan_joint,
             self.head_tilt_joint,
             pointing_frame,
-            self.pointing_axis if any(self.pointing_axis) else None,
+            axis if any(axis) else None,
             (self.min_pan, self.max_pan),
             (self.min_tilt, self.max_tilt),
         )
@@ -130,6 +138,29 @@ class HeadReading(NamedTuple):
     now: float
     stamp: float
     positions: tuple[float, float]
+
+
+class Pace:
+    """Tells when it is time for the next step of something that takes equal ones.
+
+    Args:
+        period: between two steps [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self._stepped = 0.0, 0.0
+
+    def due(self, reading: HeadReading) -> bool:
+        """Whether to take a step now, that the joints were read."""
+        before, measured = self._stepped
+        passed, newer = reading.now - before, reading.stamp - measured
+        if 0.0 <= passed < 0.5 * self.period:
+            return False  # joint states that were held up come all at once; or time stands still
+        if 0.0 <= newer < 0.75 * self.period and 0.0 <= passed < 1.5 * self.period:
+            return False  # joints are measured more often
+        self._stepped = reading.now, reading.stamp
+        return True
 
 
 class HeadTurner(Protocol):
@@ -366,6 +397,79 @@ class HeadInterface:
             base = self._base
             placed.append((stamp, point if base is None else base.at(stamp).inverse() @ point))
         return placed
+
+    @property
+    def obstacle(self) -> str:
+        """Why nothing that is sent now would turn the head; empty: it would."""
+        if self.off:
+            return self.off
+        owner = self._owner
+        if self._loop.write is not None:
+            owner = self._loop.owners.of(self.joints)[self.joints[0]]
+        if owner not in ("", self.name):
+            return f"the joints belong to {owner}"
+        return self.trouble
+
+    @property
+    def period(self) -> float:
+        """Of the loop [s]; 0: not known."""
+        return self._loop.period
+
+    @property
+    def transform_timeout(self) -> float:
+        """How long a target waits for its transforms [s]."""
+        return self._parameters.transform_timeout
+
+    def pointing(self, frame: str, axis: tuple[float, float, float]) -> PanTiltHead:
+        """The head, as it points another frame.
+
+        Args:
+            frame: any that it carries; empty: the node's own.
+            axis: the direction in it to point; all 0: the usual one of that frame.
+
+        Raises:
+            RobotModelError: that cannot be pointed.
+        """
+        assert self._model is not None
+        assert self.head is not None
+        frame = frame or self._pointing_frame
+        if not any(axis) and frame == self._pointing_frame:
+            return self.head
+        return self._parameters.head(self._model, frame, axis)
+
+    def fixed_place(self, target: Target, positions: tuple[float, float]) -> Vector3:
+        """A target that moves with the head, in `fixed_frame`, as it was at its stamp.
+
+        Raises:
+            TransformException: nobody knows, or not yet.
+        """
+        assert self._placer is not None
+        return self._placer.place_one(self._dated(target), self._named(positions))
+
+    def from_base(self, point: Vector3, now: float) -> Vector3:
+        """A point of `fixed_frame`, in the head's base frame as that is now.
+
+        Raises:
+            TransformException: nobody knows where the base is.
+        """
+        if self._base is None:
+            return point
+        unknown = self._base.update()
+        if unknown:
+            raise TransformException(unknown)
+        return self._base.pose(now).inverse() @ point
+
+    def newest_place(self, target: Target) -> tuple[Vector3, float | None]:
+        """A target in the head's base frame by the newest transforms, and when that was [s].
+
+        None: it never moves there.
+
+        Raises:
+            TransformException: nobody knows.
+        """
+        found = self.buffer.lookup_transform(self._base_frame, target.frame_id, LATEST)
+        stamp = None if found.stamp == LATEST else found.stamp * 1e-9
+        return found.transform @ target.point, stamp
 
     @property
     def now(self) -> float:

@@ -30,6 +30,18 @@ from head_tracking.tracking.target_state import (
 )
 from head_tracking.tracking.track_record import TrackRecord
 from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
+from head_tracking.tracking.trajectory import (
+    JointPoint,
+    JointTrajectory,
+    Tolerances,
+    TrajectoryCode,
+    TrajectoryError,
+    TrajectoryParameters,
+    TrajectoryResult,
+    Waypoint,
+    checked_waypoints,
+)
+from head_tracking.tracking.turn import Turn
 
 __all__ = [
     "CAUTIOUS_SPEED",
@@ -41,7 +53,9 @@ __all__ = [
     "FictitiousTarget",
     "FictitiousTargetParameters",
     "HeadBase",
+    "JointPoint",
     "JointReading",
+    "JointTrajectory",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
@@ -58,12 +72,20 @@ __all__ = [
     "TargetState",
     "TargetStateMachine",
     "TargetStateParameters",
+    "Tolerances",
     "TrackRecord",
     "Tracker",
     "TrackingJudge",
     "TrackingLaw",
     "TrackingStep",
+    "TrajectoryCode",
+    "TrajectoryError",
+    "TrajectoryParameters",
+    "TrajectoryResult",
+    "Turn",
     "Verdict",
+    "Waypoint",
+    "checked_waypoints",
     "lag",
     "picture",
     "table",

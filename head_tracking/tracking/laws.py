@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -391,6 +391,30 @@ class PredictiveLaw(TrackingLaw):
         self._take(joints, now)
         self._path = None
         return self._steer([Reference(position) for position in goal], speed, now)
+
+    def along(
+        self,
+        path: Callable[[float], tuple[float, float]],
+        speed: float,
+        joints: JointReading,
+        now: float,
+    ) -> HeadCommand:
+        """The command that keeps the joints on a path.
+
+        Args:
+            path: where pan and tilt [rad] are meant to be at a time [s].
+            speed: not to be exceeded [rad/s].
+            joints: as they were measured last.
+            now: the time [s].
+        """
+        self._take(joints, now)
+        self._path = None
+        start = now + self._mean_delay
+        here, there = path(start), path(start + self._period)
+        references = [
+            Reference(a, (b - a) / self._period) for a, b in zip(here, there, strict=True)
+        ]
+        return self._steer(references, speed, now)
 
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""

@@ -108,6 +108,21 @@ class TargetPlacer:
         self._waiting = deque(waiting for waiting in self._waiting if waiting[1] > came)
         return target, point
 
+    def place_one(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
+        """A target in `fixed_frame` [m], by what is known now; see `place`.
+
+        Raises:
+            TransformException: it cannot be placed, or not yet.
+        """
+        if target.stamp != LATEST:
+            return self._buffer.transform_point(
+                target.point, self._fixed_frame, target.frame_id, target.stamp
+            )
+        placed = self._buffer.lookup_transform(
+            self._fixed_frame, target.frame_id, LATEST, joint_positions=moving_with_head
+        )
+        return placed.transform @ target.point
+
     def take_refusal(self) -> Refusal | None:
         """The newest target that led to nothing since this was asked last, and why."""
         return self._refusals.pop() if self._refusals else None
@@ -128,7 +143,7 @@ class TargetPlacer:
             since, reason = hopeless.get(target.frame_id, (0, ""))
             if not reason or target.stamp < since:
                 try:
-                    placed.append((target, self._place(target, moving_with_head), came))
+                    placed.append((target, self.place_one(target, moving_with_head), came))
                     continue
                 except TransformException as error:
                     reason = str(error)
@@ -147,16 +162,6 @@ class TargetPlacer:
             return self._buffer.get_latest_common_time(self._fixed_frame, frame_id)
         except TransformException:
             return -1
-
-    def _place(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
-        if target.stamp != LATEST:
-            return self._buffer.transform_point(
-                target.point, self._fixed_frame, target.frame_id, target.stamp
-            )
-        placed = self._buffer.lookup_transform(
-            self._fixed_frame, target.frame_id, LATEST, joint_positions=moving_with_head
-        )
-        return placed.transform @ target.point
 
 
 class HeadBase:

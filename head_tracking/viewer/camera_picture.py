@@ -15,7 +15,7 @@ from PIL import Image
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Outcome
+from head_tracking.viewer.observation import Hold, Outcome
 from head_tracking.viewer.other_topics import OtherTopics, Picture
 
 _NONE = "no picture"
@@ -52,11 +52,13 @@ class CameraPicture:
         gui: viser's control panel, with the container open that gets them.
         topics: have the pictures.
         modes: starts the simulated camera.
+        hold: while a recording is shown, what the camera sees now is not.
     """
 
-    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes) -> None:
+    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
         self._modes = modes
+        self._hold = hold
         self._menu = gui.add_dropdown(
             "Camera picture", [_NONE],
             hint="Pictures that nodes publish (sensor_msgs/Image), shown in the corner and in the "
@@ -90,7 +92,9 @@ class CameraPicture:
 
     def newest(self) -> Picture | None:
         """The newest picture of the topic that is shown; for any thread."""
-        return self._topics.picture(self.chosen) if self.chosen else None
+        if self._hold.reason or not self.chosen:
+            return None
+        return self._topics.picture(self.chosen)
 
     def jpeg(self, after: int, took: float) -> Jpeg | None:
         """The newest picture, if there is another one; for any thread.

@@ -28,7 +28,7 @@ from head_tracking.viewer.joints_panel import JointsPanel
 from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.picking import point_in_picture
 from head_tracking.viewer.reachable_field import pointing_axis
-from head_tracking.viewer.recording import Recorder
+from head_tracking.viewer.recording import LastMinute
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene
@@ -109,7 +109,7 @@ class Page:
         self._stepped = time.monotonic()
         actions: dict[str, Action] = {
             "/head/status": self._status_now,
-            "/head/stop": lambda _: {"text": robot.stop_everything().text},
+            "/head/stop": self._stop,
             "/head/resume": lambda _: {"text": robot.stop.resume().text},
             "/head/picture": self._picture_now,
             "/head/look": self._look_there,
@@ -133,7 +133,7 @@ class Page:
         self._corners = np.empty((0, 3))
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
-        self._recorder = Recorder(_RECORDED)
+        self._last_minute = LastMinute(_RECORDED)
         self._make_panels()
         self._next_slow = 0.0
         self._ended = threading.Event()
@@ -168,7 +168,7 @@ class Page:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
             self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
-            self._picture = CameraPicture(server.gui, robot.topics, robot.modes)
+            self._picture = CameraPicture(server.gui, robot.topics, robot.modes, robot.hold)
             self._status.add_strip()
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
@@ -179,7 +179,9 @@ class Page:
         with tabs.add_tab("View"):
             self._views = ViewPanel(server, robot, self._view)
         with tabs.add_tab("Record"):
-            self._recording = RecordingPanel(server, self._recorder)
+            self._recording = RecordingPanel(
+                server, self._last_minute, robot.recorder, robot.hold, robot.model
+            )
 
     def _run(self) -> None:
         pause = self._period
@@ -200,7 +202,7 @@ class Page:
         live = self._live = self._robot.observe()
         self._stepped = time.monotonic()
         if self._scene is not None:
-            self._recorder.add(live)
+            self._last_minute.add(live)
         if not self.browsers:
             return
         self._status.take(live)
@@ -254,6 +256,11 @@ class Page:
         self._views.refresh()
         self._picture.refresh()
         self._recording.refresh()
+
+    def _stop(self, _: Query) -> dict[str, Any]:
+        outcome = self._robot.stop_everything()
+        self._recording.close()  # whoever stops the robot wants to see it
+        return {"text": outcome.text}
 
     def _status_now(self, query: Query) -> dict[str, Any]:
         """What is shown above the page."""
@@ -313,7 +320,8 @@ class Page:
             client.add_notification("Recording: refused", text, color="red")
 
     def _follow_model(self) -> None:
-        model = self._robot.model()
+        live = self._robot.model()
+        model = self._recording.model or live
         if model is not None and (self._scene is None or self._scene.model is not model):
             if self._scene is not None and self._frames is not None and self._gaze is not None:
                 self._frames.remove()
@@ -331,10 +339,11 @@ class Page:
             self._corners = _box(solid.reshape(-1, 3))
             self._shadow = add_shadow(self._server.scene, "/shadow", solid, 0.0)
             self._server.gui.set_panel_label(model.name)
-            self._joints.set_model(model)
-            self._steering.set_root(model.root)
+            if model is live:
+                self._joints.set_model(model)
+                self._steering.set_root(model.root)
             self._views.set_scenes(self._gaze, self._frames)
-        head = self._robot.head()
+        head = self._robot.head() if model is live else None
         if head is not None and head is not self._head and self._gaze and self._scene:
             self._head = head
             axis = pointing_axis(head.pointing_frame, self._axis)

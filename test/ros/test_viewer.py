@@ -28,7 +28,7 @@ from std_msgs.msg import Header
 
 from head_tracking.ros.images import image_message
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.viewer.recording import Recording
+from head_tracking.viewer.recording_file import read_recording
 
 DEGREE = math.radians(1)
 HIGH = 0.5 + 0.0325
@@ -365,9 +365,10 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(robot, viewer, 
     open_tab(page, "Record")
     with page.expect_download() as saved:
         press(page, "Save the last minute")
-    file = tmp_path / "head.json.gz"
+    file = tmp_path / "head.mcap"
     saved.value.save_as(file)
-    recording = Recording.from_bytes(file.read_bytes())
+    with file.open("rb") as stream:
+        recording = read_recording(stream)
     assert recording.duration > 5.0
     before = robot.at_rest()
     with page.expect_file_chooser() as chooser:
@@ -389,6 +390,11 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(robot, viewer, 
         field.fill(f"{math.ceil(100 * second) / 100:.2f}")  # not before it
         field.press("Enter")
         wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
+    wait_for(lambda: word(page) == "replay", PATIENCE)
+    open_tab(page, "Steer")
+    press(page, "Centre")
+    page.get_by_text("press Back to the robot first").first.wait_for()
+    open_tab(page, "Record")
     press(page, "Back to the robot")
     wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE, PATIENCE)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)

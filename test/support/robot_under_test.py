@@ -193,7 +193,8 @@ class Robot:
         velocities: list[float] = []
 
         def on_states(message: JointState) -> None:
-            velocities.append(abs(message.velocity[message.name.index(joint)]))
+            if joint in message.name:  # (on a busy machine a servo may not answer in time)
+                velocities.append(abs(message.velocity[message.name.index(joint)]))
 
         self.node.create_subscription(JointState, "servo_states", on_states, 10)
         wait_for(lambda: velocities)

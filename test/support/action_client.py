@@ -1,0 +1,72 @@
+"""A stock client of an action, as a person in another process would have it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.action import ActionClient
+from robot_under_test import wait_for
+
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
+
+
+class Sent:
+    """A goal on its way.
+
+    Attributes:
+        accepted: whether the server took it.
+        feedback: what it said on the way, with the time [s].
+    """
+
+    def __init__(self, client: ActionClient, goal: Any) -> None:
+        self.feedback: list[tuple[float, Any]] = []
+        self._ended = 0.0
+        future = client.send_goal_async(goal, feedback_callback=self._on_feedback)
+        wait_for(future.done)
+        self._handle = future.result()
+        self.accepted = self._handle.accepted
+        if self.accepted:
+            self._result = self._handle.get_result_async()
+            self._result.add_done_callback(self._on_end)
+
+    def _on_feedback(self, message: Any) -> None:
+        self.feedback.append((time.monotonic(), message.feedback))
+
+    def _on_end(self, _: Any) -> None:
+        self._ended = time.monotonic()
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return bool(self._result.done())
+
+    def ended(self, patience: float = 15.0) -> tuple[int, Any]:
+        """Waits for the end: status and result."""
+        wait_for(self._result.done, patience)
+        answer = self._result.result()
+        return answer.status, answer.result
+
+    @property
+    def ended_at(self) -> float:
+        """When that was heard [s]."""
+        wait_for(lambda: self._ended)
+        return self._ended
+
+    def cancel(self) -> Any:
+        """Asks the server to; its answer."""
+        future = self._handle.cancel_goal_async()
+        wait_for(future.done)
+        return future.result()
+
+
+class Client:
+    """Sends goals to one server."""
+
+    def __init__(self, node: Any, kind: Any, name: str) -> None:
+        self._client = ActionClient(node, kind, name)
+        wait_for(self._client.server_is_ready)
+
+    def send(self, goal: Any) -> Sent:
+        """A goal, once the server has answered whether it takes it."""
+        return Sent(self._client, goal)
