@@ -84,7 +84,8 @@ class CameraPicture:
     @property
     def chosen(self) -> str:
         """The topic that is shown; empty: none."""
-        return "" if self._menu.value == _NONE else str(self._menu.value)
+        hidden = self._hold.reason or self._menu.value == _NONE
+        return "" if hidden else str(self._menu.value)
 
     def look(self) -> None:
         """Somebody looks at the page now."""
@@ -92,9 +93,7 @@ class CameraPicture:
 
     def newest(self) -> Picture | None:
         """The newest picture of the topic that is shown; for any thread."""
-        if self._hold.reason or not self.chosen:
-            return None
-        return self._topics.picture(self.chosen)
+        return self._topics.picture(self.chosen) if self.chosen else None
 
     def jpeg(self, after: int, took: float) -> Jpeg | None:
         """The newest picture, if there is another one; for any thread.

@@ -24,10 +24,11 @@ def test_all_points_are_in_view_and_fill_it(points, aspect, field):
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     x, y, z = np.stack([right, np.cross(right, ahead), ahead]) @ (points - found.position).T
-    assert (z > 0.0).all()
+    assert z.min() > 0.3 - 1e-9
     height = np.tan(field / 2.0)
     x, y = x / z / (height * aspect), y / z / height
-    assert max(np.abs(x).max(), np.abs(y).max()) == pytest.approx(0.9, abs=1e-6)
+    widest = max(np.abs(x).max(), np.abs(y).max())
+    assert widest == pytest.approx(0.9, abs=1e-6) or (widest < 0.9 and z.min() < 0.3 + 1e-6)
 
 
 def test_a_narrow_picture_is_taken_from_farther_away():
