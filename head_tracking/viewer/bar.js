@@ -228,14 +228,14 @@
       asked = performance.now();
       const answer = await fetched(`picture?after=${number}&took=${took}`);
       if (answer.status !== 200) return;
-      const data = await answer.blob();
-      if (!topic) return;
+      const data = await answer.blob(), wanted = topic;
+      if (!wanted) return;
       const address = URL.createObjectURL(data), before = image.src;
       image.src = address;
       await image.decode();
       [number, stamp] = ["X-Number", "X-Stamp"].map((name) => answer.headers.get(name));
       if (before) URL.revokeObjectURL(before);
-      eye.hidden = false;
+      eye.hidden = topic !== wanted;
     };
     const again = async () => {
       try { await showNewest(); } catch { /* the badge says it */ }

@@ -45,7 +45,7 @@ _RECORDED = 60.0  # s
 _HANGS = 3.0  # s
 _AHEAD = 1.5  # m: so far away is what a person points at, and what to look at, if nobody knows
 _IN_VIEW = 1.1, 1.6  # m from the camera: room for a target that moves, and a robot of some size
-_TO_THE_SIDE = 0.4  # rad
+_TO_THE_SIDE, _UP = 0.4, 0.15  # rad: so far from straight ahead
 _GRID = (150, 155, 165)
 
 
@@ -237,7 +237,10 @@ class Page:
         away = _AHEAD if shown.target is None else math.dist(shown.target, camera)
         nearest, farthest = _IN_VIEW
         around = min(max(away, nearest), farthest) * np.array(
-            [(math.cos(turn), math.sin(turn), 0.0) for turn in (-_TO_THE_SIDE, 0.0, _TO_THE_SIDE)]
+            [
+                (math.cos(turn), math.sin(turn), up)
+                for turn, up in itertools.product((-_TO_THE_SIDE, _TO_THE_SIDE), (-_UP, _UP))
+            ]
         )
         return np.concatenate([self._corners, camera + around])
 
@@ -282,8 +285,13 @@ class Page:
             "can_resume": stop.can_resume,
             "title": "head_tracking" if model is None else model.name,
             "picture": self._picture.chosen,
-            "legend": () if self._gaze is None else self._gaze.legend(),
+            "legend": self._legend(),
         }
+
+    def _legend(self) -> tuple[tuple[str, str], ...]:
+        """What the colours of the scene mean, each with the colour."""
+        drawn = () if self._gaze is None else self._gaze.legend()
+        return (*drawn, *self._steering.legend())
 
     def _picture_now(self, query: Query) -> File:
         """What the camera sees, if that is another picture than the one that a browser has."""

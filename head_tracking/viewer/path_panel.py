@@ -18,7 +18,7 @@ from head_tracking.viewer.path import SHAPES, Path, shaped
 
 _POINTS = "points of your own"
 _AWAY = 1.0  # m from the camera
-COLOUR = (30, 140, 200)
+_COLOUR = (30, 140, 200)
 
 
 class PathPanel:
@@ -52,7 +52,7 @@ class PathPanel:
             )  # fmt: skip
             self._clear = gui.add_button("Clear points", icon=viser.Icon.TRASH, visible=False)
         self._line = server.scene.add_line_segments(
-            "/path", np.zeros((1, 2, 3), np.float32), COLOUR, thickness=1.5,
+            "/path", np.zeros((1, 2, 3), np.float32), _COLOUR, thickness=1.5,
             thickness_units="screen", visible=False,
         )  # fmt: skip
         for given in (self._shape, self._size, self._speed):
@@ -78,6 +78,10 @@ class PathPanel:
         self._size.visible, self._add.visible = not own, own
         self._clear.visible = own and bool(self._points)
         self._line.visible = on and self._modes.path is not None
+
+    def legend(self) -> tuple[tuple[str, str], ...]:
+        """What the line in the scene means, and its colour as in CSS; nothing if there is none."""
+        return (("path", "#{:02x}{:02x}{:02x}".format(*_COLOUR)),) if self._line.visible else ()
 
     def _take(self) -> Outcome:
         """Hands the path over as it is wanted now."""

@@ -77,6 +77,10 @@ class SteeringPanel:
         """The head that looks, and the direction in its frame that it points."""
         self._path.set_head(model, head, axis)
 
+    def legend(self) -> tuple[tuple[str, str], ...]:
+        """The path's meaning and colour, if it is drawn."""
+        return self._path.legend()
+
     def show(self, shown: Observation) -> None:
         """Lets the gizmo follow the target, unless somebody holds it."""
         if shown.target is not None and time.monotonic() - self._dragged > _AFTER_DRAG:
