@@ -86,6 +86,20 @@ class SightedTarget:
             self.tracker.identity.reset()
         return found
 
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody gets what is sent."""
+        return self._switch.on or self._confidence.get_subscription_count() > 0
+
+    def follow(self, detector: Detector) -> None:
+        """Looks for something else from now on."""
+        tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+
+        def take() -> None:
+            self.tracker = tracker
+
+        self._worker.do(take)
+
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Sends the target that was sighted, unless that is switched off, and how sure it is."""
         if sighting is not None:

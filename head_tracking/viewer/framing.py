@@ -20,6 +20,7 @@ not mirrored."""
 _FIELD = math.radians(38.0)
 _FILLED = 0.84  # of the picture
 _USUAL = 1.2  # width over height of what the panel leaves of a window
+_CLOSEST = 0.3  # m
 _SAME = 0.02  # m, or of the aspect ratio
 
 
@@ -54,7 +55,7 @@ def eye(points: Array, aspect: float, field: float = _FIELD, filled: float = _FI
     # each side of the picture is a plane through the eye, as close as the points let it come
     high = (seen[:, :2] + seen[:, 2:] * slopes).max(axis=0)
     low = (seen[:, :2] - seen[:, 2:] * slopes).min(axis=0)
-    away = float(((high - low) / (2.0 * slopes)).max())
+    away = max(*((high - low) / (2.0 * slopes)).tolist(), float(seen[:, 2].max()) + _CLOSEST)
     middle = (high + low) / 2.0
     there = np.array([*middle, away]) @ axes
     depth = away - float(seen[:, 2].mean())

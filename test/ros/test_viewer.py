@@ -326,10 +326,10 @@ def test_escape_stops_wherever_the_cursor_is(robot, page):
 
 
 def test_a_viewer_that_has_gone_is_disconnected_and_takes_no_input(viewer, page):
-    page.route("**/head/status", lambda route: route.abort())
+    page.route("**/head/status*", lambda route: route.abort())
     wait_for(lambda: word(page) == "disconnected", PATIENCE)
     assert page.locator("#head-veil").is_visible()
-    page.unroute("**/head/status")
+    page.unroute("**/head/status*")
     wait_for(lambda: word(page) != "disconnected", PATIENCE)
     assert not page.locator("#head-veil").is_visible()
 
