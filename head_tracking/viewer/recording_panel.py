@@ -9,11 +9,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import viser
+from PIL import Image
 
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
 from head_tracking.viewer.notify import by_person, notify
 from head_tracking.viewer.observation import Hold, Observation, Outcome
+from head_tracking.viewer.other_topics import Picture
 from head_tracking.viewer.recorder import Recorder
 from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
 from head_tracking.viewer.recording_file import read_recording, write_recording
@@ -22,6 +25,9 @@ _STEP = 0.01  # s
 _MOST_MARKS = 60
 _LARGEST_DOWNLOAD = 200_000_000  # bytes: viser holds them in memory
 _SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5 x": 5.0, "20 x": 20.0}
+_RECORDED = 10**9
+"""The robot's own pictures have smaller numbers."""
+
 _NO_FILE = "(none yet)"
 _NOWHERE = "..."
 _HELD = "a recording is shown, and nothing is commanded meanwhile: press Back to the robot first"
@@ -100,6 +106,25 @@ class RecordingPanel:
         """What is to be shown instead of the robot; None: the robot."""
         recording = self._recording
         return None if recording is None else recording.at(self._now())
+
+    def camera(self) -> str:
+        """The topic of the pictures in the recording that is shown; empty: there are none."""
+        recording = self._recording
+        return "" if recording is None else recording.camera
+
+    def picture(self) -> Picture | None:
+        """What the camera saw, in the recording that is shown; for any thread."""
+        recording = self._recording
+        found = None if recording is None else recording.picture_at(self._now())
+        if found is None:
+            return None
+        index, picture = found
+        try:
+            with Image.open(io.BytesIO(picture.data)) as opened:
+                pixels = np.asarray(opened.convert("RGB"))
+        except (OSError, ValueError, Image.DecompressionBombError):
+            return None  # damaged, or of a kind that is not known
+        return Picture(_RECORDED + index, picture.stamp, picture.frame_id, pixels, None)
 
     def refresh(self) -> None:
         """Moves the time line along while it plays; tells how the recorder does."""
