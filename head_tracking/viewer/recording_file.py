@@ -318,7 +318,7 @@ class _Reading:
             raise RecordingError(f"nothing of the file can be shown: {why or lacking}")
         notice = f"{why}; it is shown up to there" if why else ""
         start = self._seen[0].stamp
-        moments = (Moment(max(0.0, (at - start) * 1e-9), text) for at, text in self._moments)
+        moments = (Moment((at - start) * 1e-9, text) for at, text in self._moments)
         return Recording(
             tuple(self._seen),
             self._overview.urdf,
@@ -486,8 +486,8 @@ class _Reading:
 
     def _mark(self, text: str) -> None:
         """Notes a moment; at the start what is latched is not one."""
-        assert self._first is not None
-        if len(self._moments) < _MOST_MOMENTS and self._now - self._first > _START:
+        start = self._seen[0].stamp if self._seen else self._now
+        if len(self._moments) < _MOST_MOMENTS and self._now - start > _START:
             self._moments.append((self._now, text))
 
 
