@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from head_tracking.tracking import Target
 
 goals = pytest.importorskip("goals")
-EXAMPLES = int(os.environ.get("EXAMPLES", "15"))
+EXAMPLES = int(os.environ.get("HEAD_TRACKING_EXAMPLES", "15"))
 
 POINTS = st.tuples(st.floats(-2.4, 2.4), st.floats(-0.9, 0.9), st.sampled_from([0.0, 0.3, 9.0]))
 TRAJECTORIES = st.tuples(
