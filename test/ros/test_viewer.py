@@ -212,9 +212,9 @@ def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
 def test_a_slider_moves_its_joint(robot, page):
     open_tab(page, "Joints")
     field = joint_field(page, "head_pan_joint")
-    field.fill("0.6")
+    field.fill("35")
     field.press("Enter")
-    wait_for(lambda: abs(robot.true("head_pan_joint") - 0.6) < 2 * DEGREE, PATIENCE)
+    wait_for(lambda: abs(robot.true("head_pan_joint") - 35 * DEGREE) < 2 * DEGREE, PATIENCE)
 
 
 def test_all_joints_are_centred(robot, page):
@@ -222,7 +222,7 @@ def test_all_joints_are_centred(robot, page):
     press(page, "Centre all joints")
     for joint in HEAD:
         wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE, PATIENCE)
-        wait_for(lambda joint=joint: abs(float(joint_field(page, joint).input_value())) < 0.03)
+        wait_for(lambda joint=joint: abs(float(joint_field(page, joint).input_value())) < 2.0)
 
 
 def test_joints_go_anywhere_within_their_limits(robot, viewer, page):
@@ -338,7 +338,7 @@ def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     open_tab(page, "Joints")
     robot.simulated.lead("head_pan_joint", -0.7, 0.5)
     field = joint_field(page, "head_pan_joint")
-    wait_for(lambda: abs(float(field.input_value()) + 0.7) < 0.06, PATIENCE)
+    wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06, PATIENCE)
     assert robot.true("head_pan_joint") == pytest.approx(-0.7, abs=0.06)
 
 
