@@ -40,6 +40,11 @@ MEAN_COLOUR = """() => {
   canvas.drawImage(image, 0, 0, 1, 1);
   return [...canvas.getImageData(0, 0, 1, 1).data.slice(0, 3)];
 }"""
+CUT_OFF = """() => [...document.querySelectorAll("button, input, [role=tab]")].filter((one) => {
+  const {left, right, width} = one.getBoundingClientRect();
+  return width && one.checkVisibility() && (left < -1 || right > innerWidth + 1);
+}).map((one) => one.id || one.textContent || one.placeholder)"""
+BUSY = "() => { const end = performance.now() + 6000; while (performance.now() < end); }"
 HEAD = ("head_pan_joint", "head_tilt_joint")
 
 
@@ -283,6 +288,12 @@ def word(page: Any) -> str:
 def test_stop_is_in_view_on_every_tab_and_when_the_panel_is_folded_away(viewer, browser):
     for width, height in ((1280, 800), (390, 700)):
         page = open_page(browser, viewer.page.port, width, height, 0.25)
+        light = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        page.emulate_media(color_scheme="dark")  # the page follows its browser
+        page.wait_for_function(
+            "before => getComputedStyle(document.body).backgroundColor !== before", arg=light
+        )
+        page.get_by_role("tab", name="Joints").wait_for()
 
         def in_view(page: Any = page) -> bool:
             box = page.locator("#head-stop").bounding_box()
@@ -300,6 +311,7 @@ def test_stop_is_in_view_on_every_tab_and_when_the_panel_is_folded_away(viewer, 
             open_tab(page, tab)
             page.mouse.wheel(0, 4000)
             assert in_view(), tab
+            assert page.evaluate(CUT_OFF) == [], tab
         page.get_by_text("kinectbot", exact=True).or_(
             page.get_by_text("head_tracking", exact=True)
         ).first.click(force=True)
@@ -326,6 +338,9 @@ def test_escape_stops_wherever_the_cursor_is(robot, page):
 
 
 def test_a_viewer_that_has_gone_is_disconnected_and_takes_no_input(viewer, page):
+    page.evaluate(BUSY)  # that is this browser's own silence
+    page.wait_for_timeout(100)
+    assert word(page) != "disconnected"
     page.route("**/head/status*", lambda route: route.abort())
     wait_for(lambda: word(page) == "disconnected", PATIENCE)
     assert page.locator("#head-veil").is_visible()
