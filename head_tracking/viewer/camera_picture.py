@@ -34,8 +34,9 @@ _NOTHING = (
 
 
 class Jpeg(NamedTuple):
-    """A picture for a browser, and its stamp [ns]."""
+    """A picture for a browser, with its number and stamp [ns]."""
 
+    number: int
     stamp: int
     data: bytes
 
@@ -83,7 +84,8 @@ class CameraPicture:
     @property
     def chosen(self) -> str:
         """The topic that is shown; empty: none."""
-        return "" if self._menu.value == _NONE else str(self._menu.value)
+        hidden = self._hold.reason or self._menu.value == _NONE
+        return "" if hidden else str(self._menu.value)
 
     def look(self) -> None:
         """Somebody looks at the page now."""
@@ -91,26 +93,24 @@ class CameraPicture:
 
     def newest(self) -> Picture | None:
         """The newest picture of the topic that is shown; for any thread."""
-        if self._hold.reason or not self.chosen:
-            return None
-        return self._topics.picture(self.chosen)
+        return self._topics.picture(self.chosen) if self.chosen else None
 
     def jpeg(self, after: int, took: float) -> Jpeg | None:
         """The newest picture, if there is another one; for any thread.
 
         Args:
-            after: the stamp [ns] of the one that a browser has.
+            after: the number of the one that a browser has.
             took: so long ago [s] it asked for that.
         """
         self._browser_takes = max(took, 0.9 * self._browser_takes)
         picture = self.newest()
-        if picture is None or picture.stamp == after:
+        if picture is None or picture.number == after:
             return None
         with self._encoding:
-            if self._encoded is None or self._encoded.stamp != picture.stamp:
+            if self._encoded is None or self._encoded.number != picture.number:
                 data = io.BytesIO()
                 _fitting(picture, _WIDEST).save(data, "JPEG", quality=_QUALITY)
-                self._encoded = Jpeg(picture.stamp, data.getvalue())
+                self._encoded = Jpeg(picture.number, picture.stamp, data.getvalue())
             return self._encoded
 
     def show(self, gaze: GazeScene | None) -> None:
@@ -125,9 +125,9 @@ class CameraPicture:
             if self._in_cone is not None:
                 gaze.show_picture(None)
                 self._in_cone = None
-        elif picture.stamp != self._in_cone:
+        elif picture.number != self._in_cone:
             gaze.show_picture(np.asarray(_fitting(picture, _CONE_WIDEST)))
-            self._in_cone = picture.stamp
+            self._in_cone = picture.number
 
     def refresh(self) -> None:
         """Follows pictures that come and go."""

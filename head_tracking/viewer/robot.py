@@ -95,7 +95,9 @@ class Robot:
             self.buffer,
             self.parameters.values,
         )
-        self.modes = HeadModes(node, services, self.topics, self._graph, self.buffer)
+        self.modes = HeadModes(
+            node, services, self.topics, self._graph, self.parameters, self.buffer
+        )
         self.joints = JointControl(
             node,
             services,
