@@ -102,7 +102,7 @@ class VisualTargetNode(Node):
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._target = SightedTarget(
             self,
-            self._make_detector(p.follow),
+            self._detector(p.follow),
             (buffer or listening_buffer(self)).core,
             loop,
             p.fixed_frame,
@@ -122,7 +122,7 @@ class VisualTargetNode(Node):
         self._looking.close()
         super().destroy_node()
 
-    def _make_detector(self, follow: str) -> Detector:
+    def _detector(self, follow: str) -> Detector:
         """What finds one kind of thing; its parameters are declared the first time."""
         make, kind = DETECTORS[follow]
         if follow not in self._kinds:
@@ -137,7 +137,8 @@ class VisualTargetNode(Node):
             return
         self._settings = changed
         self._subscribe_for(changed.follow)
-        self._target.follow(self._make_detector(changed.follow))
+        detector = self._detector(changed.follow)
+        self._looking.do(lambda: self._target.find_by(detector))
         self.get_logger().info(f"the target is what is found now: {changed.follow}")
 
     def _subscribe_for(self, follow: str) -> None:
@@ -223,12 +224,13 @@ class VisualTargetNode(Node):
             self._show(frame, sighting, stamped)
 
     def _show(self, frame: Frame, sighting: Sighting | None, stamped: AnyImage) -> None:
+        tracker = self._target.tracker
         if frame.picture is not None:
             picture = frame.picture.bgr
         else:
             assert frame.depth is not None
-            picture = depth_picture(frame.depth, self._target.tracker.distances.max_distance)
-        drawn = annotated(picture, self._target.tracker.tracks, sighting)
+            picture = depth_picture(frame.depth, tracker.distances.max_distance)
+        drawn = annotated(picture, tracker.tracks, sighting)
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:

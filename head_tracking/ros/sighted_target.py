@@ -36,7 +36,7 @@ class SightedTarget:
     """Makes `target_point` of what a detector finds.
 
     Listens to `camera_info`; offers `~/reset` and `~/enable`; tells `~/enabled` and `~/confidence`.
-    `pose`, `send` and the tracker belong to the worker's thread.
+    `find_by`, `pose`, `send` and the tracker belong to the worker's thread.
 
     Args:
         node: whose topics, services and parameters these are.
@@ -67,7 +67,7 @@ class SightedTarget:
         self._log = node.get_logger()
         self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
-        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+        self.find_by(detector)
         self.camera: Camera | None = None
         self._placed = False
         self._switch = Switch(
@@ -78,6 +78,15 @@ class SightedTarget:
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
         node.create_service(Trigger, "~/reset", self._on_reset)
 
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody wants to know what is found."""
+        return self._switch.on or self._confidence.get_subscription_count() > 0
+
+    def find_by(self, detector: Detector) -> None:
+        """Looks for other things from now on."""
+        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
         """A frame in the one that stands still, if that is known; at its stamp [ns]."""
         found = frame_pose(self._buffer, self._fixed_frame, frame_id, stamp)
@@ -85,20 +94,6 @@ class SightedTarget:
             self._placed = found is not None
             self.tracker.identity.reset()
         return found
-
-    @property
-    def wanted(self) -> bool:
-        """Whether anybody gets what is sent."""
-        return self._switch.on or self._confidence.get_subscription_count() > 0
-
-    def follow(self, detector: Detector) -> None:
-        """Looks for something else from now on."""
-        tracker = VisualTracker(detector, self._distances.value, self._identity.value)
-
-        def take() -> None:
-            self.tracker = tracker
-
-        self._worker.do(take)
 
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Sends the target that was sighted, unless that is switched off, and how sure it is."""

@@ -12,6 +12,7 @@
   const STYLE = `
     :root { --head-paper: #ffffffe8; --head-ink: #343a40; }
     :root[data-head-theme=dark] { --head-paper: #25262be8; --head-ink: #ced4da; color-scheme: dark; }
+    :root[data-head-theme=dark] canvas[data-engine] { background: #2c2f36; }
     #head-bar { position: fixed; top: 8px; left: 8px; z-index: 10000; display: flex; gap: 8px;
       align-items: stretch; max-width: calc(100vw - 16px); font: 14px/1.25 system-ui, sans-serif;
       pointer-events: none; }
