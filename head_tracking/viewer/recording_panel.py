@@ -7,6 +7,7 @@ import io
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -162,14 +163,25 @@ class RecordingPanel:
 
     def _read_file(self) -> Recording:
         try:
-            with (self._recorder.directory / self._file.value).open("rb") as file:
+            with self._chosen().open("rb") as file:
                 return read_recording(file)
         except OSError as error:
             raise RecordingError(f"it can't be read: {error}") from error
 
+    def _chosen(self) -> Path:
+        """The recording of the menu, and no other file, whatever a browser says is chosen.
+
+        Raises:
+            FileNotFoundError: it is not there.
+        """
+        for file in self._recorder.files():
+            if file.name == self._file.value:
+                return file
+        raise FileNotFoundError(f"there is no such recording in {self._recorder.directory}")
+
     def _on_download(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        file = self._recorder.directory / self._file.value
         try:
+            file = self._chosen()
             size = file.stat().st_size
             if size > _LARGEST_DOWNLOAD:
                 raise OSError(f"{size / 1e6:.0f} MB are too much for the page; copy {file}")
@@ -234,7 +246,7 @@ class RecordingPanel:
         since, recording = self._playing_since, self._recording
         if since is None or recording is None:
             return self._place
-        played = (time.monotonic() - since) * _SPEEDS[self._speed.value]
+        played = (time.monotonic() - since) * _SPEEDS.get(self._speed.value, 1.0)
         return min(self._place + played, recording.duration)
 
     def _go(self, place: float) -> None:
@@ -244,8 +256,8 @@ class RecordingPanel:
             self._playing_since = time.monotonic()
 
     def _on_scrub(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if by_person(event):
-            self._playing_since, self._place = None, event.target.value
+        if by_person(event) and math.isfinite(event.target.value):
+            self._playing_since, self._place = None, max(0.0, event.target.value)
 
     def _on_moment(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         recording = self._recording
