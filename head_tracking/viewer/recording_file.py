@@ -290,8 +290,8 @@ class _Reading:
         handler = self._handlers[number]
         if self._first is None:
             self._first = self._now = self._next = message.log_time
-        if message.log_time >= self._next:
-            self._look()  # with all that came until the one before
+        if self._next <= self._now < message.log_time:
+            self._look()  # with all that came until then
             self._next = self._now + self._period
         self._now = max(self._now, message.log_time)
         if handler is not None:
