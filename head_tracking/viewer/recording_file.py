@@ -38,7 +38,7 @@ from head_tracking.viewer.bag_writer import (
     transforms_of_joints,
     xyz,
 )
-from head_tracking.viewer.observation import Level, Observation
+from head_tracking.viewer.observation import Level, Observation, outer_frames
 from head_tracking.viewer.recording import Moment, RecordedPicture, Recording, RecordingError
 
 _MCAP = b"\x89MCAP"
@@ -363,7 +363,7 @@ class _Reading:
             Observation(
                 now,
                 self._joints,
-                self._frames(),
+                outer_frames(self._buffer, model),
                 None if target is None else target[2],
                 "" if target is None else str(target[1]),
                 error if now - at < _ERROR_AGE else None,
@@ -371,17 +371,6 @@ class _Reading:
                 None if target is None else target[3],
             )
         )
-
-    def _frames(self) -> Mapping[str, Transform]:
-        model, found = self._buffer.model, {}
-        assert model is not None
-        for frame in self._buffer.frames():
-            if frame not in model.children_of_joints and frame != model.root:
-                try:
-                    found[frame] = self._buffer.lookup_transform(model.root, frame).transform
-                except TransformException:
-                    continue
-        return found
 
     def _placed(self) -> tuple[int, Target, Vector3, int] | None:
         """The newest target: when it came, what was sent, where it is, when it was there."""
