@@ -211,6 +211,10 @@ class RecordingPanel:
         self._open(event, lambda: read_recording(io.BytesIO(content)))
 
     def _open(self, event: viser.GuiEvent[Any], read: Callable[[], Recording]) -> None:
+        client = event.client
+        reading = client and client.add_notification(
+            "Replay", "is read: half a minute for each hour", loading=True, with_close_button=False
+        )
         try:
             recording = read()
             live = self._live_model()
@@ -219,6 +223,9 @@ class RecordingPanel:
         except (RecordingError, RobotModelError) as error:
             notify(event, Outcome(False, str(error)), "Recording")
             return
+        finally:
+            if reading is not None:
+                reading.remove()
         self.close()
         end = max(round(math.ceil(recording.duration / _STEP) * _STEP, 2), _STEP)
         moments = recording.moments
