@@ -9,8 +9,10 @@ from head_under_test import Head
 from robot_under_test import wait_for
 from std_msgs.msg import String
 
+from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.tf.qos import LATCHED
+from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
@@ -39,6 +41,91 @@ def test_random_goals_report_the_miss_of_the_true_angles(request, threads, model
             assert pointed.true == pytest.approx(before, abs=0.006)
     assert min(ends.values()) > 2
     pointed.node.destroy_node()
+
+
+@pytest.fixture
+def pointed(kinectbot, threads):
+    head = goals.PointedHead(kinectbot)
+    yield head
+    head.node.destroy_node()
+
+
+def fastest(pointed, goal):
+    """Of pan, on the way of a goal [rad/s]; and how long that took [s]."""
+    world, before, speeds = pointed.world, pointed.true[0], []
+    held = goals.HeldGoal(goal)
+    pointed.node.actions.point(held)
+    begun = world.seconds
+    while not held.status:
+        world.run(0.02)
+        speeds.append(abs(pointed.true[0] - before) / 0.02)
+        before = pointed.true[0]
+    assert held.status == "succeeded"
+    return max(speeds), world.seconds - begun
+
+
+def test_velocity_and_duration_are_honoured(pointed):
+    frame = pointed.head.base_frame
+    speed, _ = fastest(pointed, goal(1, 1, 0.1, frame, velocity=0.4))
+    assert speed < 0.5
+    speed, duration = fastest(pointed, goal(1, -1, 0.1, frame, velocity=3.0))
+    assert 2.0 < speed < 3.5
+    assert duration < 1.7
+    speed, duration = fastest(pointed, goal(1, 1, 0.1, frame, duration=4.0))
+    assert 4.0 <= duration < 5.0
+    assert speed < 0.6
+    _, duration = fastest(pointed, goal(1, 0.98, 0.1, frame, duration=10.0))
+    assert 10.0 <= duration < 11.0  # slower than a servo can be told
+
+
+@pytest.mark.parametrize(
+    ("frame", "axis", "meant"),
+    [
+        ("/camera_optical_frame", (0, 0, 0), (0, 0, 1)),
+        ("camera_link", (1, 0.2, 0), (1, 0.2, 0)),
+        ("head_link", (0, 0, 0), (1, 0, 0)),
+    ],
+)
+def test_any_frame_and_axis_of_the_head_can_be_pointed(pointed, kinectbot, frame, axis, meant):
+    point, base = (1, 0.4, 0.1), pointed.head.base_frame
+    held = pointed.look_at(point, f"/{base}", pointing=frame, axis=axis)
+    assert held.status == "succeeded"
+    assert not pointed.node.actions.point_refusal(held.request)
+    head = PanTiltHead(kinectbot, *JOINTS, frame.removeprefix("/"), meant)
+    assert head.miss(point, *pointed.true) < math.radians(1.0)
+
+
+def test_a_goal_in_the_heads_own_frame_does_not_run_before_it(pointed):
+    pan = pointed.true[0]
+    assert pointed.look_at((2, 0.6, 0), "camera_link").status == "succeeded"
+    assert pointed.true[0] == pytest.approx(pan + math.atan2(0.6, 2), abs=0.05)
+
+
+def test_a_head_that_is_held_says_that_it_did_not_arrive(pointed):
+    assert pointed.look_at((1, 1, 0.1)).status == "succeeded"
+    pointed.world.push("head_pan_joint", 3.0)  # twice what the servo can stand against
+    assert pointed.look_at((1, -1, 0.1)).status == "aborted"
+    pointed.world.run(0.02)
+    assert "did not arrive: the head misses the target by" in pointed.said
+
+
+def test_a_target_that_keeps_moving_is_met(pointed):
+    core, world = pointed.world.buffer.core, pointed.world
+
+    def hand(seconds):
+        bearing = 0.6 * math.sin(seconds)
+        return 2 * math.cos(bearing), 2 * math.sin(bearing), 0.1
+
+    def move():
+        pose = Transform(hand(world.seconds), Rotation.identity())
+        core.set_transform(world.now, pointed.head.base_frame, "hand", pose)
+
+    move()
+    world.every(33_000_000, move)
+    for _ in range(6):
+        assert pointed.look_at((0, 0, 0), "hand", velocity=2.0).status == "succeeded"
+        assert pointed.true_miss(hand(world.seconds)) < 0.05
+        world.run(0.7)
 
 
 def test_alone_in_a_process_it_serves_goals_too(kinectbot):
