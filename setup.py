@@ -22,6 +22,7 @@ NODES = (
     "detection_target",
     "simulated_camera",
     "viewer",
+    "recorder",
 )
 TOOLS = (
     "look",

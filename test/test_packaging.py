@@ -24,6 +24,7 @@ EXECUTABLES = {
     "joint_state_publisher",
     "look",
     "point_head",
+    "recorder",
     "relax",
     "robot_state_publisher",
     "servo",

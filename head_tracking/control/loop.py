@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
@@ -19,20 +19,6 @@ if TYPE_CHECKING:  # a servo bus alone in its process needs no transforms
     from head_tracking.transforms import JointSample, TransformBuffer
 
 _T = TypeVar("_T")
-
-
-class Measured(NamedTuple):
-    """One joint, as it was just read.
-
-    Attributes:
-        position: [rad or m].
-        velocity: [rad/s or m/s].
-        effort: in whatever unit its source gives.
-    """
-
-    position: float
-    velocity: float = 0.0
-    effort: float = 0.0
 
 
 class Controller(Protocol):

@@ -115,6 +115,11 @@ class ServoState(NamedTuple):
     goal: float | None
 
     @property
+    def effort(self) -> float:
+        """The load, under ROS's name for it."""
+        return self.load
+
+    @property
     def position_error(self) -> float | None:
         """Goal minus position, rad; None while relaxed."""
         return None if self.goal is None else self.goal - self.position

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_msgs.msg import String
 
-from head_tracking.control import ControlLoop, Measured
+from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
@@ -22,6 +22,7 @@ from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
     LARGEST_POSITION,
     JointSample,
+    JointState,
     JointStates,
     Mimic,
     RobotModelError,
@@ -129,7 +130,7 @@ class JointStatePublisherNode(Node):
 
     def _on_measurement(self, message: JointStateMsg) -> None:
         measured = {
-            name: Measured(position, velocity, effort)
+            name: JointState(position, velocity, effort)
             for name, position, velocity, effort in zip(
                 message.name,
                 message.position,

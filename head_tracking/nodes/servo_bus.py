@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 
-from head_tracking.control import LEASE, ControlLoop, Measured, OwnershipError
+from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.dynamixel import (
     Buses,
     BusEvent,
@@ -240,11 +240,7 @@ class ServoBusNode(Node):
         complete: Mapping[str, Any] = {}
         if states:
             stamp = sum([state.stamp for state in states.values()]) // len(states)
-            measured = {
-                name: Measured(state.position, state.velocity, state.load)
-                for name, state in states.items()
-            }
-            complete = self._loop.joints_read(stamp, measured)
+            complete = self._loop.joints_read(stamp, states)
             self._read[bus] = stamp, complete
         self._loop.update(self._names[bus])
 

@@ -17,11 +17,10 @@ from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.viewer.robot import Robot
 
 MISSING = (
-    "the viewer needs viser, which is not installed here: pip install 'head_tracking[viewer]', or "
-    "pip install viser"
+    "the viewer needs viser and mcap-ros2-support, which are not installed here: "
+    "pip install 'head_tracking[viewer]', or pip install viser mcap-ros2-support"
 )
 
 
@@ -47,6 +46,8 @@ class ViewerNode(Node):
             raise HeadTrackingError(MISSING)
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
+        from head_tracking.viewer.recorder import RecorderParameters
+        from head_tracking.viewer.robot import Robot
         from head_tracking.viewer.server import is_loopback
 
         super().__init__("viewer", **options)
@@ -54,8 +55,9 @@ class ViewerNode(Node):
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
         view = NodeParameters(self, ViewParameters).value
+        recorder = NodeParameters(self, RecorderParameters).value
         buffer = buffer or listening_buffer(self)
-        self.robot = Robot(self, buffer, head, p.camera_link)
+        self.robot = Robot(self, buffer, head, p.camera_link, recorder)
         x, y, z = head.pointing_axis
         try:
             self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
@@ -84,8 +86,8 @@ class ViewerNode(Node):
 
 
 def installed() -> bool:
-    """Whether viser, which the viewer needs, is there."""
-    return find_spec("viser") is not None
+    """Whether the libraries that only the viewer needs are there."""
+    return all(find_spec(name) is not None for name in ("viser", "mcap_ros2"))
 
 
 def find_package(name: str) -> Path | None:

@@ -40,7 +40,7 @@ _EXPLAINED = 0.3  # rad/s; a delay with which the shaft is no farther behind exp
 _GAINED = 0.2  # rad/s in a span; less may be noise
 _STEADY = 0.6  # of the gain before; less is a shaft that comes to its top speed
 _SLOWEST_START = 1.0  # rad/s^2
-_RECOVERY = 10.0  # s in which a limit that is not met any more grows to e times itself
+_RECOVERY = 20.0  # s in which a limit that is not met any more grows to e times itself
 _SHARE = 0.3  # of a new measurement
 _HARDEST = 100.0  # rad/s^2; harder than this is no limit
 

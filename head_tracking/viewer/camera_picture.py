@@ -1,79 +1,133 @@
-"""Pictures that nodes publish, in the control panel and in the view cone."""
+"""What the camera sees: in a corner of the view, in the view cone, and as a way to steer."""
 
 from __future__ import annotations
 
+import html
+import io
+import threading
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import viser
+from PIL import Image
 
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.other_topics import OtherTopics
+from head_tracking.viewer.observation import Hold, Outcome
+from head_tracking.viewer.other_topics import OtherTopics, Picture
 
 _NONE = "no picture"
-_PERIOD = 0.1  # s
-_WIDEST = 480  # pixels
+_CONE_PERIODS = 0.2, 2.0  # s
+_PERIODS_OF_BROWSER = 2.5
+"""A browser drops a picture of the scene that is not drawn before the next one comes: it gets them
+so many times slower than it asks for those in the corner."""
+
+_CONE_WIDEST, _WIDEST = 160, 480  # pixels
+_LOOKED_AT = 3.0  # s
+_QUALITY = 80  # of JPEG
 _NOTHING = (
-    '<div style="padding:0 0.8em;font-size:0.85em">nothing has come yet, or nothing that can be '
-    "shown (without OpenCV: rgb8, bgr8, rgba8, bgra8, mono8)</div>"
+    "nothing has come yet, or nothing that can be shown (without OpenCV: rgb8, bgr8, rgba8, bgra8, "
+    "mono8)"
 )
+
+
+class Jpeg(NamedTuple):
+    """A picture for a browser, and its stamp [ns]."""
+
+    stamp: int
+    data: bytes
 
 
 class CameraPicture:
     """A menu of pictures, and a button for the simulated camera.
 
-    A picture is shown as soon as there is one, with what was found in it if a node draws that.
-    Whoever publishes them is asked for them only while one is chosen and a browser is there.
+    A picture is shown as soon as there is one, with what was found in it if a node draws that;
+    where the head is simulated, its camera is started for that. Whoever publishes them is asked
+    for them only while one is chosen and somebody looks.
 
     Args:
         gui: viser's control panel, with the container open that gets them.
         topics: have the pictures.
         modes: starts the simulated camera.
+        hold: while a recording is shown, what the camera sees now is not.
     """
 
-    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes) -> None:
+    def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
         self._modes = modes
+        self._hold = hold
         self._menu = gui.add_dropdown(
-            "Camera picture", [_NONE], hint="Pictures that nodes publish (sensor_msgs/Image)."
-        )
+            "Camera picture", [_NONE],
+            hint="Pictures that nodes publish (sensor_msgs/Image), shown in the corner and in the "
+            "view cone.",
+        )  # fmt: skip
         self._start = gui.add_button(
             "Simulate the camera", icon=viser.Icon.CAMERA, visible=False,
             hint="Draws what the head's camera would see: a room, with a ball at the target.",
         )  # fmt: skip
         self._line = gui.add_html("")
-        self._image = gui.add_image(np.zeros((3, 4, 3), np.uint8), visible=False)
-        self._shown: npt.NDArray[np.uint8] | None = None
+        self._in_cone: int | None = None
         self._next = 0.0
+        self._browser_takes = 0.0
+        self._looked_at = -_LOOKED_AT
         self._person_chose = False
+        self._started: threading.Thread | None = None
+        self._start_failed = ""
+        self._encoding = threading.Lock()
+        self._encoded: Jpeg | None = None
         self._menu.on_update(self._on_menu)
         self._start.on_click(self._on_start)
 
+    @property
+    def chosen(self) -> str:
+        """The topic that is shown; empty: none."""
+        return "" if self._menu.value == _NONE else str(self._menu.value)
+
+    def look(self) -> None:
+        """Somebody looks at the page now."""
+        self._looked_at = time.monotonic()
+
+    def newest(self) -> Picture | None:
+        """The newest picture of the topic that is shown; for any thread."""
+        if self._hold.reason or not self.chosen:
+            return None
+        return self._topics.picture(self.chosen)
+
+    def jpeg(self, after: int, took: float) -> Jpeg | None:
+        """The newest picture, if there is another one; for any thread.
+
+        Args:
+            after: the stamp [ns] of the one that a browser has.
+            took: so long ago [s] it asked for that.
+        """
+        self._browser_takes = max(took, 0.9 * self._browser_takes)
+        picture = self.newest()
+        if picture is None or picture.stamp == after:
+            return None
+        with self._encoding:
+            if self._encoded is None or self._encoded.stamp != picture.stamp:
+                data = io.BytesIO()
+                _fitting(picture, _WIDEST).save(data, "JPEG", quality=_QUALITY)
+                self._encoded = Jpeg(picture.stamp, data.getvalue())
+            return self._encoded
+
     def show(self, gaze: GazeScene | None) -> None:
-        """Shows the newest picture, a few times a second; in the view cone, too."""
+        """Shows the newest picture in the view cone, a few times a second."""
         now = time.monotonic()
-        if now < self._next:
+        if gaze is None or now < self._next:
             return
-        self._next = now + _PERIOD
-        topic = self._menu.value
-        picture = None if topic == _NONE else self._topics.picture(topic)
-        self._image.visible = picture is not None
-        self._line.content = _NOTHING if topic != _NONE and picture is None else ""
+        least, most = _CONE_PERIODS
+        self._next = now + min(max(least, _PERIODS_OF_BROWSER * self._browser_takes), most)
+        picture = self.newest() if self._is_looked_at else None
         if picture is None:
-            if gaze is not None and self._shown is not None:
+            if self._in_cone is not None:
                 gaze.show_picture(None)
-                self._shown = None
-            return
-        every = 1 + picture.shape[1] // _WIDEST
-        smaller = picture[::every, ::every]
-        if self._shown is None or not np.array_equal(smaller, self._shown):
-            self._image.image = self._shown = smaller
-            if gaze is not None:
-                gaze.show_picture(smaller[::2, ::2])
+                self._in_cone = None
+        elif picture.stamp != self._in_cone:
+            gaze.show_picture(np.asarray(_fitting(picture, _CONE_WIDEST)))
+            self._in_cone = picture.stamp
 
     def refresh(self) -> None:
         """Follows pictures that come and go."""
@@ -82,16 +136,43 @@ class CameraPicture:
             chosen = self._menu.value
             self._menu.options = (_NONE, *topics)
             self._menu.value = chosen if chosen in topics else _NONE
-        self._start.visible = self._modes.can_start(CAMERA)
-        if topics and self._menu.value == _NONE and not self._person_chose:
+        can_start = self._modes.can_start(CAMERA)
+        self._start.visible = can_start
+        if topics and not self._person_chose:
             self._menu.value = min(topics, key=_rank)
+        if can_start and not topics and self._is_looked_at and self._started is None:
+            self._started = threading.Thread(target=self._start_camera, daemon=True)
+            self._started.start()
+        nothing = self.chosen and self._is_looked_at and self.newest() is None
+        self._line.content = _small(_NOTHING if nothing else self._start_failed)
+
+    @property
+    def _is_looked_at(self) -> bool:
+        return time.monotonic() - self._looked_at < _LOOKED_AT
 
     def _on_menu(self, event: viser.GuiEvent[Any]) -> None:
         self._person_chose = self._person_chose or by_person(event)
 
     def _on_start(self, event: viser.GuiEvent[Any]) -> None:
         self._person_chose = False
-        notify(event, self._modes.start(CAMERA), "Camera")
+        notify(event, self._start_camera(), "Camera")
+
+    def _start_camera(self) -> Outcome:
+        outcome = self._modes.start(CAMERA)
+        self._start_failed = "" if outcome.done else outcome.text
+        return outcome
+
+
+def _fitting(picture: Picture, widest: int) -> Image.Image:
+    """A picture that is no wider than so many pixels."""
+    every = -(-picture.pixels.shape[1] // widest)
+    return Image.fromarray(np.ascontiguousarray(picture.pixels)).reduce(max(1, every))
+
+
+def _small(text: str) -> str:
+    return (
+        f'<div style="padding:0 0.8em;font-size:0.85em">{html.escape(text)}</div>' if text else ""
+    )
 
 
 def _rank(topic: str) -> tuple[bool, bool, str]:

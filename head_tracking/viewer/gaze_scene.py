@@ -19,9 +19,26 @@ from head_tracking.viewer.robot_scene import RobotScene, wxyz
 from head_tracking.viewer.target_path import TargetPath
 
 _TARGET_COLOUR = (230, 80, 200)
+_TRAIL_COLOUR = (190, 110, 200)
 _PREDICTION_COLOUR = (250, 160, 40)
 _SIGHT_COLOUR = (40, 160, 80)
 _FIELD_COLOUR = (120, 150, 220)
+
+_CONE = 0.36  # m: from the camera to the picture in its view cone
+_MEANINGS = {
+    "target": "target",
+    "trail": "where it was",
+    "prediction": "where the tracker expects it",
+    "line of sight": "what the camera looks along",
+    "reachable field": "what the head can reach",
+}
+_COLOURS = {
+    "target": _TARGET_COLOUR,
+    "trail": _TRAIL_COLOUR,
+    "prediction": _PREDICTION_COLOUR,
+    "line of sight": _SIGHT_COLOUR,
+    "reachable field": _FIELD_COLOUR,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +90,11 @@ class GazeScene:
         self._target = scene.add_icosphere(
             "/target", 0.035, _TARGET_COLOUR, subdivisions=2, visible=False
         )
-        self._trail = _line(scene, "/trail", _TARGET_COLOUR)
+        self._trail = _line(scene, "/trail", _TRAIL_COLOUR)
         self._prediction = _line(scene, "/prediction", _PREDICTION_COLOUR)
         self._of_head: dict[str, Any] = {}
+        self._picture: Any = None
+        self._drawn: dict[str, bool] = {}
 
     def set_head(self, head: PanTiltHead, axis: Vector3) -> None:
         """Draws what belongs to this head.
@@ -98,27 +117,51 @@ class GazeScene:
                 f"{camera}/sight",
                 np.array([[(0.0, 0.0, 0.0), [p.sight_length * a for a in axis]]]),
                 _SIGHT_COLOUR,
-                thickness=2.0,
+                thickness=1.0,
                 thickness_units="screen",
             ),
-            "view cone": self._scene.add_camera_frustum(
-                f"{camera}/view",
-                p.vertical_view,
-                p.aspect_ratio,
-                scale=0.15,
-                thickness=1.5,
-                thickness_units="screen",
-                color=_SIGHT_COLOUR,
-                wxyz=wxyz(with_axis_forward(axis)),
+            "view cone": self._scene.add_frame(
+                f"{camera}/view", show_axes=False, wxyz=wxyz(with_axis_forward(axis))
             ),
             "reachable field": _line(
                 self._scene, f"{self._robot.path(head.base_frame)}/field", _FIELD_COLOUR
             ),
         }
+        self._picture = self._add_cone(f"{camera}/view")
         field = reachable_field(self._robot.model, head, axis, p.field_radius)
         self._of_head["reachable field"].points = field.astype(np.float32)
         for part, node in self._of_head.items():
             node.visible = self.wanted(part)
+
+    def _add_cone(self, name: str) -> Any:
+        """The edges of what the camera sees, and the place of its picture."""
+        p = self._p
+        right = _CONE * math.tan(p.horizontal_view / 2.0)
+        down = right / p.aspect_ratio
+        corners = [
+            (x, y, _CONE)
+            for x, y in ((-right, -down), (right, -down), (right, down), (-right, down))
+        ]
+        edges = [((0.0, 0.0, 0.0), corner) for corner in corners]
+        edges += zip(corners, (*corners[1:], corners[0]), strict=True)
+        self._scene.add_line_segments(
+            f"{name}/edges",
+            np.array(edges, np.float32),
+            _SIGHT_COLOUR,
+            thickness=1.0,
+            thickness_units="screen",
+        )
+        return self._scene.add_image(
+            f"{name}/picture",
+            np.zeros((2, 2, 3), np.uint8),
+            2.0 * right,
+            2.0 * down,
+            format="jpeg",
+            cast_shadow=False,
+            receive_shadow=False,
+            position=(0.0, 0.0, _CONE),
+            visible=False,
+        )
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -136,11 +179,20 @@ class GazeScene:
         if node is not None:
             node.visible = on
 
+    def legend(self) -> tuple[tuple[str, str], ...]:
+        """What the colours mean that are drawn now: the meaning, and the colour as in CSS."""
+        return tuple(
+            (meaning, "#{:02x}{:02x}{:02x}".format(*_COLOURS[part]))
+            for part, meaning in _MEANINGS.items()
+            if part in self.parts and self.wanted(part) and self._drawn.get(part, True)
+        )
+
     def show_picture(self, picture: npt.NDArray[np.uint8] | None) -> None:
         """Shows what the camera sees in its view cone, shape (height, width, 3); None: nothing."""
-        cone = self._of_head.get("view cone")
-        if cone is not None:
-            cone.image = picture
+        if self._picture is not None:
+            if picture is not None:
+                self._picture.image = picture
+            self._picture.visible = picture is not None
 
     def remove(self) -> None:
         """Takes everything out of the scene."""
@@ -161,6 +213,11 @@ class GazeScene:
             self._target.position = target
         _draw(self._trail, self._path.trail() if self._wanted["trail"] else [])
         _draw(self._prediction, self._path.predicted() if self._wanted["prediction"] else [])
+        self._drawn = {
+            "target": self._target.visible,
+            "trail": self._trail.visible,
+            "prediction": self._prediction.visible,
+        }
 
     def _new_path(self, head: Vector3) -> TargetPath:
         return TargetPath(self._p.trail_seconds, self._p.prediction_seconds, head)

@@ -139,6 +139,8 @@ class HeadModes:
             point: the target [m].
             wait: for a moment, for a refusal by the node that turns the head.
         """
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         if not all(map(math.isfinite, point)):
             return Outcome(False, "the target is refused: x, y and z must be numbers in metres")
         if frame not in self._buffer.frames():
@@ -168,6 +170,8 @@ class HeadModes:
 
     def centre(self) -> Outcome:
         """Recentres with the node that turns the head now."""
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         mode = self.mode()
         if mode is Mode.OFF:
             return Outcome(False, "nothing turns the head now: choose a mode (point or track)")
@@ -189,6 +193,8 @@ class HeadModes:
         Nodes that are needed and do not run are started, where the run can do that. What turned
         the head before is switched off first.
         """
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             return Outcome(False, f"there is no frame {frame!r} to follow")
         needed = _NEEDED[mode]
@@ -224,6 +230,8 @@ class HeadModes:
 
     def start(self, name: str) -> Outcome:
         """Starts a node of the run, if whoever runs it can."""
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         if not self._services.offered(f"node_starter/{name}"):
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(f"node_starter/{name}")

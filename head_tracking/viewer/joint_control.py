@@ -120,6 +120,8 @@ class JointControl:
 
         All go into one message: of several, whoever drives the servos takes the newest.
         """
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         if self.free:
             self._positions.update(positions)
             self._timer.reset()
@@ -148,10 +150,14 @@ class JointControl:
 
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Lets a servo hold or go; all of them for an empty name."""
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         return self._services.switch(f"{controller}{_TORQUE}" if controller else _TORQUE[1:], on)
 
     def recover(self) -> Outcome:
         """Clears the faults of servos, where the bus can."""
+        if self._services.hold.reason:
+            return Outcome(False, self._services.hold.reason)
         return self._services.trigger("recover")
 
     def _say_positions(self) -> None:

@@ -17,6 +17,16 @@ class Outcome(NamedTuple):
     text: str
 
 
+class Hold:
+    """Why nothing is commanded from the page for the time being; STOP and Resume are.
+
+    Attributes:
+        reason: for the person who wants something; empty: everything may be commanded.
+    """
+
+    reason = ""
+
+
 @dataclass(frozen=True, slots=True)
 class Observation:
     """The robot at one moment.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from array import array
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
@@ -12,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Outcome, Setting
+from head_tracking.viewer.observation import Hold, Outcome, Setting
 from head_tracking.viewer.other_services import wait_for_answer
 
 _SERVICES = {
@@ -43,15 +44,18 @@ class OtherParameters:
         node: asks the other nodes.
         graph: the nodes.
         ignored: nodes to leave alone.
+        hold: keeps what a person sets back.
     """
 
-    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str]) -> None:
+    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str], hold: Hold) -> None:
         self._node = node
         self._graph = graph
         self._ignored = ignored
+        self._hold = hold
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
         self._fixed: dict[str, dict[str, Any]] = {}
+        self._values: dict[str, dict[str, Any]] = {}
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
     def look(self) -> None:
@@ -69,6 +73,7 @@ class OtherParameters:
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
             self._fixed.pop(owner, None)
+            self._values.pop(owner, None)
         for owner in found - self._clients.keys() - silent:
             self._clients[owner] = {
                 name: self._node.create_client(kind, f"{owner}/{name}")
@@ -97,8 +102,14 @@ class OtherParameters:
             if name.endswith(ending)
         }
 
+    def values(self) -> Mapping[str, Mapping[str, Any]]:
+        """The parameters of all nodes by full name, as far as they have told them."""
+        return {owner: dict(self._values[owner]) for owner in list(self._values)}
+
     def set(self, owner: str, name: str, value: Any) -> Outcome:
         """Sets a parameter; says what its node answered."""
+        if self._hold.reason:
+            return Outcome(False, self._hold.reason)
         clients = self._clients.get(owner)
         if clients is None:
             return Outcome(False, f"{owner} is not there any more")
@@ -162,6 +173,9 @@ class OtherParameters:
             return
         for name, descriptor, value in zip(names, descriptors, values, strict=True):
             plain = parameter_value_to_python(value)
+            self._values.setdefault(owner, {})[name] = (
+                list(plain) if isinstance(plain, array) else plain
+            )
             if descriptor.read_only:
                 self._fixed.setdefault(owner, {})[name] = plain
             elif value.type in _SHOWN:
@@ -170,6 +184,10 @@ class OtherParameters:
                     self._settings.setdefault(owner, {})[name] = setting
 
     def _on_event(self, event: ParameterEvent) -> None:
+        values = self._values.get(event.node, {})
+        for changed in event.changed_parameters:
+            value = parameter_value_to_python(changed.value)
+            values[changed.name] = list(value) if isinstance(value, array) else value
         settings = self._settings.get(event.node)
         if settings is None:
             return

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.viewer.observation import Outcome
+from head_tracking.viewer.observation import Hold, Outcome
 
 _PATIENCE = 5.0  # s
 
@@ -18,10 +18,14 @@ class OtherServices:
 
     Args:
         node: has the clients; another thread must spin it.
+
+    Attributes:
+        hold: keeps back what a person commands.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self.hold = Hold()
         self._clients: dict[str, Any] = {}
         self._lock = threading.Lock()
 

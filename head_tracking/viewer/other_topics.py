@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -15,13 +16,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
-from head_tracking.ros.images import raw_image
+from head_tracking.ros.images import camera_of, raw_image
+from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.observation import Health, Level
+from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError
 
@@ -50,6 +53,22 @@ class Logged(NamedTuple):
     node: str
     level: int
     text: str
+
+
+class Picture(NamedTuple):
+    """What a camera has seen.
+
+    Attributes:
+        stamp: when [ns].
+        frame_id: the camera's optical frame.
+        pixels: shape (height, width, 3), RGB.
+        camera: its calibration; None: nobody has told a usable one.
+    """
+
+    stamp: int
+    frame_id: str
+    pixels: npt.NDArray[np.uint8]
+    camera: Camera | None
 
 
 class OtherTopics:
@@ -83,19 +102,27 @@ class OtherTopics:
 
     def look(self) -> None:
         """Finds pictures, and listens to those that somebody looks at."""
-        images = [
-            name
+        kinds = {
+            name: types
             for name, types in self._node.get_topic_names_and_types()
-            if "sensor_msgs/msg/Image" in types and self._graph.is_below(name)
-        ]
+            if self._graph.is_below(name)
+        }
+        images = [name for name, types in kinds.items() if "sensor_msgs/msg/Image" in types]
         now = time.monotonic()
-        wanted = {n for n in images if now - self._watched.get(n, -math.inf) < _UNWATCHED}
+        looked_at = [n for n in images if now - self._watched.get(n, -math.inf) < _UNWATCHED]
+        wanted: dict[str, type] = dict.fromkeys(looked_at, Image)
+        for name in looked_at:
+            wanted |= {
+                info: CameraInfo
+                for info in _camera_infos(name)
+                if "sensor_msgs/msg/CameraInfo" in kinds.get(info, ())
+            }
         self._images = tuple(sorted(images))
-        for name in self._pictures.keys() - wanted:
+        for name in self._pictures.keys() - wanted.keys():
             self._node.destroy_subscription(self._pictures.pop(name))
             self._heard.pop(name, None)
-        for name in wanted - self._pictures.keys():
-            self._pictures[name] = self._listen(Image, name, MEASUREMENT)
+        for name in wanted.keys() - self._pictures.keys():
+            self._pictures[name] = self._listen(wanted[name], name, MEASUREMENT)
 
     def enabled(self, name: str) -> bool | None:
         """Whether a node says that it is switched on; None if it has said nothing."""
@@ -162,11 +189,29 @@ class OtherTopics:
         """Topics with pictures."""
         return self._images
 
-    def picture(self, topic: str) -> npt.NDArray[np.uint8] | None:
-        """The newest picture, shape (height, width, 3), RGB; asking keeps its topic listened to."""
+    def picture(self, topic: str) -> Picture | None:
+        """The newest picture; asking keeps its topic listened to."""
         self._watched[topic] = time.monotonic()
         heard = self._heard.get(topic)
-        return None if heard is None else picture(heard.what)
+        pixels = None if heard is None else pixels_of(heard.what)
+        if heard is None or pixels is None:
+            return None
+        header = heard.what.header
+        size = (pixels.shape[1], pixels.shape[0])
+        return Picture(
+            stamp_to_ns(header.stamp), header.frame_id, pixels, self._camera(topic, size)
+        )
+
+    def _camera(self, topic: str, size: tuple[int, int]) -> Camera | None:
+        """What took the pictures of a topic, if it fits their size."""
+        for name in _camera_infos(topic):
+            heard = self._heard.get(name)
+            if heard is not None:
+                with contextlib.suppress(CameraError):
+                    camera = camera_of(heard.what)
+                    if (camera.width, camera.height) == size:
+                        return camera
+        return None
 
     def _listen(self, kind: type, name: str, quality: QoSProfile) -> Any:
         def keep(message: Any) -> None:
@@ -197,7 +242,13 @@ class OtherTopics:
             return tuple(self._log)
 
 
-def picture(message: Image) -> npt.NDArray[np.uint8] | None:
+def _camera_infos(topic: str) -> tuple[str, ...]:
+    """Where the calibration of a topic's camera may be: beside it, or beside the node above it."""
+    folder = topic.rpartition("/")[0]
+    return f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"
+
+
+def pixels_of(message: Image) -> npt.NDArray[np.uint8] | None:
     """An image message as RGB; None if it is damaged, or its encoding can't be shown here."""
     image = raw_image(message)
     try:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
+import math
 import socket
 import threading
 import time
@@ -11,23 +13,28 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import viser
 
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.images import frame_pose
 from head_tracking.transforms import Vector3
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.frames_scene import FramesScene
+from head_tracking.viewer.framing import Framing
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
-from head_tracking.viewer.observation import Observation
+from head_tracking.viewer.observation import Observation, Outcome
+from head_tracking.viewer.picking import point_in_picture
 from head_tracking.viewer.reachable_field import pointing_axis
-from head_tracking.viewer.recording import Recorder
+from head_tracking.viewer.recording import LastMinute
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene
-from head_tracking.viewer.server import Action, Door, guarded, limit_uploads
-from head_tracking.viewer.shapes import FindPackage, robot_look
+from head_tracking.viewer.server import Action, Door, File, Query, guarded, limit_uploads
+from head_tracking.viewer.shadow import add_shadow
+from head_tracking.viewer.shapes import FindPackage, robot_look, triangles
 from head_tracking.viewer.status_panel import StatusPanel
 from head_tracking.viewer.steering_panel import SteeringPanel
 from head_tracking.viewer.tuning_panel import TuningPanel
@@ -36,6 +43,10 @@ from head_tracking.viewer.view_panel import ViewPanel
 _SLOW = 0.25  # s: text and sliders need no more
 _RECORDED = 60.0  # s
 _HANGS = 3.0  # s
+_AHEAD = 1.5  # m: so far away is what a person points at, and what to look at, if nobody knows
+_FARTHEST = 1.6  # m
+_TO_THE_SIDE = 0.4  # rad
+_GRID = (150, 155, 165)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +109,10 @@ class Page:
         self._stepped = time.monotonic()
         actions: dict[str, Action] = {
             "/head/status": self._status_now,
-            "/head/stop": lambda: {"text": robot.stop_everything().text},
-            "/head/resume": lambda: {"text": robot.stop.resume().text},
+            "/head/stop": self._stop,
+            "/head/resume": lambda _: {"text": robot.stop.resume().text},
+            "/head/picture": self._picture_now,
+            "/head/look": self._look_there,
         }
         door = Door(parameters.host, parameters.token, parameters.max_browsers, actions)
         with guarded(door):
@@ -115,9 +128,12 @@ class Page:
         self._scene: RobotScene | None = None
         self._gaze: GazeScene | None = None
         self._frames: FramesScene | None = None
+        self._shadow: Any = None
+        self._framing = Framing(self._server)
+        self._corners = np.empty((0, 3))
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
-        self._recorder = Recorder(_RECORDED)
+        self._last_minute = LastMinute(_RECORDED)
         self._make_panels()
         self._next_slow = 0.0
         self._ended = threading.Event()
@@ -152,18 +168,21 @@ class Page:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
             self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
-            self._picture = CameraPicture(server.gui, robot.topics, robot.modes)
+            self._picture = CameraPicture(server.gui, robot.topics, robot.modes, robot.hold)
             self._status.add_strip()
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
         with tabs.add_tab("Tune"):
+            self._status.add_strip()
             self._tuning = TuningPanel(server, robot.parameters)
         with tabs.add_tab("Health"):
             self._status.add_details()
         with tabs.add_tab("View"):
             self._views = ViewPanel(server, robot, self._view)
         with tabs.add_tab("Record"):
-            self._recording = RecordingPanel(server, self._recorder)
+            self._recording = RecordingPanel(
+                server, self._last_minute, robot.recorder, robot.hold, robot.model
+            )
 
     def _run(self) -> None:
         pause = self._period
@@ -184,7 +203,7 @@ class Page:
         live = self._live = self._robot.observe()
         self._stepped = time.monotonic()
         if self._scene is not None:
-            self._recorder.add(live)
+            self._last_minute.add(live)
         if not self.browsers:
             return
         self._status.take(live)
@@ -206,6 +225,22 @@ class Page:
         self._steering.show(shown)
         self._views.show(shown)
         self._picture.show(self._gaze)
+        self._framing.show(self._in_view(shown))
+
+    def _in_view(self, shown: Observation) -> Any:
+        """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
+        head = self._robot.head()
+        if head is None or self._scene is None:
+            return self._corners
+        model = self._scene.model
+        standing = dict.fromkeys(model.independent_joints, 0.0)
+        camera = np.array(model.transform(model.root, head.pointing_frame, standing).translation)
+        away = _AHEAD if shown.target is None else math.dist(shown.target, camera)
+        # a target moves, and the farthest would make the robot too small to be recognised
+        around = min(away, _FARTHEST) * np.array(
+            [(math.cos(turn), math.sin(turn), 0.0) for turn in (-_TO_THE_SIDE, 0.0, _TO_THE_SIDE)]
+        )
+        return np.concatenate([self._corners, camera + around])
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
         notices = [*self._look_notices, *self._robot.notices()]
@@ -215,7 +250,7 @@ class Page:
             notices.append(f"shown at 0, because nobody tells where they are: {', '.join(unknown)}")
         if replayed is not None:
             notices.append("a recording is shown; the robot may be doing something else")
-        self._status.refresh(live, notices)
+        self._status.refresh(live, notices, replayed)
         self._steering.refresh()
         self._joints.refresh(live)
         self._tuning.refresh()
@@ -223,8 +258,15 @@ class Page:
         self._picture.refresh()
         self._recording.refresh()
 
-    def _status_now(self) -> dict[str, Any]:
-        """What the bar above the page shows."""
+    def _stop(self, _: Query) -> dict[str, Any]:
+        outcome = self._robot.stop_everything()
+        self._recording.close()  # whoever stops the robot wants to see it
+        return {"text": outcome.text}
+
+    def _status_now(self, query: Query) -> dict[str, Any]:
+        """What is shown above the page."""
+        if "looks" in query:
+            self._picture.look()
         stop, model = self._robot.stop, self._robot.model()
         now = self._robot.badge(self._live)
         if time.monotonic() - self._stepped > _HANGS:
@@ -240,7 +282,36 @@ class Page:
             "stop": "" if outcome is None else outcome.text,
             "can_resume": stop.can_resume,
             "title": "head_tracking" if model is None else model.name,
+            "picture": self._picture.chosen,
+            "legend": () if self._gaze is None else self._gaze.legend(),
         }
+
+    def _picture_now(self, query: Query) -> File:
+        """What the camera sees, if that is another picture than the one that a browser has."""
+        took = 1e-3 * max(0, _whole(query.get("took", "")))
+        jpeg = self._picture.jpeg(_whole(query.get("after", "")), took)
+        data, stamp = (b"", 0) if jpeg is None else (jpeg.data, jpeg.stamp)
+        return File("image/jpeg", data, stamp)
+
+    def _look_there(self, query: Query) -> dict[str, Any]:
+        """Looks where a person points in the camera's picture."""
+        model, picture = self._robot.model(), self._picture.newest()
+        if model is None or picture is None:
+            return _told(Outcome(False, "there is no picture now"))
+        try:
+            share = float(query["u"]), float(query["v"])
+            stamp = int(query["stamp"])
+        except (KeyError, ValueError):
+            return _told(Outcome(False, "u, v and stamp say where in which picture"))
+        camera = frame_pose(self._robot.buffer, model.root, picture.frame_id, stamp)
+        if camera is None:
+            return _told(
+                Outcome(False, f"the picture is of the frame {picture.frame_id!r}: where is that?")
+            )
+        target = self._live.target
+        distance = _AHEAD if target is None else math.dist(camera.translation, target)
+        point = point_in_picture(picture, share, camera, distance, self._view.horizontal_view)
+        return _told(self._robot.modes.look_at(model.root, point))
 
     def _refuse_upload(self, number: int, text: str) -> None:
         client = self._server.get_clients().get(number)
@@ -248,27 +319,53 @@ class Page:
             client.add_notification("Recording: refused", text, color="red")
 
     def _follow_model(self) -> None:
-        model = self._robot.model()
+        live = self._robot.model()
+        model = self._recording.model or live
         if model is not None and (self._scene is None or self._scene.model is not model):
             if self._scene is not None and self._frames is not None and self._gaze is not None:
                 self._frames.remove()
                 self._gaze.remove()
                 self._scene.remove()
+            if self._shadow is not None:
+                self._shadow.remove()
             look = robot_look(model.urdf, self._find_package)
             self._look_notices = look.notices
             self._scene = RobotScene(self._server.scene, model, look)
             self._gaze = GazeScene(self._server.scene, self._scene, self._view)
             self._frames = FramesScene(self._server.scene, self._scene)
             self._head = None
-            self._joints.set_model(model)
-            self._steering.set_root(model.root)
+            solid = triangles(model, look)
+            self._corners = _box(solid.reshape(-1, 3))
+            self._shadow = add_shadow(self._server.scene, "/shadow", solid, 0.0)
+            self._server.gui.set_panel_label(model.name)
+            if model is live:
+                self._joints.set_model(model)
+                self._steering.set_root(model.root)
             self._views.set_scenes(self._gaze, self._frames)
-        head = self._robot.head()
+        head = self._robot.head() if model is live else None
         if head is not None and head is not self._head and self._gaze and self._scene:
             self._head = head
             axis = pointing_axis(head.pointing_frame, self._axis)
             self._gaze.set_head(head, axis)
             self._views.set_head(self._scene.model, head, axis)
+            self._framing.show_first(self._in_view(self._live))
+
+
+def _told(outcome: Outcome) -> dict[str, Any]:
+    return {"done": outcome.done, "text": outcome.text}
+
+
+def _box(points: Any) -> Any:
+    """The corners of the box around points, shape (8, 3) [m]; of a small one if there are none."""
+    points = points if len(points) else np.array([(-0.2, -0.2, 0.0), (0.2, 0.2, 0.4)])
+    return np.array(
+        list(itertools.product(*zip(points.min(axis=0), points.max(axis=0), strict=True)))
+    )
+
+
+def _whole(text: str) -> int:
+    """A whole number; -1 for anything else."""
+    return int(text) if text.isdecimal() else -1
 
 
 def _check_address(host: str) -> None:
@@ -291,10 +388,13 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     server.gui.configure_theme(
         show_logo=False, show_share_button=False, control_width="large", brand_color=(40, 110, 180)
     )
+    server.gui.main_panel.dock_right()
     # any page could ask for a tunnel through which the whole world steers the robot
     server.request_share_url = lambda verbose=True: None
-    server.initial_camera.position = (1.15, 0.85, 0.85)
-    server.initial_camera.look_at = (0.1, 0.15, 0.3)
     server.scene.configure_default_lights(cast_shadow=False)  # too much without a graphics card
-    server.scene.add_grid("/floor", 4.0, 4.0, cell_size=0.25, section_size=1.0)
+    server.scene.add_grid(
+        "/floor", 6.0, 6.0, cell_size=0.25, section_size=1.0, cell_color=_GRID,
+        section_color=_GRID, cell_thickness=0.4, section_thickness=0.7,
+        fade_distance=8.0, fade_strength=1.5, fade_from="origin",
+    )  # fmt: skip
     return server

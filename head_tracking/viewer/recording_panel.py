@@ -1,104 +1,244 @@
-"""Saves the last minute, loads a recording, and lets a person move through it."""
+"""Records everything, keeps the last minute, and lets a person move through a recording."""
 
 from __future__ import annotations
 
+import html
+import io
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 import viser
 
+from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Observation, Outcome
-from head_tracking.viewer.recording import Recorder, Recording, RecordingError
+from head_tracking.viewer.observation import Hold, Observation, Outcome
+from head_tracking.viewer.recorder import Recorder
+from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
+from head_tracking.viewer.recording_file import read_recording, write_recording
 
 _STEP = 0.01  # s
+_MOST_MARKS = 60
+_LARGEST_DOWNLOAD = 200_000_000  # bytes: viser holds them in memory
+_SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5 x": 5.0, "20 x": 20.0}
+_NO_FILE = "(none yet)"
+_NOWHERE = "..."
+_HELD = "a recording is shown, and nothing is commanded meanwhile: press Back to the robot first"
 
 
 class RecordingPanel:
-    """Buttons to save, load, play and return to the robot; a slider through the recording."""
+    """Buttons to record, save, load and replay; a time line through what is replayed.
 
-    def __init__(self, server: viser.ViserServer, recorder: Recorder) -> None:
-        gui = server.gui
-        self._gui = gui
+    Args:
+        server: gets the inputs, in the container that is open now.
+        last_minute: what the page has seen.
+        recorder: writes everything into files.
+        hold: keeps commands back while a recording is shown.
+        model: the robot's model now.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        last_minute: LastMinute,
+        recorder: Recorder,
+        hold: Hold,
+        model: Callable[[], RobotModel | None],
+    ) -> None:
+        gui = self._gui = server.gui
+        self._last_minute = last_minute
         self._recorder = recorder
+        self._hold = hold
+        self._live_model = model
         self._recording: Recording | None = None
+        self._model: RobotModel | None = None
+        self._place = 0.0
         self._playing_since: float | None = None
+        self._record = gui.add_button(
+            "Record everything", icon=viser.Icon.PLAYER_RECORD,
+            hint="All topics of this robot into one MCAP file on the robot's side, for Foxglove, "
+            "ros2 bag and this page.",
+        )  # fmt: skip
+        self._status = gui.add_html("")
+        self._file = gui.add_dropdown("Recordings", [_NO_FILE], hint=f"In {recorder.directory}.")
+        replay = gui.add_button("Replay", icon=viser.Icon.PLAYER_PLAY)
+        download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD)
         save = gui.add_button("Save the last minute", icon=viser.Icon.DOWNLOAD)
-        load = gui.add_upload_button("Load a recording", icon=viser.Icon.UPLOAD)
         now = gui.add_button("Replay the last minute", icon=viser.Icon.HISTORY)
-        self._line = gui.add_html("")
-        self._box = gui.add_folder("Recording", visible=False)
+        load = gui.add_upload_button("Load a recording", icon=viser.Icon.UPLOAD)
+        self._box = gui.add_folder("Replay", visible=False)
         with self._box:
-            self._play = gui.add_button("Play / pause", icon=viser.Icon.PLAYER_PLAY)
-            self._live = gui.add_button("Back to the robot", icon=viser.Icon.ROBOT)
+            self._about = gui.add_html("", order=0.0)
+            self._play = gui.add_button("Play / pause", icon=viser.Icon.PLAYER_PLAY, order=2.0)
+            self._speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 x", order=3.0)
+            self._moments = gui.add_dropdown(
+                "Go to",
+                [_NOWHERE],
+                order=4.0,
+                hint="STOP, faults, and what was switched on or off.",
+            )
+            live = gui.add_button("Back to the robot", icon=viser.Icon.ROBOT, order=5.0)
         self._time: Any = None
+        self._record.on_click(self._on_record)
+        replay.on_click(self._on_replay)
+        download.on_click(self._on_download)
         save.on_click(self._on_save)
+        now.on_click(lambda event: self._open(event, self._seen_now))
         load.on_upload(self._on_load)
-        now.on_click(lambda event: self._open(event, self._recorder.recording))
         self._play.on_click(lambda _: self._toggle())
-        self._live.on_click(lambda _: self._close())
+        self._speed.on_update(lambda _: self._go(self._now()))
+        self._moments.on_update(self._on_moment)
+        live.on_click(lambda _: self.close())
+
+    @property
+    def model(self) -> RobotModel | None:
+        """The model of the robot that is replayed, if it is another one than is there."""
+        return self._model
 
     def replayed(self) -> Observation | None:
         """What is to be shown instead of the robot; None: the robot."""
-        recording, slider = self._recording, self._time
-        if recording is None or slider is None:
-            return None
-        if self._playing_since is not None:
-            at = time.monotonic() - self._playing_since
-            if at > recording.duration:
-                self._playing_since = time.monotonic()
-                at = 0.0
-            return recording.at(at)
-        return recording.at(slider.value)
+        recording = self._recording
+        return None if recording is None else recording.at(self._now())
 
     def refresh(self) -> None:
-        """Moves the slider along while it plays."""
-        if self._playing_since is not None and self._time is not None:
-            self._time.value = min(time.monotonic() - self._playing_since, self._time.max)
+        """Moves the time line along while it plays; tells how the recorder does."""
+        recording = self._recording
+        if recording is not None and self._time is not None:
+            now = self._now()
+            if now >= recording.duration:
+                self._playing_since, self._place = None, recording.duration
+            self._time.value = min(now, self._time.max)
+        runs = self._recorder.file is not None
+        self._record.label = "Stop recording" if runs else "Record everything"
+        self._record.color = "red" if runs else None
+        self._status.content = _small(self._recorder.status)
+        names = tuple(file.name for file in self._recorder.files()) or (_NO_FILE,)
+        if self._file.options != names:
+            chosen = self._file.value
+            self._file.options = names
+            self._file.value = chosen if chosen in names else names[0]
 
-    def _on_save(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        try:
-            recording = self._recorder.recording()
-        except RecordingError as error:
-            notify(event, Outcome(False, str(error)), "Save")
-            return
-        if event.client is not None:
-            name = time.strftime("head-%Y%m%d-%H%M%S.json.gz")
-            event.client.send_file_download(name, recording.to_bytes(), save_immediately=True)
-
-    def _on_load(self, event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
-        file = event.target.value
-        self._open(event, lambda: Recording.from_bytes(file.content))
-
-    def _open(self, event: viser.GuiEvent[Any], read: Any) -> None:
-        try:
-            recording = read()
-        except RecordingError as error:
-            notify(event, Outcome(False, str(error)), "Recording")
-            return
-        self._close()
-        with self._box:
-            end = max(round(math.ceil(recording.duration / _STEP) * _STEP, 2), _STEP)
-            self._time = self._gui.add_slider("Time (s)", 0.0, end, _STEP, 0.0, order=0.0)
-        self._time.on_update(self._on_scrub)
-        self._recording = recording
-        self._box.visible = True
-        notify(event, Outcome(True, f"{recording.duration:.1f} s are shown"), "Recording")
-
-    def _on_scrub(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if by_person(event):
-            self._playing_since = None
-
-    def _toggle(self) -> None:
-        if self._time is not None:
-            self._playing_since = (
-                time.monotonic() - self._time.value if self._playing_since is None else None
-            )
-
-    def _close(self) -> None:
-        self._recording, self._playing_since = None, None
+    def close(self) -> None:
+        """Shows the robot again."""
+        self._hold.reason = ""
+        self._recording, self._model, self._playing_since = None, None, None
         self._box.visible = False
         if self._time is not None:
             self._time.remove()
             self._time = None
+
+    def _on_record(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        runs = self._recorder.file is not None
+        notify(event, self._recorder.stop() if runs else self._recorder.start(), "Record")
+
+    def _on_replay(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        self._open(event, self._read_file)
+
+    def _read_file(self) -> Recording:
+        try:
+            with (self._recorder.directory / self._file.value).open("rb") as file:
+                return read_recording(file)
+        except OSError as error:
+            raise RecordingError(f"it can't be read: {error}") from error
+
+    def _on_download(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        file = self._recorder.directory / self._file.value
+        try:
+            size = file.stat().st_size
+            if size > _LARGEST_DOWNLOAD:
+                raise OSError(f"{size / 1e6:.0f} MB are too much for the page; copy {file}")
+            content = file.read_bytes()
+        except OSError as error:
+            notify(event, Outcome(False, str(error)), "Download")
+            return
+        if event.client is not None:
+            event.client.send_file_download(file.name, content, save_immediately=True)
+
+    def _seen_now(self) -> Recording:
+        model = self._live_model()
+        return self._last_minute.recording("" if model is None else model.urdf)
+
+    def _on_save(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        try:
+            content = write_recording(self._seen_now())
+        except RecordingError as error:
+            notify(event, Outcome(False, str(error)), "Save")
+            return
+        if event.client is not None:
+            name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
+            event.client.send_file_download(name, content, save_immediately=True)
+
+    def _on_load(self, event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
+        content = event.target.value.content
+        self._open(event, lambda: read_recording(io.BytesIO(content)))
+
+    def _open(self, event: viser.GuiEvent[Any], read: Callable[[], Recording]) -> None:
+        try:
+            recording = read()
+            live = self._live_model()
+            other = recording.urdf and (live is None or live.urdf != recording.urdf)
+            model = parse_robot_model(recording.urdf) if other else None
+        except (RecordingError, RobotModelError) as error:
+            notify(event, Outcome(False, str(error)), "Recording")
+            return
+        self.close()
+        end = max(round(math.ceil(recording.duration / _STEP) * _STEP, 2), _STEP)
+        moments = recording.moments
+        with self._box:
+            self._time = self._gui.add_slider(
+                "Time (s)", 0.0, end, _STEP, 0.0, order=1.0,
+                marks=tuple(moment.time for moment in moments[:_MOST_MARKS]) or None,
+            )  # fmt: skip
+        self._time.on_update(self._on_scrub)
+        self._moments.options = (_NOWHERE, *(f"{one.time:.1f} s: {one.text}" for one in moments))
+        self._moments.visible = bool(moments)
+        name = f"a recording of {model.name}" if model is not None else "a recording of this robot"
+        said = f"{name}, {recording.duration:.1f} s" + (
+            f": {recording.notice}" if recording.notice else ""
+        )
+        self._about.content = _small(said)
+        self._hold.reason = _HELD
+        self._place = 0.0
+        self._recording, self._model = recording, model
+        self._box.visible = True
+        notify(event, Outcome(True, said), "Replay")
+
+    def _now(self) -> float:
+        """The place on the time line [s]."""
+        since, recording = self._playing_since, self._recording
+        if since is None or recording is None:
+            return self._place
+        played = (time.monotonic() - since) * _SPEEDS[self._speed.value]
+        return min(self._place + played, recording.duration)
+
+    def _go(self, place: float) -> None:
+        """Goes to a place, and on from there if it plays."""
+        self._place = place
+        if self._playing_since is not None:
+            self._playing_since = time.monotonic()
+
+    def _on_scrub(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        if by_person(event):
+            self._playing_since, self._place = None, event.target.value
+
+    def _on_moment(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+        recording = self._recording
+        if by_person(event) and recording is not None and event.target.value != _NOWHERE:
+            self._go(recording.moments[event.target.options.index(event.target.value) - 1].time)
+
+    def _toggle(self) -> None:
+        recording, now = self._recording, self._now()
+        if recording is None:
+            return
+        if self._playing_since is not None:
+            self._playing_since, self._place = None, now
+            return
+        self._place = 0.0 if now >= recording.duration else now
+        self._playing_since = time.monotonic()
+
+
+def _small(text: str) -> str:
+    return (
+        f'<div style="padding:0 0.8em;font-size:0.85em">{html.escape(text)}</div>' if text else ""
+    )

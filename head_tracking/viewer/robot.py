@@ -30,6 +30,7 @@ from head_tracking.viewer.observation import Health, Level, Observation, Outcome
 from head_tracking.viewer.other_parameters import OtherParameters
 from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
+from head_tracking.viewer.recorder import Recorder, RecorderParameters
 from head_tracking.viewer.stop import Stop
 
 _LOOK_PERIOD = 1.0  # s
@@ -47,6 +48,7 @@ class Robot:
         buffer: the robot's frames.
         head_parameters: which joints make up the head.
         pointing_frame: the frame that looks.
+        recorder_parameters: where recordings go.
 
     Attributes:
         buffer: the robot's frames.
@@ -55,10 +57,17 @@ class Robot:
         parameters: what can be tuned.
         modes: what decides where the head looks.
         joints: joints by hand.
+        hold: keeps back what a person commands.
+        recorder: writes everything that the robot says into files.
     """
 
     def __init__(
-        self, node: Node, buffer: Buffer, head_parameters: HeadParameters, pointing_frame: str
+        self,
+        node: Node,
+        buffer: Buffer,
+        head_parameters: HeadParameters,
+        pointing_frame: str,
+        recorder_parameters: RecorderParameters = RecorderParameters(),  # noqa: B008, it is frozen
     ) -> None:
         self._node = node
         self.buffer = buffer.core
@@ -75,8 +84,16 @@ class Robot:
         self._targets = NewestTarget(node, self.buffer)
         self.topics = OtherTopics(node, self._graph)
         services = OtherServices(requests)
+        self.hold = services.hold
         self.parameters = OtherParameters(
-            requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
+            requests, self._graph, (node.get_name(), "run_monitor", "node_starter"), self.hold
+        )
+        self.recorder = Recorder(
+            node,
+            self._graph.is_below,
+            recorder_parameters,
+            self.buffer,
+            self.parameters.values,
         )
         self.modes = HeadModes(node, services, self.topics, self._graph, self.buffer)
         self.joints = JointControl(
@@ -96,6 +113,7 @@ class Robot:
 
     def close(self) -> None:
         """Ends what the page asks of others; the robot goes on as it is."""
+        self.recorder.close()
         self._requests.close()
         self.stop.close()
 

@@ -18,14 +18,33 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio import server as websocket_server
 
-Action = Callable[[], Mapping[str, Any]]
+Query = Mapping[str, str]
+"""What stands behind the question mark of an address."""
+
+
+class File(NamedTuple):
+    """An answer that is no JSON.
+
+    Attributes:
+        kind: its MIME type.
+        data: what is in it; empty: nothing new.
+        stamp: told along with it.
+    """
+
+    kind: str
+    data: bytes
+    stamp: int = 0
+
+
+Action = Callable[[Query], Mapping[str, Any] | File]
 
 _BAR = Path(__file__).with_name("bar.js")
+_SCRIPT = "application/javascript; charset=utf-8"
 _MARK = "X-Head-Tracking"
 """A header that pages of other sites can't send without being asked first (CORS)."""
 
@@ -92,7 +111,7 @@ class Door:
         if path in self._actions:
             return await self._act(connection, request, path)
         if path == "/head/bar.js":
-            return self._file(connection, _BAR.read_text())
+            return self._file(connection, File(_SCRIPT, _BAR.read_bytes()))
         enters = request.headers.get("Upgrade", "").lower() == "websocket"
         if len(self._watching) >= self._limit and (enters or path == "/"):
             return self._dressed(
@@ -129,17 +148,27 @@ class Door:
     async def _act(self, connection: Any, request: Any, path: str) -> Any:
         if request.headers.get(_MARK) != "page":
             return connection.respond(http.HTTPStatus.FORBIDDEN, "only the page itself may\n")
+        query = {
+            name: values[-1]
+            for name, values in parse_qs(urlsplit(request.path).query, True).items()
+        }
         loop = asyncio.get_running_loop()
-        answer = await loop.run_in_executor(self._workers[path], self._actions[path])
-        response = connection.respond(http.HTTPStatus.OK, json.dumps(answer))
-        del response.headers["Content-Type"]
-        response.headers["Content-Type"] = "application/json"
-        return self._dressed(response)
+        answer = await loop.run_in_executor(self._workers[path], self._actions[path], query)
+        if not isinstance(answer, File):
+            answer = File("application/json", json.dumps(answer).encode())
+        return self._file(connection, answer)
 
-    def _file(self, connection: Any, text: str) -> Any:
-        response = connection.respond(http.HTTPStatus.OK, text)
-        del response.headers["Content-Type"]
-        response.headers["Content-Type"] = "application/javascript; charset=utf-8"
+    def _file(self, connection: Any, file: File) -> Any:
+        status = http.HTTPStatus.OK if file.data else http.HTTPStatus.NO_CONTENT
+        response = connection.respond(status, "")
+        response.body = file.data
+        for name, value in (
+            ("Content-Type", file.kind),
+            ("Content-Length", str(len(file.data))),
+            ("X-Stamp", str(file.stamp)),
+        ):
+            response.headers.pop(name, None)
+            response.headers[name] = value
         return self._dressed(response)
 
     def _add_bar(self, response: Any) -> None:

@@ -11,7 +11,7 @@ from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.tracking import TrackingStep
 from head_tracking.transforms import Vector3
 
-BUS_DELAY = 0.0155  # s from a command until the servo has it, in the trial's timing
+BUS_DELAY = 0.0013  # s from a command until the servo has it, in the trial's timing
 LAG = 0.027  # s, of the servo: slope and damping of its compliance
 MARGIN = 0.0051  # rad, of its compliance
 TICK = 0.00511  # rad

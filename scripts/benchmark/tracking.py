@@ -719,7 +719,7 @@ def _delay_off(seed: int) -> float:
     )
     tracker = ours()
     ClosedLoop(HEAD, PATHS[name], conditions).run(tracker)
-    written = 0.0135  # s from a step of the law until the servo has its command
+    written = 0.0013  # s from a step of the law until the servo has its command
     return abs(tracker.law.delays[0] - (servo.dead_time + servo.lag + written))
 
 

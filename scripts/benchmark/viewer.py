@@ -1,4 +1,4 @@
-"""What the viewer costs the control loop: with and without three browsers that watch."""
+"""What the viewer costs the control loop: alone, with a recording, with three browsers."""
 
 from __future__ import annotations
 
@@ -39,6 +39,21 @@ with open_browser() as browser:
         open_page(browser, {port})
     print("watching", flush=True)
     sys.stdin.read()
+"""
+
+RECORDER = """
+import subprocess, sys, tempfile
+with tempfile.TemporaryDirectory() as folder:
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-m", "head_tracking.nodes.recorder", "--ros-args", "-p",
+         "record_directory:=" + folder],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    while "records into" not in process.stdout.readline():
+        pass
+    print("watching", flush=True)
+    sys.stdin.read()
+    process.terminate()
+    print(process.communicate()[0], file=sys.stderr)
 """
 
 
@@ -92,6 +107,7 @@ def measure(arguments: list[str], script: str | None) -> Measured:
 VARIANTS: tuple[tuple[str, list[str], str | None], ...] = (
     ("without the viewer", [], None),
     ("with the viewer, nobody watches", ["--viewer"], None),
+    ("everything is recorded", [], RECORDER),
     (f"{BROWSERS} clients that read all and draw nothing", ["--viewer"], READERS),
     (f"{BROWSERS} pages in Chromium on the same two cores", ["--viewer"], CHROMIUM),
 )

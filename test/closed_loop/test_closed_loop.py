@@ -132,12 +132,11 @@ def test_the_servos_do_as_they_are_told(head):
     from head_tracking.gaze import HeadCommand
 
     servos = SimulatedHead((0.1, -0.2))
-    _, positions = servos.cycle(0)
-    assert positions == pytest.approx((0.1, -0.2), abs=0.003)
-    servos.command(HeadCommand(0.4, 0.1, 2.0, 2.0))
+    assert servos.read(0).positions == pytest.approx((0.1, -0.2), abs=0.003)
     for k in range(1, 50):
-        stamp, positions = servos.cycle(20_000_000 * k)
-        assert 0 < stamp - 20_000_000 * k < 5_000_000
+        stamp, end, positions = servos.read(20_000_000 * k)
+        assert 0 < stamp - 20_000_000 * k < end - 20_000_000 * k < 5_000_000
+        servos.write(HeadCommand(0.4, 0.1, 2.0, 2.0), end)
     assert positions == pytest.approx((0.4, 0.1), abs=0.01)
     assert servos.true_positions(10**9) == pytest.approx(positions, abs=0.004)
 

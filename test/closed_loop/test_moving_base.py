@@ -20,7 +20,7 @@ from head_tracking.transforms import Rotation, Transform, TransformBuffer
 
 START = 1_000.0  # s
 PERIOD = 0.02  # s
-READ = 0.0045  # s from the start of a cycle until its reading is known
+SEEN = 0.0045  # s from the start of a cycle until the camera takes its picture
 SEEN_LATE = 0.06  # s
 ODOMETRY_LATE = 0.02  # s
 WORLD = (3.0, 0.5, 0.6)  # m, in odom
@@ -79,17 +79,17 @@ def errors(model, head, yaw, fixed_frame):
     odometry, camera, misses = [], [], []
     for k in range(round(3.6 / PERIOD)):
         now = k * PERIOD
-        stamp, positions = servos.cycle(ns(now))
+        stamp, end, positions = servos.read(ns(now))
+        step_at = end * 1e-9
         odometry.append((now + ODOMETRY_LATE, now))
         if k % 2 == 0:
-            seen = now + READ
+            seen = now + SEEN
             pan, tilt = servos.true_positions(ns(seen))
             T_base_camera = model.transform(
                 "base_link", "camera_link", {head.pan_joint: pan, head.tilt_joint: tilt}
             )
             point = (base_pose(seen, yaw) @ T_base_camera).inverse() @ WORLD
             camera.append((seen + SEEN_LATE, Target(ns(START + seen), "camera_link", point)))
-        step_at = now + 0.0085
         buffer.set_joint_positions(
             ns(START) + stamp, dict(zip((head.pan_joint, head.tilt_joint), positions, strict=True))
         )
@@ -103,7 +103,7 @@ def errors(model, head, yaw, fixed_frame):
             tracker.target_seen(target.stamp * 1e-9, point, START + step_at)
         command = tracker.step(START + step_at).command
         if command is not None:
-            servos.command(command)
+            servos.write(command, end + 1_000_000)
         for part in range(4):
             time = step_at + part * 0.0025
             T_odom_head = base_pose(time, yaw) @ mount

@@ -6,7 +6,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from head_tracking.ros.images import image_message
-from head_tracking.viewer.other_topics import picture
+from head_tracking.viewer.other_topics import pixels_of
 
 RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
 
@@ -21,20 +21,20 @@ RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
     ],
 )
 def test_colours_of_the_usual_encodings(encoding, pixels):
-    seen = picture(image_message(Header(), encoding, pixels))
+    seen = pixels_of(image_message(Header(), encoding, pixels))
     assert seen is not None
     assert seen.tolist() == RED_AND_GREY.tolist()
 
 
 def test_grey():
-    seen = picture(image_message(Header(), "mono8", RED_AND_GREY[..., 0]))
+    seen = pixels_of(image_message(Header(), "mono8", RED_AND_GREY[..., 0]))
     assert seen is not None
     assert seen.tolist() == [[[200] * 3, [90] * 3]]
 
 
 def test_other_encodings_by_opencv():
     pytest.importorskip("cv2")
-    seen = picture(image_message(Header(), "rgb16", RED_AND_GREY.astype(np.uint16) << 8))
+    seen = pixels_of(image_message(Header(), "rgb16", RED_AND_GREY.astype(np.uint16) << 8))
     assert seen is not None
     assert seen.tolist() == RED_AND_GREY.tolist()
 
@@ -49,4 +49,4 @@ def test_other_encodings_by_opencv():
     ],
 )
 def test_what_is_no_picture(message):
-    assert picture(message) is None
+    assert pixels_of(message) is None

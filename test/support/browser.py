@@ -34,6 +34,7 @@ _ON_SCREEN = """([name, x, y, z]) => {
 
 _NEEDED = {
     "viser": "pip install -r requirements/viewer.txt",
+    "mcap_ros2": "pip install -r requirements/viewer.txt",
     "playwright": "pip install playwright",
 }
 

@@ -29,10 +29,9 @@ Path = Callable[[float], Vector3]
 
 _START = 1_000.0  # s
 _SAMPLES = 250.0  # of the truth, a second
-_READ = 0.0045  # s from the start of a cycle until its reading is known to everybody
-_STEP = 0.0085  # s by which the tracker's steps come after the bus's cycles
-_SEEN = 0.0031  # s by which the points come after the cycles
-_WRITTEN = 0.002  # s from the start of a cycle until the servos have the goals
+_CYCLES = 50.0  # of the bus, a second
+_UPDATE = 1_000_000  # ns from a reading to the packet that answers it
+_SEEN = 0.0063  # s by which points come after cycles: at 30 a second they wait 10 ms on average
 
 
 class Controller(Protocol):
@@ -50,16 +49,30 @@ class Controller(Protocol):
         """What to do now."""
 
 
+class JointsRead(NamedTuple):
+    """What came of a reading.
+
+    Attributes:
+        stamp: the middle of it [ns].
+        end: when it was complete [ns].
+        positions: of pan and tilt [rad].
+    """
+
+    stamp: int
+    end: int
+    positions: tuple[float, float]
+
+
 class Servos(Protocol):
     """Pan and tilt; times in ns."""
 
     goals: tuple[int, int] | None
 
-    def command(self, command: HeadCommand) -> None:
-        """Leaves a command for the next cycle."""
+    def read(self, now: int) -> JointsRead:
+        """Asks both servos where they are."""
 
-    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
-        """Reads both servos and then writes the newest goals: stamp [ns] and positions [rad]."""
+    def write(self, command: HeadCommand, now: int) -> None:
+        """Sends both servos their goals."""
 
     def true_positions(self, now: int) -> tuple[float, float]:
         """Where pan and tilt really are [rad]."""
@@ -100,19 +113,10 @@ class SimulatedHead:
         for servo in self._servos:
             modify(servo)
         self._bus = SimulatedBus(self._servos)
-        self._command: HeadCommand | None = None
         self.goals: tuple[int, int] | None = None
 
-    def command(self, command: HeadCommand) -> None:
-        """Leaves a command for the next cycle."""
-        self._command = command
-
-    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
-        """Reads both servos and then writes the newest goals, in one packet.
-
-        Returns:
-            When the servos were read, the middle of it [ns], and pan and tilt [rad].
-        """
+    def read(self, now: int) -> JointsRead:
+        """Asks both servos where they are, one after the other."""
         time, stamps, positions = now, [], []
         for joint in self._joints:
             register = joint.model.control_table["Present Position"]
@@ -125,9 +129,7 @@ class SimulatedHead:
             assert status is not None
             stamps.append((asked + time) // 2)
             positions.append(joint.position(int.from_bytes(status.data, "little")))
-        if self._command is not None:
-            self._write(self._command, time + _ADAPTER)
-        return sum(stamps) // 2, (positions[0], positions[1])
+        return JointsRead(sum(stamps) // 2, time, (positions[0], positions[1]))
 
     def true_positions(self, now: int) -> tuple[float, float]:
         """Where pan and tilt really are [rad]."""
@@ -138,7 +140,8 @@ class SimulatedHead:
         )
         return pan, tilt
 
-    def _write(self, command: HeadCommand, now: int) -> None:
+    def write(self, command: HeadCommand, now: int) -> None:
+        """Sends both servos their goals, in one packet."""
         block = PAN.model.goal
         ticks = PAN.ticks(command.pan), TILT.ticks(command.tilt)
         speeds = PAN.speed_ticks(command.pan_speed), TILT.speed_ticks(command.tilt_speed)
@@ -147,7 +150,7 @@ class SimulatedHead:
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
         }
         packet = sync_write_packet(1, block.address, shares)
-        self._bus.receive(packet, now + len(packet) * _BYTE)
+        self._bus.receive(packet, now + _ADAPTER + len(packet) * _BYTE)
         self.goals = ticks
 
 
@@ -190,23 +193,18 @@ class _PlainHead:
     def __init__(self, servo: PlainServo, start: tuple[float, float]) -> None:
         self.goals: tuple[int, int] | None = None
         self._joints = tuple(_PlainJoint(servo, position) for position in start)
-        self._command: HeadCommand | None = None
 
-    def command(self, command: HeadCommand) -> None:
-        self._command = command
-
-    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
+    def read(self, now: int) -> JointsRead:
         stamp = now + 1_000_000
-        positions = self.true_positions(stamp)
         step = self._joints[0].servo.resolution
-        pan, tilt = (step * round(position / step) for position in positions)
-        if self._command is not None:
-            c = self._command
-            written = now * 1e-9 + _WRITTEN
-            self._joints[0].commands.append((written, c.pan, c.pan_speed))
-            self._joints[1].commands.append((written, c.tilt, c.tilt_speed))
-            self.goals = round(c.pan / step), round(c.tilt / step)
-        return stamp, (pan, tilt)
+        pan, tilt = (step * round(position / step) for position in self.true_positions(stamp))
+        return JointsRead(stamp, now + 2_000_000, (pan, tilt))
+
+    def write(self, command: HeadCommand, now: int) -> None:
+        written, step = now * 1e-9, self._joints[0].servo.resolution
+        self._joints[0].commands.append((written, command.pan, command.pan_speed))
+        self._joints[1].commands.append((written, command.tilt, command.tilt_speed))
+        self.goals = round(command.pan / step), round(command.tilt / step)
 
     def true_positions(self, now: int) -> tuple[float, float]:
         pan, tilt = (joint.advance(now) for joint in self._joints)
@@ -335,43 +333,54 @@ class ClosedLoop:
         self._camera = model.chain(head.base_frame, head.pointing_frame)
 
     def run(self, controller: Controller) -> Outcome:
-        """One run from the start to the end."""
+        """One run from the start to the end: in each cycle read, update, write."""
         outcome = Outcome(Recording())
-        readings: list[tuple[float, float, tuple[float, float]]] = []
         seen: deque[tuple[float, Target]] = deque()
-        moving = self._conditions.camera
+        stepped = -math.inf
         for event in self._events():
             now = event.time
-            if event.kind == "cycle":
-                stamp, positions = self._servos.cycle(_ns(now))
-                readings.append((now + _READ, _START + stamp * 1e-9, positions))
-                if self._servos.goals is not None:
-                    outcome.goals.append(self._servos.goals)
-            elif event.kind == "seen":
+            if event.kind == "seen":
                 target = self._seen(now)
                 if target is not None:
                     seen.append((now + self._conditions.delay, target))
             elif event.kind == "truth":
                 self._judge(now, outcome.recording)
             else:
-                while readings and readings[0][0] <= now:
-                    _, at, positions = readings.pop(0)
-                    self._hear(at, positions)
-                    controller.joints_read(at, positions)
-                before = time.perf_counter()
-                while seen and seen[0][0] <= now:
-                    self._placer.offer(seen.popleft()[1], _START + now)
-                for placed, point in self._placer.place(_START + now, {}):
-                    controller.target_seen(placed.stamp * 1e-9, point, _START + now, moving=moving)
-                    outcome.point_costs.append(time.perf_counter() - before)
-                    before = time.perf_counter()
-                before = time.perf_counter()
-                command = controller.step(_START + now).command
-                outcome.costs.append(time.perf_counter() - before)
-                if command is not None:
-                    self._servos.command(command)
-                    outcome.commands.append((now, command))
+                read = self._servos.read(_ns(now))
+                stamp = _START + read.stamp * 1e-9
+                self._hear(stamp, read.positions)
+                controller.joints_read(stamp, read.positions)
+                if now - stepped > 0.99 / self._conditions.rate:
+                    stepped = now
+                    command = self._update(controller, read.end * 1e-9, seen, outcome)
+                    if command is not None:
+                        self._servos.write(command, read.end + _UPDATE)
+                if self._servos.goals is not None:
+                    outcome.goals.append(self._servos.goals)
         return outcome
+
+    def _update(
+        self,
+        controller: Controller,
+        now: float,
+        seen: deque[tuple[float, Target]],
+        outcome: Outcome,
+    ) -> HeadCommand | None:
+        before = time.perf_counter()
+        while seen and seen[0][0] <= now:
+            self._placer.offer(seen.popleft()[1], _START + now)
+        for placed, point in self._placer.place(_START + now, {}):
+            controller.target_seen(
+                placed.stamp * 1e-9, point, _START + now, moving=self._conditions.camera
+            )
+            outcome.point_costs.append(time.perf_counter() - before)
+            before = time.perf_counter()
+        before = time.perf_counter()
+        command = controller.step(_START + now).command
+        outcome.costs.append(time.perf_counter() - before)
+        if command is not None:
+            outcome.commands.append((now, command))
+        return command
 
     def _events(self) -> list[_Event]:
         """Everything that happens, in order."""
@@ -387,10 +396,9 @@ class ClosedLoop:
         )
         return list(
             heapq.merge(
-                every(50.0, 0.0, 0, "cycle"),
+                every(max(_CYCLES, c.rate), 0.0, 0, "cycle"),
                 (_Event(at, 1, "seen") for at in captures if not c.gap[0] <= at < c.gap[1]),
-                every(c.rate, _STEP, 2, "step"),
-                every(_SAMPLES, 0.0035, 3, "truth"),
+                every(_SAMPLES, 0.0039, 2, "truth"),
             )
         )
 

@@ -1,3 +1,6 @@
 import pytest
 
-pytest.importorskip("viser", reason="viser is missing: pip install -r requirements/viewer.txt")
+for library in ("viser", "mcap_ros2"):
+    pytest.importorskip(
+        library, reason=f"{library} is missing: pip install -r requirements/viewer.txt"
+    )

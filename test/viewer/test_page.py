@@ -2,6 +2,7 @@
 
 import gzip
 import http.client
+import io
 import json
 import math
 import threading
@@ -19,9 +20,18 @@ from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robo
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.head_modes import Mode
-from head_tracking.viewer.observation import Health, Level, Observation, Outcome, Servo, Setting
+from head_tracking.viewer.observation import (
+    Health,
+    Hold,
+    Level,
+    Observation,
+    Outcome,
+    Servo,
+    Setting,
+)
 from head_tracking.viewer.page import Page, PageParameters
 from head_tracking.viewer.recording import Recording
+from head_tracking.viewer.recording_file import read_recording, write_recording
 
 PATIENCE = 60.0
 
@@ -40,6 +50,8 @@ class FakeRobot:
         self.broken = False
         self.buffer = SimpleNamespace(frames=self._frames)
         self.parameters = SimpleNamespace(settings=self._settings)
+        self.hold = Hold()
+        self.recorder = SimpleNamespace(file=None, status="", files=tuple, directory="nowhere")
         self.stop = SimpleNamespace(outcome=None, can_resume=False, cancel=lambda: None)
         self.modes = SimpleNamespace(
             mode=lambda: Mode.TRACK,
@@ -289,7 +301,7 @@ def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
         own = browser.camera.position
         view = page._views._camera
         view._on_click(SimpleNamespace(client=browser))
-        wait_for(lambda: 0.5 < browser.camera.position[2] < 0.75)  # the camera's height
+        wait_for(lambda: math.dist(browser.camera.position[:2], (0.0, 0.0)) < 0.3)  # over the robot
         x, y, z, w = browser.camera.wxyz[[1, 2, 3, 0]]
         positions = robot.observe().joints
         view._on_click(SimpleNamespace(client=browser))
@@ -304,17 +316,41 @@ def test_a_browser_can_look_through_the_camera_and_back(kinectbot, show):
 def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
     robot = FakeRobot(kinectbot)
     page = show(robot)
-    wait_for(lambda: len(page._recorder._seen) > 60)
+    wait_for(lambda: len(page._last_minute._seen) > 60)
     panel = page._recording
     nobody = SimpleNamespace(client=None)
-    panel._open(nobody, lambda: Recording.from_bytes(page._recorder.recording().to_bytes()))
+    panel._open(nobody, lambda: read_recording(io.BytesIO(write_recording(panel._seen_now()))))
     start = panel.replayed()
-    panel._time.value = panel._time.max
+    assert robot.hold.reason
+    panel._go(panel._recording.duration)
     assert panel.replayed().stamp > start.stamp
-    panel._close()
+    panel._toggle()  # plays from the start again, and pauses there
+    panel._toggle()
+    assert panel.replayed().stamp < start.stamp + 10**9
+    panel.close()
     assert panel.replayed() is None
-    panel._open(nobody, lambda: Recording.from_bytes(b"no recording"))
+    assert not robot.hold.reason
+    panel._open(nobody, lambda: read_recording(io.BytesIO(b"no recording")))
     assert panel.replayed() is None
+
+
+def test_the_recording_of_another_robot_is_shown_on_its_own_model(kinectbot, turtlebot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    other = Recording((Observation(1, {"left_wheel_joint": 0.5}),), turtlebot.urdf)
+    try:
+        wait_for(lambda: page._scene is not None)
+        page._recording._open(SimpleNamespace(client=None), lambda: other)
+        wait_for(lambda: page._scene.model.name == "turtlebot")
+        seen = robot.seen
+        wait_for(lambda: robot.seen > seen + 5)
+        assert page._stop({}) == {"text": "head_pan_joint relaxed"}  # and shows the robot again
+        wait_for(lambda: page._scene.model is kinectbot)
+    finally:
+        client.close()
+    assert not complaints
 
 
 def test_without_a_browser_nothing_is_drawn(kinectbot, show):
@@ -406,11 +442,11 @@ def test_the_badge_is_told_and_says_when_a_recording_is_shown(kinectbot, show):
 
     assert status()["word"] == "moving"
     assert status()["title"] == "kinectbot"
-    wait_for(lambda: len(page._recorder._seen) > 10)
-    page._recording._open(SimpleNamespace(client=None), page._recorder.recording)
+    wait_for(lambda: len(page._last_minute._seen) > 10)
+    page._recording._open(SimpleNamespace(client=None), page._last_minute.recording)
     assert status()["word"] == "replay"
     assert "the robot: moving" in status()["text"]
-    page._recording._close()
+    page._recording.close()
     assert status()["word"] == "moving"
 
 

@@ -1,0 +1,157 @@
+"""MCAP files as rosbag2 writes them: profile ros2, definitions of the messages, QoS of publishers.
+
+Format: https://mcap.dev/spec; the channels' metadata as rosbag2_storage_mcap reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import IO, Any
+
+import yaml
+from mcap.writer import Writer
+from mcap_ros2._dynamic import EncoderFunction, serialize_dynamic
+
+from head_tracking.ros.message_types import message_definition
+from head_tracking.transforms import Transform, TransformBuffer
+
+_CHUNK = 1 << 20  # bytes
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+OFFER: Mapping[str, Any] = {
+    "history": "keep_last",
+    "depth": 10,
+    "reliability": "reliable",
+    "durability": "volatile",
+    "deadline": _FOREVER,
+    "lifespan": _FOREVER,
+    "liveliness": "automatic",
+    "liveliness_lease_duration": _FOREVER,
+    "avoid_ros_namespace_conventions": False,
+}
+"""ROS's default quality of service, as rosbag2 writes it (its format 9)."""
+
+LATCHED_OFFER: Mapping[str, Any] = {**OFFER, "depth": 1, "durability": "transient_local"}
+
+
+class BagWriter:
+    """Writes one file; a chunk that is whole can be read, whatever comes after it.
+
+    Args:
+        stream: gets the file; it is not closed.
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._writer = Writer(stream, chunk_size=_CHUNK)
+        self._writer.start(profile="ros2", library="head_tracking")
+        self._schemas: dict[str, int] = {}
+        self._encoders: dict[int, EncoderFunction] = {}
+
+    def channel(
+        self, topic: str, kind: str, offers: Sequence[Mapping[str, Any]], type_hash: str = ""
+    ) -> int:
+        """The number of a new channel.
+
+        Args:
+            topic: its full name.
+            kind: the name of its type.
+            offers: the quality of service of its publishers.
+            type_hash: of its type, if it is known.
+
+        Raises:
+            LookupError: the package of its type is not installed.
+        """
+        definition = message_definition(kind)
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition.encode())
+        plain = [dict(offer) for offer in offers]
+        dumped = yaml.dump(plain, Dumper=_Dumper, sort_keys=False)
+        metadata = {"offered_qos_profiles": dumped}
+        if type_hash:
+            metadata["topic_type_hash"] = type_hash
+        number = self._writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
+        self._encoders[number] = serialize_dynamic(kind, definition)[kind]
+        return number
+
+    def write(self, channel: int, stamp: int, message: Mapping[str, Any]) -> None:
+        """Writes a message given by its fields; what is left out is zero or empty."""
+        self.write_encoded(channel, stamp, stamp, self._encoders[channel](message))
+
+    def write_encoded(
+        self, channel: int, stamp: int, published: int, data: bytes, sequence: int = 0
+    ) -> None:
+        """Writes a message as it came.
+
+        Args:
+            channel: its number.
+            stamp: when it was received [ns].
+            published: when it was sent [ns].
+            data: the message in CDR.
+            sequence: the publisher's count.
+        """
+        self._writer.add_message(channel, stamp, data, published, sequence)
+
+    def attach(self, stamp: int, name: str, media_type: str, text: str) -> None:
+        """Puts a file beside the messages."""
+        self._writer.add_attachment(stamp, stamp, name, media_type, text.encode())
+
+    def flush(self) -> None:
+        """Ends a chunk, and hands all to the stream."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self) -> None:
+        """Writes the summary."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+
+def header(stamp: int, frame_id: str) -> dict[str, Any]:
+    """A Header's fields; the stamp in [ns]."""
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
+
+
+def xyz(numbers: Sequence[float]) -> dict[str, float]:
+    """The fields of a Point or a Vector3."""
+    return dict(zip("xyz", map(float, numbers), strict=True))
+
+
+def transform_of(stamp: int, parent: str, child: str, transform: Transform) -> dict[str, Any]:
+    """A TransformStamped's fields, of `T_parent_child`."""
+    return {
+        "header": header(stamp, parent),
+        "child_frame_id": child,
+        "transform": {
+            "translation": xyz(transform[:3]),
+            "rotation": dict(zip("xyzw", map(float, transform[3:]), strict=True)),
+        },
+    }
+
+
+def transforms_of_joints(
+    buffer: TransformBuffer, stamp: int, *, moving: bool | None = None
+) -> list[dict[str, Any]]:
+    """What robot_state_publisher sends on /tf and /tf_static: the joints' transforms, as known.
+
+    Args:
+        buffer: has the robot's model.
+        stamp: for the messages [ns].
+        moving: only joints that move, or only those that do not; None: all.
+    """
+    model = buffer.model
+    return [
+        transform_of(
+            stamp,
+            joint.parent,
+            joint.child,
+            buffer.lookup_transform(joint.parent, joint.child).transform,
+        )
+        for joint in (() if model is None else model.joints.values())
+        if moving in (None, joint.moves) and buffer.can_transform(joint.parent, joint.child)
+    ]
+
+
+class _Dumper(yaml.SafeDumper):
+    """Without anchors, which other readers need not know."""
+
+    def ignore_aliases(self, _: Any) -> bool:
+        return True

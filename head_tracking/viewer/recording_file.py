@@ -1,0 +1,563 @@
+"""Recordings as files: MCAP, the page's own and others', and the JSON of the first edition."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import IO, Any
+
+import lz4.frame
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap_ros2.decoder import DecoderFactory
+
+from head_tracking.tracking import Target
+from head_tracking.transforms import (
+    LATEST,
+    RobotModelError,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    Vector3,
+    parse_robot_model,
+)
+from head_tracking.viewer.bag_writer import (
+    LATCHED_OFFER,
+    OFFER,
+    BagWriter,
+    header,
+    transform_of,
+    transforms_of_joints,
+    xyz,
+)
+from head_tracking.viewer.observation import Level, Observation
+from head_tracking.viewer.recording import Moment, Recording, RecordingError
+
+_MCAP = b"\x89MCAP"
+_GZIP = b"\x1f\x8b"
+_FORMAT = "head_tracking recording 1"
+_LARGEST = 200_000_000  # bytes, unpacked: of a first edition's file, and of one chunk of an MCAP
+_PERIOD = 0.04  # s
+_MOST = 20_000  # observations: a longer recording is shown in fewer pictures a second
+_MOST_MOMENTS = 200
+_TARGET_AGE, _ERROR_AGE = 2_000_000_000, 1_000_000_000  # ns
+_LATE = 1_000_000_000  # ns: a target that is later than this was stamped by another clock
+_START = 1_000_000_000  # ns in which what is latched comes
+_ERROR = 40  # rcl_interfaces/Log.ERROR
+_TURNERS = ("head_tracker", "point_head")
+_ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
+
+
+def read_recording(file: IO[bytes]) -> Recording:
+    """A recording from a file, which can seek.
+
+    A file that was cut off opens up to there, and the recording's notice says so.
+
+    Raises:
+        RecordingError: it is none, or nothing of it can be read; says why.
+    """
+    start = file.read(len(_MCAP))
+    file.seek(0)
+    if start.startswith(_GZIP):
+        return _read_first_edition(file.read())
+    if start == _MCAP:
+        return _read_mcap(file)
+    raise RecordingError(
+        "the file is no recording: neither MCAP (.mcap) nor one of head_tracking's first edition "
+        "(.json.gz)"
+    )
+
+
+# MCAP
+
+
+def _read_mcap(file: IO[bytes]) -> Recording:
+    overview = _Overview(file)
+    length = (overview.end - overview.start) * 1e-9
+    reading = _Reading(overview, max(_PERIOD, length / _MOST))
+    why = ""
+    try:
+        for message in _messages(file):
+            reading.take(message)
+    except Exception as error:
+        # what a damaged file makes of its reader can't be foreseen
+        why = _in_words(error, file)
+    return reading.recording(why)
+
+
+def _in_words(error: Exception, file: IO[bytes]) -> str:
+    """Why a file ends too early."""
+    if not file.read(1):  # all of it was there, and it was not enough
+        return "the file was cut off"
+    return f"the file is damaged ({type(error).__name__}: {error})"
+
+
+def _records(file: IO[bytes]) -> Iterator[Any]:
+    """All records from the beginning, chunk by chunk, up to the first that is not whole."""
+    file.seek(0)
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST).records:
+        if isinstance(record, Chunk):
+            yield from breakup_chunk(_unpacked(record), validate_crc=True)
+        else:
+            yield record
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """A chunk with its data unpacked, however much that claims to be."""
+    size = chunk.uncompressed_size
+    if size > _LARGEST:
+        raise McapError(f"a chunk of {size} bytes; up to {_LARGEST} are taken")
+    match chunk.compression:
+        case "zstd":
+            data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size)
+        case "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
+        case _:
+            data = chunk.data
+    if len(data) != size:
+        raise EndOfFile
+    return replace(chunk, data=data, compression="")
+
+
+def _messages(file: IO[bytes]) -> Iterator[Message]:
+    return (record for record in _records(file) if isinstance(record, Message))
+
+
+class _Overview:
+    """What a file has: from its summary, or if it has none from all of it.
+
+    Attributes:
+        channels: by number.
+        schemas: by number.
+        start, end: the times of the first and the last message [ns].
+        namespace: of the robot, with a slash at its end.
+        urdf: the first model of that robot; empty if there is none.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.start = self.end = 0
+        texts: dict[str, str] = {}
+        try:
+            self._take_summary(file, texts)
+        except Exception:
+            # cut off, or damaged: as much as is whole counts
+            self._read_through(file, texts)
+        self.namespace = "/"
+        for ending in ("robot_description", "joint_states"):
+            found = sorted(
+                c.topic for c in self.channels.values() if c.topic.endswith(f"/{ending}")
+            )
+            if found:
+                self.namespace = min(found, key=len).removesuffix(ending)
+                break
+        self.urdf = texts.get(f"{self.namespace}robot_description", "")
+
+    def _take_summary(self, file: IO[bytes], texts: dict[str, str]) -> None:
+        file.seek(0)
+        reader = SeekingReader(file, record_size_limit=_LARGEST)
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None or not summary.channels:
+            raise EndOfFile
+        topics = {
+            channel.topic
+            for channel in summary.channels.values()
+            if channel.topic.endswith("/robot_description")
+        }
+        for topic in topics:
+            for schema, channel, message in reader.iter_messages([topic]):
+                self._take_description(schema, channel, message, texts)
+                break
+        self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
+        self.start = summary.statistics.message_start_time
+        self.end = summary.statistics.message_end_time
+
+    def _read_through(self, file: IO[bytes], texts: dict[str, str]) -> None:
+        first, last = math.inf, 0
+        try:
+            for record in _records(file):
+                match record:
+                    case Schema():
+                        self.schemas[record.id] = record
+                    case Channel():
+                        self.channels[record.id] = record
+                    case Message():
+                        first, last = min(first, record.log_time), max(last, record.log_time)
+                        channel = self.channels[record.channel_id]
+                        if (
+                            channel.topic.endswith("/robot_description")
+                            and channel.topic not in texts
+                        ):
+                            schema = self.schemas.get(channel.schema_id)
+                            self._take_description(schema, channel, record, texts)
+        except Exception as error:
+            if not last:
+                raise RecordingError(
+                    f"nothing of the file can be read: {_in_words(error, file)}"
+                ) from error
+        self.start, self.end = (0, 0) if first == math.inf else (int(first), last)
+
+    def _take_description(
+        self, schema: Schema | None, channel: Channel, message: Message, texts: dict[str, str]
+    ) -> None:
+        decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
+        if decode is not None and schema is not None and schema.name == "std_msgs/msg/String":
+            texts[channel.topic] = decode(message.data).data
+
+
+class _Reading:
+    """Follows a file's messages as the page follows a robot, and keeps what it sees.
+
+    All is put at the time at which it was recorded, which one clock has told.
+    """
+
+    def __init__(self, overview: _Overview, period: float) -> None:
+        self._overview = overview
+        self._period = round(period * 1e9)
+        self._decoders = DecoderFactory()
+        self._buffer = TransformBuffer()
+        self._no_model = ""
+        if overview.urdf:
+            try:
+                self._buffer.set_model(parse_robot_model(overview.urdf))
+            except RobotModelError as error:
+                self._no_model = f"its robot_description can't be used: {error}"
+        self._seen: list[Observation] = []
+        self._moments: list[tuple[int, str]] = []
+        self._first: int | None = None
+        self._now = self._next = 0
+        self._joint_stamp = 0
+        self._unplaced: tuple[int, Target] | None = None
+        self._target: tuple[int, Target, Vector3, int] | None = None
+        self._error: dict[str, tuple[int, float]] = {}
+        self._state: dict[str, str] = {}
+        self._enabled: dict[str, bool] = {}
+        self._stopped = False
+        self._levels: dict[str, int] = {}
+        self._joints: Mapping[str, float] = {}
+        self._handlers: dict[int, tuple[Callable[[Any], None], Callable[[bytes], Any]] | None] = {}
+        base = overview.namespace
+        self._takers: dict[tuple[str, str], Callable[[Any], None]] = {
+            (f"{base}joint_states", "sensor_msgs/msg/JointState"): self._take_joints,
+            ("/tf", "tf2_msgs/msg/TFMessage"): self._take_transforms,
+            ("/tf_static", "tf2_msgs/msg/TFMessage"): self._take_static_transforms,
+            (f"{base}target_point", "geometry_msgs/msg/PointStamped"): self._take_target,
+            (f"{base}stopped", "std_msgs/msg/Bool"): self._take_stopped,
+            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._take_diagnostics,
+            ("/rosout", "rcl_interfaces/msg/Log"): self._take_log,
+        }
+        for node in _TURNERS:
+            self._takers[f"{base}{_ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
+            self._takers[f"{base}{node}/state", "std_msgs/msg/String"] = self._state_taker(node)
+        for channel in overview.channels.values():
+            if channel.topic.startswith(base) and channel.topic.endswith("/enabled"):
+                name = channel.topic.removeprefix(base).removesuffix("/enabled")
+                self._takers[channel.topic, "std_msgs/msg/Bool"] = self._enabled_taker(name)
+
+    def take(self, message: Message) -> None:
+        """Takes the next message."""
+        number = message.channel_id
+        if number not in self._handlers:
+            self._handlers[number] = self._handler(number)
+        handler = self._handlers[number]
+        if self._first is None:
+            self._first = self._now = self._next = message.log_time
+        if message.log_time >= self._next:
+            self._look()  # with all that came until the one before
+            self._next = self._now + self._period
+        self._now = max(self._now, message.log_time)
+        if handler is not None:
+            take, decode = handler
+            take(decode(message.data))
+
+    def recording(self, why: str) -> Recording:
+        """What was seen.
+
+        Args:
+            why: the reason for which the file ended too early; empty if it did not.
+
+        Raises:
+            RecordingError: that is nothing.
+        """
+        if self._first is not None:
+            self._look()
+        if not self._seen:
+            lacking = self._no_model or (
+                f"there are no joint_states in {self._overview.namespace}"
+                if self._overview.urdf
+                else "there is no robot_description in it"
+            )
+            raise RecordingError(f"nothing of the file can be shown: {why or lacking}")
+        notice = f"{why}; it is shown up to there" if why else ""
+        start = self._seen[0].stamp
+        moments = (Moment(max(0.0, (at - start) * 1e-9), text) for at, text in self._moments)
+        return Recording(tuple(self._seen), self._overview.urdf, tuple(moments), notice)
+
+    def _handler(self, number: int) -> tuple[Callable[[Any], None], Callable[[bytes], Any]] | None:
+        channel = self._overview.channels[number]
+        schema = self._overview.schemas.get(channel.schema_id)
+        take = None if schema is None else self._takers.get((channel.topic, schema.name))
+        if take is None:
+            return None
+        decode = self._decoders.decoder_for(channel.message_encoding, schema)
+        return None if decode is None else (take, decode)
+
+    def _look(self) -> None:
+        model = self._buffer.model
+        if model is None:
+            return
+        now, target = self._now, self._placed()
+        joints = {
+            name: found[1]
+            for name in model.independent_joints
+            if (found := self._buffer.latest_joint_position(name)) is not None
+        }
+        if not joints and not self._seen:
+            return  # it begins when the robot is seen first
+        if joints != self._joints:
+            self._joints = joints  # else the one before is kept, and no room needed
+        on = [node for node in _TURNERS if self._enabled.get(node, node in self._state)]
+        turner = on[0] if on else ""
+        if target is not None and turner != "point_head" and now - target[0] > _TARGET_AGE:
+            target = None
+        at, error = self._error.get(turner, (-math.inf, 0.0))
+        state = self._state.get(turner, "")
+        if self._stopped:
+            state = "stopped"
+        self._seen.append(
+            Observation(
+                now,
+                self._joints,
+                self._frames(),
+                None if target is None else target[2],
+                "" if target is None else str(target[1]),
+                error if now - at < _ERROR_AGE else None,
+                f"{turner}: {state}" if turner and state else state,
+                None if target is None else target[3],
+            )
+        )
+
+    def _frames(self) -> Mapping[str, Transform]:
+        model, found = self._buffer.model, {}
+        assert model is not None
+        for frame in self._buffer.frames():
+            if frame not in model.children_of_joints and frame != model.root:
+                try:
+                    found[frame] = self._buffer.lookup_transform(model.root, frame).transform
+                except TransformException:
+                    continue
+        return found
+
+    def _placed(self) -> tuple[int, Target, Vector3, int] | None:
+        """The newest target: when it came, what was sent, where it is, when it was there."""
+        model = self._buffer.model
+        if self._unplaced is not None and model is not None:
+            came, target = self._unplaced
+            late = self._joint_stamp - target.stamp if target.stamp and self._joint_stamp else 0
+            stamp = came - (late if 0 < late < _LATE else 0)
+            for time in (stamp, LATEST):
+                try:
+                    point = self._buffer.transform_point(
+                        target.point, model.root, target.frame_id, time
+                    )
+                except TransformException:
+                    continue
+                self._target = came, target, point, stamp
+                self._unplaced = None
+                break
+        return self._target
+
+    # Messages
+
+    def _take_joints(self, message: Any) -> None:
+        self._joint_stamp = _stamp(message.header)
+        positions = dict(zip(message.name, message.position, strict=False))
+        try:
+            self._buffer.set_joint_positions(self._now, positions)
+        except TransformException:
+            return  # the page refuses it as well
+
+    def _take_transforms(self, message: Any, *, static: bool = False) -> None:
+        for one in message.transforms:
+            t, r = one.transform.translation, one.transform.rotation
+            try:
+                self._buffer.set_transform(
+                    self._now,
+                    one.header.frame_id,
+                    one.child_frame_id,
+                    Transform((t.x, t.y, t.z), Rotation.from_quaternion_xyzw([r.x, r.y, r.z, r.w])),
+                    static=static,
+                )
+            except (TransformException, ValueError):
+                continue
+
+    def _take_static_transforms(self, message: Any) -> None:
+        self._take_transforms(message, static=True)
+
+    def _take_target(self, message: Any) -> None:
+        point = (message.point.x, message.point.y, message.point.z)
+        if all(map(math.isfinite, point)):
+            target = Target(_stamp(message.header), message.header.frame_id, point)
+            self._unplaced = self._now, target
+
+    def _error_taker(self, node: str) -> Callable[[Any], None]:
+        def take(message: Any) -> None:
+            self._error[node] = self._now, message.data
+
+        return take
+
+    def _state_taker(self, node: str) -> Callable[[Any], None]:
+        def take(message: Any) -> None:
+            self._state[node] = message.data
+
+        return take
+
+    def _enabled_taker(self, node: str) -> Callable[[Any], None]:
+        def take(message: Any) -> None:
+            if self._enabled.get(node) is not message.data:
+                self._enabled[node] = message.data
+                self._mark(f"{node} {'on' if message.data else 'off'}")
+
+        return take
+
+    def _take_stopped(self, message: Any) -> None:
+        if self._stopped != message.data:
+            self._mark("STOP" if message.data else "resume")
+        self._stopped = message.data
+
+    def _take_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            level = int(status.level)
+            if level == Level.ERROR and self._levels.get(status.name) != level:
+                self._mark(f"{status.name}: {status.message}")
+            self._levels[status.name] = level
+
+    def _take_log(self, message: Any) -> None:
+        if message.level >= _ERROR:
+            self._mark(f"{message.name}: {message.msg}")
+
+    def _mark(self, text: str) -> None:
+        """Notes a moment; at the start what is latched is not one."""
+        assert self._first is not None
+        if len(self._moments) < _MOST_MOMENTS and self._now - self._first > _START:
+            self._moments.append((self._now, text))
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def write_recording(recording: Recording) -> bytes:
+    """A recording as an MCAP file: what the page saw, on the topics that tell it."""
+    stream = io.BytesIO()
+    bag = BagWriter(stream)
+    description = bag.channel("/robot_description", "std_msgs/msg/String", [LATCHED_OFFER])
+    joints = bag.channel("/joint_states", "sensor_msgs/msg/JointState", [OFFER])
+    transforms = bag.channel("/tf", "tf2_msgs/msg/TFMessage", [OFFER])
+    target = bag.channel("/target_point", "geometry_msgs/msg/PointStamped", [OFFER])
+    nodes = {
+        node: (
+            bag.channel(f"/{error}", "std_msgs/msg/Float64", [OFFER]),
+            bag.channel(f"/{node}/state", "std_msgs/msg/String", [LATCHED_OFFER]),
+            bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
+        )
+        for node, error in _ERRORS.items()
+    }
+    model = parse_robot_model(recording.urdf) if recording.urdf else None
+    root = "base_link" if model is None else model.root
+    buffer = TransformBuffer()
+    if model is not None:
+        buffer.set_model(model)
+        bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
+    was_on: str | None = None
+    states: dict[str, str] = {}
+    for seen in recording.seen:
+        stamp = seen.stamp
+        names, positions = list(seen.joints), list(seen.joints.values())
+        bag.write(
+            joints, stamp, {"header": header(stamp, ""), "name": names, "position": positions}
+        )
+        buffer.set_joint_positions(stamp, seen.joints)
+        frames = [transform_of(stamp, root, name, found) for name, found in seen.frames.items()]
+        bag.write(transforms, stamp, {"transforms": frames + transforms_of_joints(buffer, stamp)})
+        if seen.target is not None:
+            at = header(stamp, root)
+            bag.write(target, stamp, {"header": at, "point": xyz(seen.target)})
+        on, _, state = seen.state.partition(": ")
+        for node, (error_channel, state_channel, enabled) in nodes.items():
+            if on != was_on:
+                bag.write(enabled, stamp, {"data": on == node})
+            if on != node:
+                continue
+            if seen.error is not None:
+                bag.write(error_channel, stamp, {"data": seen.error})
+            if states.get(node) != state:
+                states[node] = state
+                bag.write(state_channel, stamp, {"data": state})
+        was_on = on
+    bag.finish()
+    return stream.getvalue()
+
+
+# The first edition's
+
+
+def _read_first_edition(data: bytes) -> Recording:
+    try:
+        unpacker = zlib.decompressobj(wbits=31)
+        text = unpacker.decompress(data, _LARGEST)
+        if unpacker.unconsumed_tail or not unpacker.eof:
+            raise RecordingError("the file is too large or was cut off")
+        document = json.loads(text)
+    except (zlib.error, ValueError, RecursionError) as error:
+        raise RecordingError(f"the file is no recording of head_tracking: {error}") from error
+    if not isinstance(document, dict) or document.get("format") != _FORMAT:
+        raise RecordingError(f"the file is no {_FORMAT!r}")
+    try:
+        return Recording(tuple(_observation(one) for one in document["seen"]))
+    except RecordingError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, TransformException) as error:
+        raise RecordingError(f"the recording is damaged: {error!r}") from error
+
+
+def _observation(plain: Mapping[str, Any]) -> Observation:
+    target = plain["target"]
+    error, target_stamp = plain["error"], plain.get("target_stamp")
+    return Observation(
+        int(plain["stamp"]),
+        {str(name): _finite(position) for name, position in plain["joints"].items()},
+        {str(name): _transform(numbers) for name, numbers in plain["frames"].items()},
+        None if target is None else _point(target),
+        str(plain["target_text"]),
+        None if error is None else _finite(error),
+        str(plain["state"]),
+        None if target_stamp is None else int(target_stamp),
+    )
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise RecordingError("the recording is damaged: a number in it is not finite")
+    return number
+
+
+def _point(numbers: Sequence[Any]) -> Vector3:
+    x, y, z = map(_finite, numbers)
+    return x, y, z
+
+
+def _transform(numbers: Sequence[Any]) -> Transform:
+    return Transform(
+        _point(numbers[:3]), Rotation.from_quaternion_xyzw([_finite(n) for n in numbers[3:]])
+    )

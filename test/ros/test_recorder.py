@@ -1,0 +1,235 @@
+"""Everything that a robot says, in a file."""
+
+import math
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mcap_ros2", reason="mcap is missing: pip install -r requirements/viewer.txt")
+
+import rclpy
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from robot_under_test import wait_for
+from sensor_msgs.msg import Image, JointState, PointCloud2
+from std_msgs.msg import Header, String
+
+from head_tracking.ros.images import image_message
+from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.transforms import TransformBuffer
+from head_tracking.viewer.recorder import Recorder, RecorderParameters
+from head_tracking.viewer.recording_file import read_recording
+
+PAN = "head_pan_joint"
+VALUES = {"/servo_bus": {"rate": 50.0, "port": "/dev/ttyUSB0", "ids": [1, 2]}}
+
+
+@pytest.fixture
+def node() -> Iterator[Node]:
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("robot")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def recorder(node, kinectbot, tmp_path) -> Iterator[Recorder]:
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    recorder = Recorder(
+        node,
+        lambda topic: not topic.startswith("/other/"),
+        RecorderParameters(record_directory=str(tmp_path), record_limit=1),
+        buffer,
+        lambda: VALUES,
+    )
+    yield recorder
+    recorder.close()
+
+
+def messages(file: Path) -> list[tuple[str, Any, Any]]:
+    """Topic, message and record of all that is in a file, decoded by the format's own library."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        return [
+            (channel.topic, decoded, message)
+            for _, channel, message, decoded in reader.iter_decoded_messages()
+        ]
+
+
+def plain(message: Any) -> Any:
+    """A message's values, whatever classes it is made of."""
+    fields = getattr(message, "__slots__", None)
+    if fields is not None:
+        names = sorted(name.lstrip("_") for name in fields if name != "_check_fields")
+        return {name: plain(getattr(message, name)) for name in names}
+    if isinstance(message, list | tuple) or hasattr(message, "typecode"):
+        return [plain(one) for one in message]
+    return message[0] if isinstance(message, bytes) and len(message) == 1 else message
+
+
+def start(recorder: Recorder, node: Node, topics: int) -> Path:
+    assert recorder.start().done
+    file = recorder.file
+    assert file is not None
+    session = recorder._session
+    wait_for(lambda: len(session._topics) + len(session._left_out) >= topics)
+    ours = ("/joint_states", "/text", "/diagnostics", "/picture")
+    wait_for(
+        lambda: all(node.count_subscribers(name) for name in ours if node.count_publishers(name))
+    )
+    return file
+
+
+def test_all_that_is_said_is_in_the_file_as_it_was_said(node, recorder):
+    states = node.create_publisher(JointState, "joint_states", 10)
+    latched = node.create_publisher(String, "text", LATCHED)
+    latched.publish(String(data="said before"))
+    health = node.create_publisher(DiagnosticArray, "/diagnostics", MEASUREMENT)
+    node.create_publisher(PointCloud2, "points", 10)
+    elsewhere = node.create_publisher(String, "/other/text", LATCHED)
+    elsewhere.publish(String(data="of another robot"))
+    file = start(recorder, node, 4)
+    sent: list[Any] = []
+    for number in range(20):
+        state = JointState(name=[PAN], position=[0.01 * number], velocity=[math.nan])
+        state.header.stamp.sec = number
+        status = DiagnosticStatus(level=b"\x02", name="bus", message="hot")
+        status.values = [KeyValue(key="a", value=str(number))]
+        states.publish(state)
+        health.publish(DiagnosticArray(status=[status]))
+        sent.append(state)
+    wait_for(lambda: recorder._session._count >= 41)
+    assert recorder.stop().done
+    found = messages(file)
+    assert "points (point clouds" in recorder.status
+    said = [decoded for topic, decoded, _ in found if topic == "/joint_states"]
+    assert [str(plain(one)) for one in said] == [str(plain(one)) for one in sent]
+    assert [d.data for topic, d, _ in found if topic == "/text"] == ["said before"]
+    levels = [d.status[0].values[0].value for topic, d, _ in found if topic == "/diagnostics"]
+    assert levels == [str(number) for number in range(20)]
+    assert not [topic for topic, _, _ in found if topic.startswith("/other")]
+    assert {d.transforms[0].header.frame_id for topic, d, _ in found if topic == "/tf_static"}
+    stamps = [record.log_time for _, _, record in found]
+    assert stamps == sorted(stamps)
+    assert abs(stamps[-1] * 1e-9 - time.time()) < 60.0
+    record = next(record for topic, _, record in found if topic == "/joint_states")
+    assert deserialize_message(record.data, JointState) == sent[0] or math.isnan(
+        deserialize_message(record.data, JointState).velocity[0]
+    )
+
+
+def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
+    node.create_publisher(String, "text", LATCHED).publish(String(data="x"))
+    file = start(recorder, node, 1)
+    wait_for(lambda: recorder._session._count >= 1)
+    recorder.stop()
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        (attachment,) = reader.iter_attachments()
+    channel = next(one for one in summary.channels.values() if one.topic == "/text")
+    schema = summary.schemas[channel.schema_id]
+    assert (channel.message_encoding, schema.name) == ("cdr", "std_msgs/msg/String")
+    assert schema.encoding == "ros2msg"
+    (offer,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+    assert offer["durability"] == "transient_local"
+    assert offer["reliability"] == "reliable"
+    assert offer["deadline"] == {"sec": 9223372036, "nsec": 854775807}
+    assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+    assert (
+        summary.statistics.message_count
+        == recorder._session._count
+        + len([c for c in summary.channels.values() if c.topic.startswith("/tf")])
+        or summary.statistics.message_count > 1
+    )
+    files = yaml.safe_load(attachment.data)
+    assert files == {"/servo_bus": {"ros__parameters": VALUES["/servo_bus"]}}
+
+
+def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, kinectbot):
+    description = node.create_publisher(String, "robot_description", LATCHED)
+    description.publish(String(data=kinectbot.urdf))
+    states = node.create_publisher(JointState, "joint_states", 10)
+    noise = node.create_publisher(String, "text", 10)
+    file = start(recorder, node, 3)
+    generator = np.random.default_rng(1)
+    states.publish(JointState(name=[PAN], position=[0.4]))
+
+    def full() -> bool:
+        noise.publish(String(data=generator.bytes(20_000).hex()))
+        return recorder.file is None
+
+    wait_for(full)
+    assert "1 MB (record_limit)" in recorder.status
+    assert 1_000_000 <= file.stat().st_size < 10_000_000
+    with file.open("rb") as stream:
+        assert read_recording(stream).seen[-1].joints[PAN] == 0.4
+    assert recorder.start().done  # the next one begins
+
+
+def test_what_a_crash_leaves_can_be_read(node, recorder, kinectbot, tmp_path):
+    description = node.create_publisher(String, "robot_description", LATCHED)
+    description.publish(String(data=kinectbot.urdf))
+    states = node.create_publisher(JointState, "joint_states", 10)
+    file = start(recorder, node, 2)
+    generator = np.random.default_rng(1)
+
+    def written() -> bool:
+        noise = list(generator.normal(size=1000))
+        states.publish(JointState(name=["wheel"] * 1000, position=noise))
+        states.publish(JointState(name=[PAN], position=[0.3]))
+        return file.stat().st_size > 20_000
+
+    wait_for(written)
+    left = shutil.copy(file, tmp_path / "left")
+    with left.open("rb") as stream:
+        recording = read_recording(stream)
+    assert recording.seen[-1].joints[PAN] == 0.3
+    assert "cut off" in recording.notice
+
+
+def test_pictures_are_compressed_and_depths_left_out(node, recorder):
+    cv2 = pytest.importorskip("cv2")
+    orange = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1))
+    camera = node.create_publisher(Image, "picture", MEASUREMENT)
+    depth = node.create_publisher(Image, "depth", MEASUREMENT)
+    file = start(recorder, node, 2)
+
+    def taken() -> bool:
+        camera.publish(image_message(Header(frame_id="camera"), "rgb8", orange))
+        depth.publish(image_message(Header(), "32FC1", np.ones((4, 4), np.float32)))
+        return recorder._session._count > 0 and "/depth" in recorder._session._left_out
+
+    wait_for(taken)
+    recorder.stop()
+    found = [(t, d) for t, d, _ in messages(file) if not t.startswith("/tf")]
+    topic, picture = found[0]
+    assert {name for name, _ in found} == {"/picture/compressed"}
+    assert (topic, picture.header.frame_id) == ("/picture/compressed", "camera")
+    decoded = cv2.imdecode(np.frombuffer(bytes(picture.data), np.uint8), cv2.IMREAD_COLOR)
+    assert decoded[30, 40] == pytest.approx([10, 120, 250], abs=6)
+
+
+def test_what_cannot_be_recorded_says_why(node, recorder, tmp_path):
+    assert recorder.stop() == (False, "nothing is recorded now")
+    assert recorder.start().done
+    assert "already" in recorder.start().text
+    recorder.stop()
+    (tmp_path / "file").write_text("")
+    parameters = RecorderParameters(record_directory=str(tmp_path / "file"))
+    outcome = Recorder(node, bool, parameters, TransformBuffer(), dict).start()
+    assert not outcome.done
+    assert "record_directory" in outcome.text

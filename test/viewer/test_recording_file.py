@@ -1,0 +1,309 @@
+"""Recordings as files: the page's own, others', old, and broken ones."""
+
+import gzip
+import io
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import mcap_ros2.writer
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap_ros2.decoder import DecoderFactory
+
+from head_tracking.ros.message_types import message_definition
+from head_tracking.transforms import RobotModel, Rotation, Transform
+from head_tracking.viewer import recording_file
+from head_tracking.viewer.bag_writer import header, transform_of, xyz
+from head_tracking.viewer.observation import Observation
+from head_tracking.viewer.recording import Recording, RecordingError
+from head_tracking.viewer.recording_file import read_recording, write_recording
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+PAN = "head_pan_joint"
+TYPES = {
+    "robot_description": "std_msgs/msg/String",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "target_point": "geometry_msgs/msg/PointStamped",
+    "head_tracker/enabled": "std_msgs/msg/Bool",
+    "stopped": "std_msgs/msg/Bool",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/rosout": "rcl_interfaces/msg/Log",
+}
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * SECOND)
+
+
+def seen(seconds: float, pan: float = 0.0) -> Observation:
+    return Observation(
+        at(seconds),
+        {PAN: pan},
+        {"gripper": Transform((0.1, 0.2, 0.3), Rotation.from_rpy(0.1, 0.2, 0.3))},
+        (1.0, 2.0, 3.0),
+        "(1.000, 2.000, 3.000) in base_link",
+        0.01,
+        "head_tracker: tracking: the head is on the target",
+    )
+
+
+def read(data: bytes) -> Recording:
+    return read_recording(io.BytesIO(data))
+
+
+def bag(messages: list[tuple[float, str, Any]], base: str = "/", **options: Any) -> bytes:
+    """A file by the format's own library, as other programs write it: time [s], topic, fields."""
+    stream = io.BytesIO()
+    with mcap_ros2.writer.Writer(stream, **options) as writer:
+        schemas = {}
+        for seconds, topic, message in messages:
+            if topic not in schemas:
+                kind = TYPES[topic]
+                schemas[topic] = writer.register_msgdef(kind, message_definition(kind))
+            name = topic if topic.startswith("/") else base + topic
+            writer.write_message(name, schemas[topic], message, at(seconds))
+    return stream.getvalue()
+
+
+def joints(seconds: float, pan: float, **fields: Any) -> tuple[float, str, Any]:
+    message = {"header": header(at(seconds), ""), "name": [PAN], "position": [pan]}
+    return seconds, "joint_states", message | fields
+
+
+def moving(model: RobotModel, length: float) -> list[tuple[float, str, Any]]:
+    return [
+        (0.0, "robot_description", {"data": model.urdf}),
+        *(joints(0.02 * n, math.sin(0.02 * n)) for n in range(round(50 * length))),
+    ]
+
+
+def test_what_is_written_is_read_again(kinectbot):
+    pauses = Observation(at(3.0), {PAN: 0.2})
+    recording = Recording((seen(1.0, 0.1), seen(2.0, 0.2), pauses), kinectbot.urdf)
+    again = read(write_recording(recording))
+    assert again.urdf == kinectbot.urdf
+    shown = [again.at(time) for time in (1.0, 2.0)]
+    assert [one.joints[PAN] for one in shown] == [0.2, 0.2]
+    assert shown[0].target == pytest.approx((1.0, 2.0, 3.0))
+    assert (shown[0].target_text, shown[0].error) == (seen(1.0).target_text, 0.01)
+    assert shown[0].state == seen(1.0).state
+    assert shown[1].error is None
+    assert shown[0].frames["gripper"] == pytest.approx(seen(1.0).frames["gripper"])
+    assert not again.notice
+
+
+def test_a_written_recording_moves_in_other_programs(kinectbot):
+    """They know the format's library, /tf and the definitions in the file, and nothing of us."""
+    data = write_recording(Recording((seen(1.0, 0.0), seen(2.0, 0.5)), kinectbot.urdf))
+    reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
+    assert reader.get_header().profile == "ros2"
+    pans = [
+        2.0 * math.atan2(one.transform.rotation.z, one.transform.rotation.w)
+        for _, _, _, message in reader.iter_decoded_messages("/tf")
+        for one in message.transforms
+        if one.child_frame_id == kinectbot.joints[PAN].child
+    ]
+    assert pans == pytest.approx([0.0, 0.5])
+
+
+@pytest.mark.parametrize("base", ["/", "/left/"])
+@pytest.mark.parametrize("compression", CompressionType)
+def test_a_bag_of_stock_nodes_opens(kinectbot, base, compression):
+    gripper = Transform((0.5, 0.0, 1.0), Rotation.identity())
+    link = transform_of(at(0.0), "base_link", kinectbot.joints[PAN].child, gripper)
+    hand = transform_of(at(0.1), "base_link", "gripper", gripper)
+    messages = [
+        *moving(kinectbot, 5.0),
+        (0.1, "/tf", {"transforms": [hand, link]}),
+        (1.0, "target_point", {"header": header(0, "gripper"), "point": xyz((1.0, 0.0, 0.0))}),
+    ]
+    messages.sort(key=lambda one: one[0])
+    recording = read(bag(messages, base, compression=compression))
+    assert recording.duration == pytest.approx(5.0, abs=0.1)
+    assert recording.at(2.0).joints[PAN] == pytest.approx(math.sin(2.0), abs=0.05)
+    x, y, _ = recording.at(1.5).target
+    assert (x, y) == pytest.approx((1.5, 0.0))
+    assert recording.at(4.5).target is None  # nobody sent it any more
+    assert "gripper" in recording.at(1.0).frames
+
+
+def test_a_target_is_placed_with_the_joints_as_they_were_when_it_was_seen(kinectbot):
+    """Though it comes, and was recorded, half a second later."""
+    frame = kinectbot.joints[PAN].child
+    target = {"header": header(at(1.0), frame), "point": xyz((1.0, 0.0, 0.0))}
+    messages = [*moving(kinectbot, 3.0), (1.5, "target_point", target)]
+    messages.sort(key=lambda one: one[0])
+    x, y, _ = read(bag(messages)).at(1.7).target
+    assert math.atan2(y, x) == pytest.approx(math.sin(1.0), abs=0.03)
+
+
+def test_what_happened_is_found_on_the_time_line(kinectbot):
+    hot = {"name": "servo_bus: pan", "level": 2, "message": "too hot", "values": []}
+    messages = [
+        *moving(kinectbot, 8.0),
+        (0.1, "stopped", {"data": False}),
+        (0.1, "head_tracker/enabled", {"data": True}),
+        (3.0, "stopped", {"data": True}),
+        (3.1, "head_tracker/enabled", {"data": False}),
+        (4.0, "/diagnostics", {"header": header(at(4.0), ""), "status": [hot]}),
+        (5.0, "/diagnostics", {"header": header(at(5.0), ""), "status": [hot]}),
+        (6.0, "/rosout", {"level": 40, "name": "servo_bus", "msg": "the port has gone"}),
+        (7.0, "stopped", {"data": False}),
+    ]
+    messages.sort(key=lambda one: one[0])
+    recording = read(bag(messages))
+    assert [(round(one.time, 1), one.text) for one in recording.moments] == [
+        (3.0, "STOP"),
+        (3.1, "head_tracker off"),
+        (4.0, "servo_bus: pan: too hot"),
+        (6.0, "servo_bus: the port has gone"),
+        (7.0, "resume"),
+    ]
+    assert recording.at(5.0).state == "stopped"
+
+
+def test_a_file_that_was_cut_off_opens_up_to_there(kinectbot):
+    data = bag(moving(kinectbot, 20.0), chunk_size=10_000)
+    whole = read(data)
+    assert not whole.notice
+    durations = []
+    for size in range(len(data) // 3, len(data) - 1, len(data) // 40):
+        recording = read(data[:size])
+        assert "cut off" in recording.notice
+        assert all(one == whole.at(3.0) for one in [recording.at(3.0)])
+        durations.append(recording.duration)
+    assert durations == sorted(durations)
+    assert durations[-1] > 15.0
+    with pytest.raises(RecordingError, match="cut off"):
+        read(data[:100])
+
+
+def test_a_day_is_shown_in_fewer_pictures_and_no_more_memory(kinectbot, monkeypatch):
+    monkeypatch.setattr(recording_file, "_MOST", 100)
+    messages = [
+        (0.0, "robot_description", {"data": kinectbot.urdf}),
+        *(joints(40.0 * n, 0.001 * n) for n in range(2000)),
+    ]
+    recording = read(bag(messages))
+    assert len(recording.seen) <= 200
+    assert recording.duration == pytest.approx(79_960.0, rel=0.01)
+    assert recording.at(40_000.0).joints[PAN] == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_chunk_that_unpacks_to_very_much_is_refused(kinectbot, monkeypatch):
+    data = bag([(0.0, "robot_description", {"data": " " * 5_000_000})], chunk_size=10_000_000)
+    assert len(data) < 50_000
+    monkeypatch.setattr(recording_file, "_LARGEST", 1_000_000)
+    with pytest.raises(RecordingError, match="chunk of 5"):
+        read(data)
+
+
+@pytest.mark.parametrize(
+    ("messages", "said"),
+    [
+        ([], "no robot_description"),
+        ([joints(0.0, 0.1)], "no robot_description"),
+        ([(0.0, "robot_description", {"data": "<robot"}), joints(0.1, 0.1)], "can't be used"),
+    ],
+)
+def test_what_lacks_the_robot_says_so(messages, said):
+    with pytest.raises(RecordingError, match=said):
+        read(bag(messages))
+
+
+def test_a_robot_without_joint_states_says_so(kinectbot):
+    with pytest.raises(RecordingError, match="no joint_states in /"):
+        read(bag([(0.0, "robot_description", {"data": kinectbot.urdf})]))
+
+
+def test_nonsense_among_the_messages_is_left_out(kinectbot):
+    bad = [
+        joints(0.5, math.nan),
+        joints(0.6, 0.1, position=[]),
+        (0.7, "target_point", {"header": header(0, "nowhere"), "point": xyz((1.0, 0.0, 0.0))}),
+        (0.8, "target_point", {"header": header(0, "base_link"), "point": xyz((math.inf, 0, 0))}),
+        (0.9, "/tf", {"transforms": [{"child_frame_id": "a", "header": header(0, "base_link")}]}),
+    ]
+    messages = sorted([*moving(kinectbot, 2.0), *bad], key=lambda one: one[0])
+    recording = read(bag(messages))
+    assert recording.at(1.5).joints[PAN] == pytest.approx(math.sin(1.5), abs=0.05)
+    assert recording.at(1.5).target is None
+
+
+@given(st.binary(max_size=400), st.sampled_from([b"", b"\x89MCAP0\r\n", b"\x1f\x8b"]))
+def test_any_other_file_is_refused_with_a_reason(data, start):
+    with pytest.raises(RecordingError):
+        read(start + data)
+
+
+@given(st.data())
+def test_a_file_with_a_wrong_byte_is_shown_or_refused_and_nothing_else(kinectbot, data):
+    content = bytearray(CONTENT or CONTENT.extend(bag(moving(kinectbot, 1.0))) or CONTENT)
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(8, len(content) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        assert read(bytes(content)).seen
+    except RecordingError as error:
+        assert str(error)
+
+
+CONTENT = bytearray()
+
+
+def first_edition() -> dict[str, Any]:
+    """As the first edition wrote it."""
+    frame = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]
+    one = {"joints": {PAN: 0.1}, "frames": {"gripper": frame}, "target": [1.0, 2.0, 3.0]}
+    one |= {"target_text": "(1, 2, 3) in base_link", "error": 0.01, "state": "tracking"}
+    return {
+        "format": "head_tracking recording 1",
+        "seen": [one | {"stamp": at(t), "target_stamp": None} for t in (0.0, 1.0)],
+    }
+
+
+def packed(document: Any) -> bytes:
+    return gzip.compress(json.dumps(document).encode())
+
+
+def test_a_file_of_the_first_edition_opens():
+    recording = read(packed(first_edition()))
+    assert recording.duration == pytest.approx(1.0)
+    assert recording.seen[0].joints == {PAN: 0.1}
+    assert recording.seen[0].target == (1.0, 2.0, 3.0)
+    assert recording.seen[0].frames["gripper"] == pytest.approx((0.1, 0.2, 0.3, 0, 0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda d: d["seen"][0].pop("joints"),
+        lambda d: d["seen"][0].update(target=[1, 2]),
+        lambda d: d["seen"][0].update(joints={"a": "b"}),
+        lambda d: d["seen"][0].update(frames={"a": [0, 0, 0, 0, 0, 0, 0]}),
+        lambda d: d["seen"][0]["joints"].update(a=float("nan")),
+        lambda d: d.update(seen=[]),
+        lambda d: d.update(seen=3),
+        lambda d: d.update(format="another"),
+        lambda d: d["seen"].append({**d["seen"][0], "stamp": 0}),
+    ],
+)
+def test_a_damaged_file_of_the_first_edition_is_refused(damage: Callable[[Any], None]):
+    document = first_edition()
+    damage(document)
+    with pytest.raises(RecordingError):
+        read(packed(document))
+
+
+def test_a_file_of_the_first_edition_that_was_cut_off_or_nested_is_refused():
+    data = packed(first_edition())
+    with pytest.raises(RecordingError):
+        read(data[: len(data) // 2])
+    with pytest.raises(RecordingError):
+        read(gzip.compress(b"[" * 100_000 + b"]" * 100_000))
