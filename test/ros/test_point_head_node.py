@@ -128,6 +128,26 @@ def test_a_target_that_keeps_moving_is_met(pointed):
         world.run(0.7)
 
 
+def test_a_trajectory_is_followed_closely(pointed):
+    held = goals.HeldGoal(
+        following(
+            (0.8, (0.6, 0.3), (0.5, 0.0), (0.0, 0.0)),
+            (1.6, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+            path=dict.fromkeys(JOINTS, 0.04),
+            end=dict.fromkeys(JOINTS, 0.01),
+        )
+    )
+    pointed.node.actions.follow(held)
+    farthest = 0.0
+    while not held.status:
+        pointed.world.run(0.01)
+        farthest = max(farthest, pointed.true[0])
+    assert (held.status, held.answer.error_code) == ("succeeded", 0)
+    assert 0.55 < farthest < 0.7
+    errors = [abs(told.error.positions[0]) for told in held.feedbacks]
+    assert math.sqrt(sum(error * error for error in errors) / len(errors)) < 0.015
+
+
 def test_alone_in_a_process_it_serves_goals_too(kinectbot):
     head = Head(PointHeadNode, kinectbot.urdf)
     try:
