@@ -15,6 +15,7 @@ from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")
+FOLLOW = "/head_controller/follow_joint_trajectory"
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 
@@ -149,9 +150,9 @@ def test_a_trajectory_is_followed_closely(pointed):
 
 
 def test_alone_in_a_process_it_serves_goals_too(kinectbot):
-    head = Head(PointHeadNode, kinectbot.urdf)
+    head = Head(PointHeadNode, kinectbot.urdf, controller_name="head_controller")
     try:
-        client = Client(head.robot, goals.PointHead, "point_head/point_head_action")
+        client = Client(head.robot, goals.PointHead, "/head_controller/point_head_action")
         wait_for(lambda: any("ready to point" in text for text in head.log))
         sent = client.send(goal(1, 1, 0.3))
         assert sent.ended()[0] == SUCCEEDED
@@ -172,7 +173,7 @@ def test_alone_in_a_process_it_serves_goals_too(kinectbot):
         assert "aborted: no position of head_pan_joint" in head.until_logged("aborted: no pos")
         head.measured = True
         wait_for(lambda: not head.node.interface.obstacle)
-        follower = Client(head.robot, goals.FollowJointTrajectory, goals.FOLLOW)
+        follower = Client(head.robot, goals.FollowJointTrajectory, FOLLOW)
         sent = follower.send(following((1.0, (0.0, 0.0)), path=dict.fromkeys(JOINTS, 0.2)))
         assert sent.ended()[0] == SUCCEEDED
     finally:
