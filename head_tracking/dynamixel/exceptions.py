@@ -1,4 +1,4 @@
-"""Everything the servo room can raise; `DynamixelError` is the root."""
+"""Everything that the servo driver can raise; `DynamixelError` is the root."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def _join(values: Iterable[object]) -> str:
 
 
 class DynamixelError(HeadTrackingError):
-    """Root of all errors of this room."""
+    """Root of all errors of servos and their bus."""
 
 
 class ConfigurationError(DynamixelError):

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Float32, String
-from std_srvs.srv import Trigger
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
@@ -25,31 +23,24 @@ from head_tracking.ros.detections import (
     region_candidate,
     require_messages,
 )
-from head_tracking.ros.images import camera_of, depth_of, frame_pose
+from head_tracking.ros.images import depth_of
 from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.sighted_target import NEWEST, SightedTarget
 from head_tracking.ros.spinning import run_node
-from head_tracking.ros.target_output import TargetOutput
 from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tracking import Target
-from head_tracking.transforms import Transform, TransformException, Vector3
+from head_tracking.transforms import TransformException, Vector3
 from head_tracking.vision import (
     Camera,
-    CameraError,
     Candidate,
     DepthImage,
-    DistanceParameters,
     Frame,
     GivenDetector,
-    IdentityParameters,
     ImageError,
-    Sighting,
-    VisualTracker,
     require_opencv,
 )
 
-_NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 _DEPTHS_KEPT = 30
 """Who detects takes its time; the depth image of the same moment has to wait for it."""
 
@@ -104,28 +95,27 @@ class DetectionTargetNode(Node):
         require_messages(package, kind)
         if p.source != "detections_3d":
             require_opencv()
-        self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_parameters)
-        self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_parameters)
         self._detector = GivenDetector()
-        self._tracker = VisualTracker(self._detector, self._distances.value, self._identity.value)
         self._buffer = (buffer or listening_buffer(self)).core
-        self._camera: Camera | None = None
+        self._working: Worker[Any] = Worker("detection target", self._take)
+        self._target = SightedTarget(
+            self,
+            self._detector,
+            self._buffer,
+            loop,
+            p.fixed_frame,
+            self._working,
+        )
         self._depths: deque[tuple[int, Image]] = deque(maxlen=_DEPTHS_KEPT)
         self._regions: dict[str, Subscription] = {}
         self._newest: dict[str, Any] = {}
-        self._placed = False
-        self._output = TargetOutput(self, loop)
-        self._confidence = self.create_publisher(Float32, "~/confidence", 10)
         self._name = self.create_publisher(String, "~/id", 10)
-        self._working: Worker[Any] = Worker("detection target", self._take)
-        self.create_service(Trigger, "~/reset", self._on_reset)
         if p.source == "detections_3d":
-            self.create_subscription(Detection3DArray, "detections", self._working.offer, _NEWEST)
+            self.create_subscription(Detection3DArray, "detections", self._working.offer, NEWEST)
             return
-        self.create_subscription(CameraInfo, "camera_info", self._on_info, _NEWEST)
-        self.create_subscription(Image, "depth", self._on_depth, _NEWEST)
+        self.create_subscription(Image, "depth", self._on_depth, NEWEST)
         if p.source == "detections_2d":
-            self.create_subscription(Detection2DArray, "detections", self._working.offer, _NEWEST)
+            self.create_subscription(Detection2DArray, "detections", self._working.offer, NEWEST)
         else:
             tracked = f"{p.humans}/{p.source}/tracked"
             self.create_subscription(IdsList, tracked, self._on_ids, 10)
@@ -134,25 +124,6 @@ class DetectionTargetNode(Node):
         """Ends the thread that places what is found, too."""
         self._working.close()
         super().destroy_node()
-
-    def _on_parameters(self, _: Any) -> None:
-        self._working.do(self._take_parameters)
-
-    def _take_parameters(self) -> None:
-        self._tracker.distances = self._distances.value
-        self._tracker.identity.parameters = self._identity.value
-
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._working.do(self._tracker.reset)
-        response.success, response.message = True, "looking for a new target"
-        return response
-
-    def _on_info(self, message: CameraInfo) -> None:
-        try:
-            self._camera = camera_of(message)
-        except CameraError as error:
-            self._camera = None
-            self._complain(str(error))
 
     def _on_depth(self, message: Image) -> None:
         self._depths.append((stamp_to_ns(message.header.stamp), message))
@@ -169,7 +140,7 @@ class DetectionTargetNode(Node):
                 NormalizedRegionOfInterest2D,
                 f"{p.humans}/{p.source}/{new}/roi",
                 lambda region, name=new: self._on_region(name, region),
-                _NEWEST,
+                NEWEST,
             )
         if not message.ids:
             self._working.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
@@ -199,12 +170,12 @@ class DetectionTargetNode(Node):
         else:
             stamp, frame_id = stamp_to_ns(found.header.stamp), found.header.frame_id
         if p.source == "detections_3d":
-            pose = self._pose(frame_id, stamp)
-            sighting = self._tracker.place(stamp, places(found.detections, p.class_id), pose)
+            pose = self._target.pose(frame_id, stamp)
+            sighting = self._target.tracker.place(stamp, places(found.detections, p.class_id), pose)
         else:
-            camera = self._camera
+            camera = self._target.camera
             if camera is None:
-                self._complain("no detection is placed: there is no usable camera_info yet")
+                self._target.complain("no detection is placed: there is no usable camera_info yet")
                 return
             if isinstance(found, tuple):
                 given = self._people(regions, camera, frame_id, stamp)
@@ -213,25 +184,14 @@ class DetectionTargetNode(Node):
             self._detector.candidates = given
             try:
                 frame = Frame(stamp, camera, None, self._depth(stamp))
-                sighting = self._tracker.step(frame, self._pose(frame_id, stamp))
+                sighting = self._target.tracker.step(frame, self._target.pose(frame_id, stamp))
             except ImageError as error:
-                self._complain(str(error))
+                self._target.complain(str(error))
                 return
-        self._send(stamp, frame_id, sighting)
-
-    def _send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
-        if sighting is not None:
-            self._output.send(Target(stamp, frame_id, sighting.point))
+        self._target.send(stamp, frame_id, sighting)
+        if sighting is not None and self._name.get_subscription_count():
             name = sighting.candidate.label or str(sighting.number)
-            if self._name.get_subscription_count():
-                self._name.publish(String(data=name))
-        elif self._tracker.without_distance:
-            self._complain(
-                "something is found, but not how far away: there is no depth for it; without a "
-                "depth camera set object_size or distance"
-            )
-        if self._confidence.get_subscription_count():
-            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+            self._name.publish(String(data=name))
 
     def _people(
         self, regions: dict[str, Any], camera: Camera, frame_id: str, stamp: int
@@ -262,17 +222,6 @@ class DetectionTargetNode(Node):
         if near is None or abs(near[0] - stamp) * 1e-9 > tolerance:
             return None
         return depth_of(near[1])
-
-    def _pose(self, frame_id: str, stamp: int) -> Transform | None:
-        fixed_frame = self._parameters_read.value.fixed_frame
-        found = frame_pose(self._buffer, fixed_frame, frame_id, stamp)
-        if (found is not None) != self._placed:
-            self._placed = found is not None
-            self._tracker.identity.reset()
-        return found
-
-    def _complain(self, reason: str) -> None:
-        self.get_logger().warning(reason, throttle_duration_sec=2.0)
 
 
 def main() -> int:

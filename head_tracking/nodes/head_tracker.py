@@ -91,6 +91,11 @@ class HeadTrackerNode(Node):
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.interface.begin()
 
+    def destroy_node(self) -> None:
+        """Ends its part in the loop."""
+        self.interface.close()
+        super().destroy_node()
+
     @property
     def failure(self) -> Exception | None:
         """What has ended its part in the loop."""

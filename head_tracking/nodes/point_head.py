@@ -58,6 +58,11 @@ class PointHeadNode(Node):
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         self.interface.begin()
 
+    def destroy_node(self) -> None:
+        """Ends its part in the loop."""
+        self.interface.close()
+        super().destroy_node()
+
     @property
     def failure(self) -> Exception | None:
         """What has ended its part in the loop."""
@@ -87,14 +92,17 @@ class PointHeadNode(Node):
         return p
 
     def _on_parameters(self, _: PointingParameters) -> None:
-        self.switched()
+        self._tune()
+
+    def _tune(self) -> None:
+        if self._pointing is not None:
+            self._pointing.parameters = self._tuned
 
     def switched(self) -> None:
         """See `HeadTurner`."""
         if self.interface.off:
             self.actions.end(self.interface.off)
-        if self._pointing is not None:
-            self._pointing.parameters = self._tuned
+        self._forget()
 
     def _said(self, outcome: str) -> None:
         """Keeps what the state says."""
@@ -141,10 +149,9 @@ class PointHeadNode(Node):
         result = pointing.judge(reading.positions, reading.now)
         if result is not None:
             self._said(str(result))
-            if self.interface.slow:
-                self.interface.slow = False
-                self.switched()
             if result.arrived:
+                self.interface.slow = False
+                self._tune()
                 self.get_logger().info(str(result))
             else:
                 self.get_logger().warning(str(result))

@@ -51,7 +51,7 @@ _PERIOD = 0.02  # s
 _FEEDBACK_PERIOD = 0.035  # s
 _NEAR = 0.03  # rad; a joint so near to where it was sent is meant to be there
 _PAUSE = 0.5  # s between two complaints of a stream
-_FASTEST = 12.0  # rad/s; the model's limit is the one that counts
+_FASTEST = 12.0  # rad/s; usually the model's limit is lower
 
 
 class HeadTask(ABC):
@@ -325,7 +325,8 @@ class HeadActions:
     def head_known(self, head: PanTiltHead) -> None:
         """The robot's model is there, or has changed."""
         self.end("another robot_description has come")
-        self._law = PredictiveLaw(head, self._pace.period, SpeedLimits(max_joint_speed=_FASTEST))
+        fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
+        self._law = PredictiveLaw(head, self._pace.period, SpeedLimits(max_joint_speed=fastest))
 
     def step(self, reading: HeadReading) -> HeadCommand | None:
         """What the task does now."""

@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool
 
 from head_tracking.control import ControlLoop, OwnershipError
 from head_tracking.dynamixel import Goal
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_owners import owners_from_message
@@ -25,6 +26,7 @@ from head_tracking.ros.messages import command_message, target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
+from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
@@ -98,6 +100,28 @@ class HeadParameters:
         unit="s",
         minimum=0.05,
         maximum=60.0,
+        fixed=True,
+    )
+
+    command_interface: str = parameter(
+        "joint_commands",
+        "What drives the joints: servo_bus, by joint_commands; or a joint_trajectory_controller "
+        "of the robot, by joint_trajectory. A head of the latter cannot be relaxed by `stop`.",
+        choices=("joint_commands", "joint_trajectory"),
+        fixed=True,
+    )
+    command_topic: str = parameter(
+        "head_controller/joint_trajectory",
+        "Where that controller listens, if it is one.",
+        fixed=True,
+    )
+    time_from_start: float = parameter(
+        0.0,
+        "How long that controller has for each point; 0: it goes there at once, which suits one "
+        "that begins every trajectory at the measured position (the usual one does).",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
         fixed=True,
     )
 
@@ -258,6 +282,7 @@ class HeadInterface:
         self._listening_since = round(self.now * 1e9)
         self._inbox: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
         self._placed: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_WAITING)
+        self._positions = (0.0, 0.0)
         self._error: float | None = None
         self._errors = Output(node, Float64, error_topic)
         self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
@@ -271,11 +296,37 @@ class HeadInterface:
         self._loop = loop
         assert loop.buffer is not None
         self.buffer = loop.buffer
-        if loop.write is None:  # the servos are in another process
+        self._trajectory: TrajectoryOutput | None = None
+        if self._parameters.command_interface == "joint_trajectory":
+            self._drive_by_trajectory()
+        elif loop.write is None:  # the servos are in another process
             self._commands = node.create_publisher(JointState, "joint_commands", 1)
             self._claims = node.create_publisher(JointState, "joint_claims", 10)
             node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
             node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+
+    def _drive_by_trajectory(self) -> None:
+        if self._loop.write is not None:
+            raise HeadTrackingError(
+                "command_interface is joint_trajectory, but the servo bus runs in this process; "
+                f"start {self._node.get_name()} alone (ros2 run head_tracking "
+                f"{self._node.get_name()}), or leave command_interface out"
+            )
+        self._trajectory = TrajectoryOutput(
+            self._node,
+            self._parameters.command_topic,
+            self.joints,
+            self._parameters.time_from_start,
+            self._loop,
+        )
+        self._log.info(
+            f"the head is driven by {self._trajectory.topic}; stop holds it and relaxes nothing"
+        )
+
+    def close(self) -> None:
+        """Offers nothing any more."""
+        if self._trajectory is not None:
+            self._trajectory.close()
 
     def begin(self) -> None:
         """Turns the head from now on, unless another node of this process does."""
@@ -301,6 +352,8 @@ class HeadInterface:
                     self._placer.offer(*self._inbox.popleft())
             if reading is not None:
                 self.send(self._turner.step(reading))
+                if self._trajectory is not None and not self.off:
+                    self._trajectory.take(None, reading.positions, reading.now)
 
     def publish(self) -> None:
         """Tells others of the error."""
@@ -313,7 +366,7 @@ class HeadInterface:
     def enable(self, *, slowly: bool) -> None:
         """Takes the joints over, and lets the turner turn them."""
         self._loop.take_over(self)
-        if self._loop.write is None:
+        if self._loop.write is None and self._trajectory is None:
             claim = JointState(name=self.joints)
             claim.header.frame_id = self.name
             self._claims.publish(claim)
@@ -342,6 +395,8 @@ class HeadInterface:
 
     def _switch(self, off: str) -> None:
         self.off = off
+        if self._trajectory is not None:
+            self._trajectory.hold()
         # a turner that hangs must not keep others from stopping the head
         if self.lock.acquire(timeout=_PATIENCE):
             try:
@@ -506,6 +561,7 @@ class HeadInterface:
             found.append(position)
             stamps.append(stamp)
         self.trouble = self._clock.standing or self._loop.held
+        self._positions = found[0], found[1]
         if self._loop.held:
             return None
         return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
@@ -578,6 +634,8 @@ class HeadInterface:
                 tilt: Goal(command.tilt, command.tilt_speed),
             }
             self._loop.write(self.name, goals)
+        elif self._trajectory is not None:
+            self._trajectory.take(command, self._positions, self.now)
         else:
             stamp = self._node.get_clock().now().to_msg()
             self._commands.publish(command_message(self.name, self.joints, command, stamp))

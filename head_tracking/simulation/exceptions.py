@@ -10,7 +10,7 @@ from head_tracking.exceptions import HeadTrackingError
 
 
 class SimulationError(HeadTrackingError):
-    """Root of the errors of this room: the simulator was set up or used in a wrong way."""
+    """Root of the simulator's errors: it was set up or used in a wrong way."""
 
 
 class UnknownServoError(SimulationError):

@@ -22,6 +22,7 @@ from head_tracking.tracking.laws import (
 )
 from head_tracking.tracking.recording import Recording, Sample
 from head_tracking.tracking.report import lag, picture, table
+from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.tracking.target_state import (
     TargetState,
@@ -62,6 +63,7 @@ __all__ = [
     "Recording",
     "Refusal",
     "Sample",
+    "SetpointStream",
     "SpeedLaw",
     "SpeedLawParameters",
     "SpeedLimits",

@@ -173,6 +173,7 @@ class Page:
         with tabs.add_tab("Joints"):
             self._joints = JointsPanel(server, robot.joints)
         with tabs.add_tab("Tune"):
+            self._status.add_strip()
             self._tuning = TuningPanel(server, robot.parameters)
         with tabs.add_tab("Health"):
             self._status.add_details()
@@ -252,7 +253,7 @@ class Page:
             notices.append(f"shown at 0, because nobody tells where they are: {', '.join(unknown)}")
         if replayed is not None:
             notices.append("a recording is shown; the robot may be doing something else")
-        self._status.refresh(live, notices)
+        self._status.refresh(live, notices, replayed)
         self._steering.refresh()
         self._joints.refresh(live)
         self._tuning.refresh()

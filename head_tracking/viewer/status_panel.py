@@ -15,6 +15,8 @@ from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.plots import ERROR, GAZE, Strip, wanted_gaze
 from head_tracking.viewer.robot import Robot
 
+_REPLAY = "a recording"
+
 
 class StatusPanel:
     """The top of the control panel, and the tab with details."""
@@ -24,10 +26,12 @@ class StatusPanel:
         self._robot = robot
         self._banner = server.gui.add_html("", visible=False)
         self._line = server.gui.add_html("")
+        self._strips: list[Strip] = []
 
     def add_strip(self) -> None:
         """Adds the head against its target to the container that is open now."""
-        self._gaze = Strip(self._server.gui, "Head, and what would look at the target (°)", GAZE)
+        title = "Head, and what would look at the target (°)"
+        self._strips.append(Strip(self._server.gui, title, GAZE))
 
     def add_details(self) -> None:
         """Adds the details to the container that is open now."""
@@ -47,19 +51,25 @@ class StatusPanel:
         if head is not None:
             pan, tilt = wanted_gaze(self._robot.model(), head, live)
             joints = live.joints.get
-            self._gaze.add(now, [joints(head.pan_joint), pan, joints(head.tilt_joint), tilt])
+            angles = [joints(head.pan_joint), pan, joints(head.tilt_joint), tilt]
+            for strip in self._strips:
+                strip.add(now, angles)
 
-    def refresh(self, live: Observation, notices: Sequence[str]) -> None:
-        """Shows the newest state."""
+    def refresh(
+        self, live: Observation, notices: Sequence[str], replayed: Observation | None = None
+    ) -> None:
+        """Shows the newest state, with the numbers of a recording that is shown instead."""
         health = self._robot.health()
         found = troubles(health, live)
         self._banner.visible = bool(found)
         self._banner.content = _banner(found)
         head = self._robot.head()
         joints = () if head is None else (head.pan_joint, head.tilt_joint)
-        self._line.content = _line(live, str(self._robot.modes.mode()), joints)
+        mode = _REPLAY if replayed else str(self._robot.modes.mode())
+        self._line.content = _line(replayed or live, mode, joints)
         self._error.draw()
-        self._gaze.draw()
+        for strip in self._strips:
+            strip.draw()
         self._bus.content = health_table(health)
         self._messages.content = _list("Notices", notices) + _list(
             "Warnings of nodes", self._robot.topics.warnings()[-6:]
@@ -87,10 +97,11 @@ def _line(live: Observation, mode: str, joints: Sequence[str]) -> str:
         f'{name} <b id="{name}">{_degrees(angle)}</b>' for name, angle in angles.items()
     )
     target = f" {html.escape(live.target_text)}" if live.target_text else ""
+    verb = "shown:" if mode == _REPLAY else "looks at"
     state = live.state or "no node is switched on to turn the head"
     return (
         '<div style="padding:0 0.8em 1em;font-size:0.85em">'  # viser's tabs begin a little higher
-        f'<div>looks at <b id="mode">{html.escape(mode)}</b>{target}</div>'
+        f'<div>{verb} <b id="mode">{html.escape(mode)}</b>{target}</div>'
         f'<div style="font-size:1.1em">{numbers}</div>'
         f'<div id="state" style="opacity:0.8">{html.escape(state)}</div></div>'
     )

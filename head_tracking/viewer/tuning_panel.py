@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import viser
 
 from head_tracking.tracking import LAWS
+from head_tracking.viewer.logarithmic_slider import LogarithmicSlider
 from head_tracking.viewer.notify import by_person, notify
 from head_tracking.viewer.observation import Outcome, Setting
 from head_tracking.viewer.other_parameters import OtherParameters
@@ -20,6 +22,9 @@ _HELD = 1.5  # s: an input that a person changes is left alone for so long
 _STEPS = 200
 _LARGEST_RATIO = 1e4
 """A slider over more decades than this could not be set with any care: a number field."""
+
+_DECADES = 99.0
+"""A range of this ratio is set on a logarithmic scale (two decades, rounded in degrees)."""
 
 _DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
 _OFFERED = {
@@ -49,6 +54,7 @@ class TuningPanel:
     def __init__(self, server: viser.ViserServer, parameters: OtherParameters) -> None:
         self._gui = server.gui
         self._parameters = parameters
+        self._style = self._gui.add_html("")
         self._refusal = self._gui.add_html("")
         reset = self._gui.add_button(
             "Reset", icon=viser.Icon.RESTORE, hint="All values back to what this page found first."
@@ -80,6 +86,8 @@ class TuningPanel:
                 self._inputs[key] = self._make(setting)
             elif time.monotonic() - self._touched.get(key, -math.inf) > _HELD:
                 self._inputs[key].value = shown_value(setting)
+        styles = (one.style for one in self._inputs.values() if isinstance(one, LogarithmicSlider))
+        self._style.content = f"<style>{' '.join(styles)}</style>"
 
     def _make(self, setting: Setting) -> Any:
         expert = _is_expert(setting)
@@ -218,11 +226,20 @@ def _number(gui: Any, setting: Setting, name: str, hint: str) -> Any:
     whole = isinstance(setting.value, int)
     if math.isfinite(low) and math.isfinite(high):
         value = min(max(value, low), high)
+        if _spans_decades(setting, low, high):
+            return LogarithmicSlider(gui, name, low, high, value, hint)
         step: float = 1 if whole else slider_step(low, high)
         if whole or (high - low) / max(abs(value), step) < _LARGEST_RATIO:
             kind: Callable[[float], float] = int if whole else float
             return gui.add_slider(name, kind(low), kind(high), step, value, hint=hint)
     return gui.add_number(name, value, step=1 if whole else 0.01, hint=hint)
+
+
+def _spans_decades(setting: Setting, low: float, high: float) -> bool:
+    """Whether a range is two decades or more, or begins at a 0 with a meaning of its own."""
+    if low == 0.0:
+        return re.search(r"\b0(:| for) ", setting.description) is not None
+    return low > 0.0 and high / low >= _DECADES
 
 
 def slider_step(low: float, high: float) -> float:

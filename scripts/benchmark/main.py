@@ -10,6 +10,7 @@ from pathlib import Path
 from bus import bus
 from chaos import chaos
 from faces import faces
+from interfaces import interfaces
 from network import network
 from page import fluidity, left_open
 from pointing import pointing
@@ -25,6 +26,7 @@ RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 BENCHMARKS: dict[str, Callable[[], str]] = {
     "bus": bus,
     "faces": faces,
+    "interfaces": interfaces,
     "network": network,
     "pointing": pointing,
     "run": run,

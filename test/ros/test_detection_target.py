@@ -40,7 +40,7 @@ class Scene:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.node = DetectionTargetNode(self.buffer, parameter_overrides=overrides)
         self.said = []
-        self.node._complain = self.said.append
+        self.node._target.complain = self.said.append
         self.other = rclpy.create_node("other")
         self.executor = SingleThreadedExecutor()
         for node in (self.node, self.other):
@@ -71,13 +71,13 @@ class Scene:
         """What is found in some images, one after the other; the points that came of it."""
         before = len(self.targets)
         done, sent = [], []
-        keep = self.node._tracker._keep
-        self.node._tracker._keep = lambda *a: (keep(*a), done.append(a))[0]
+        keep = self.node._target.tracker._keep
+        self.node._target.tracker._keep = lambda *a: (keep(*a), done.append(a))[0]
         for _ in range(images):
             self.stamp += PERIOD
             head = header(self.stamp, "camera")
             self.publish("camera_info", camera_info(head, CAMERA))
-            self.until(lambda: self.node._camera is not None)
+            self.until(lambda: self.node._target.camera is not None)
             if depth is not None:
                 count = len(self.node._depths)
                 self.publish("depth", image_message(head, "32FC1", depth))
@@ -86,8 +86,8 @@ class Scene:
                 self.publish(name, message)
             sent.append(head)
             self.until(lambda: len(done) == len(sent))
-        self.node._tracker._keep = keep
-        if done and self.node._tracker.identity.sighted:
+        self.node._target.tracker._keep = keep
+        if done and self.node._target.tracker.identity.sighted:
             self.until(lambda: self.targets and self.targets[-1].header.stamp == head.stamp)
         return self.targets[before:]
 

@@ -9,6 +9,7 @@ from robot_under_test import wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from head_tracking.nodes.detection_target import DetectionTargetNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.frame_target import FrameTargetNode
 from head_tracking.nodes.target_mux import TargetMuxNode
@@ -31,11 +32,14 @@ def switch(person: Node, name: str, on: bool) -> Any:
         ("frame_target", FrameTargetNode),
         ("target_mux", TargetMuxNode),
         ("visual_target", VisualTargetNode),
+        ("detection_target", DetectionTargetNode),
     ],
 )
 def test_what_is_on_is_said_to_whoever_comes_later(threads, name, make):
-    if name == "visual_target":
+    if name in ("visual_target", "detection_target"):
         pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    if name == "detection_target":
+        pytest.importorskip("vision_msgs")
     person = Node("person")
     threads.start(make())
     threads.start(person)

@@ -22,6 +22,7 @@ from browser import (
     row,
     type_number,
 )
+from rclpy.parameter import Parameter
 from robot_under_test import Robot, wait_for
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
@@ -58,11 +59,12 @@ def robot(make_module_robot) -> Iterator[Robot]:
 
 
 @pytest.fixture(scope="module")
-def viewer(robot) -> Any:
+def viewer(robot, tmp_path_factory) -> Any:
     """The viewer in this process."""
     from head_tracking.nodes.viewer import ViewerNode
 
-    node = ViewerNode(robot.composition.buffer)
+    folder = Parameter("record_directory", value=str(tmp_path_factory.mktemp("recordings")))
+    node = ViewerNode(robot.composition.buffer, parameter_overrides=[folder])
     robot.threads.start(node)
     return node
 
@@ -172,8 +174,6 @@ def test_a_slider_changes_the_parameter_in_degrees(robot, page):
 
 
 def test_a_parameter_changed_elsewhere_shows_on_the_page(robot, page):
-    from rclpy.parameter import Parameter
-
     open_tab(page, "Tune")
     robot.composition.nodes["point_head"].set_parameters(
         [Parameter("max_velocity", value=math.radians(40))]
@@ -413,6 +413,24 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(robot, viewer, 
     press(page, "Back to the robot")
     wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE, PATIENCE)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
+
+
+def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer, page):
+    open_tab(page, "Record")
+    press(page, "Record everything")
+    page.get_by_role("button", name="Stop recording").wait_for()
+    robot.look_at(1.0, 0.2, 0.5, "base_link")
+    press(page, "Stop recording")
+    page.get_by_role("button", name="Record everything").wait_for()
+    (file,) = viewer.robot.recorder.files()
+    row(page, "Recordings").locator(f"input[value='{file.name}']").first.wait_for()
+    press(page, "Replay")
+    wait_for(lambda: word(page) == "replay", PATIENCE)
+    press(page, "Play / pause")
+    wait_for(lambda: float(row(page, "Time (s)").locator("input").last.input_value()) > 0, PATIENCE)
+    press(page, "STOP")  # whoever stops the robot sees it
+    wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
+    robot.call("torque_enable", True)
 
 
 def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(

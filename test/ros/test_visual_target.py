@@ -82,7 +82,7 @@ def look(world):
         node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
         world.nodes.append(node)
         node.said = []
-        node._complain = node.said.append
+        node._target.complain = node.said.append
         world.run(0.1)  # the joints become known
         return node
 
@@ -409,8 +409,8 @@ def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(ki
             assert go.wait(10.0)
             return []
 
-    look._tracker.detector = Slow()
-    look._on_info(camera_info(header(1, "c"), CAMERA))
+    look._target.tracker.detector = Slow()
+    look._target._on_info(camera_info(header(1, "c"), CAMERA))
     for stamp in (1, 2, 3):
         look._on_image(image_message(header(stamp, "c"), "bgr8", np.zeros((240, 320, 3), "u1")))
         wait_for(lambda: looked)

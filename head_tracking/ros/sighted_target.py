@@ -1,0 +1,132 @@
+"""What a node does around a `VisualTracker`: its parameters, its camera, and what comes of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from head_tracking.control import ControlLoop
+from head_tracking.ros.images import camera_of, frame_pose
+from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.switch import Switch
+from head_tracking.ros.target_output import TargetOutput
+from head_tracking.ros.worker import Worker
+from head_tracking.tracking import Target
+from head_tracking.transforms import Transform, TransformBuffer
+from head_tracking.vision import (
+    Camera,
+    CameraError,
+    Detector,
+    DistanceParameters,
+    IdentityParameters,
+    Sighting,
+    VisualTracker,
+)
+
+NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""An image that nobody had time for is of no use any more."""
+
+
+class SightedTarget:
+    """Makes `target_point` of what a detector finds.
+
+    Listens to `camera_info`; offers `~/reset` and `~/enable`; tells `~/enabled` and `~/confidence`.
+    `find_by`, `pose`, `send` and the tracker belong to the worker's thread.
+
+    Args:
+        node: whose topics, services and parameters these are.
+        detector: finds things.
+        buffer: the robot's frames.
+        loop: the controllers of this process; None: there are none.
+        fixed_frame: stands still while the head turns; empty: things are told apart in the frame
+            that they come in.
+        worker: does what takes its time.
+
+    Attributes:
+        tracker: keeps to one of the things that are found.
+        camera: the newest usable camera_info; None: there is none.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        detector: Detector,
+        buffer: TransformBuffer,
+        loop: ControlLoop | None,
+        fixed_frame: str,
+        worker: Worker[Any],
+    ) -> None:
+        self._buffer = buffer
+        self._fixed_frame = fixed_frame
+        self._worker = worker
+        self._log = node.get_logger()
+        self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
+        self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
+        self.find_by(detector)
+        self.camera: Camera | None = None
+        self._placed = False
+        self._switch = Switch(
+            node, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
+        )
+        self._output = TargetOutput(node, loop)
+        self._confidence = node.create_publisher(Float32, "~/confidence", 10)
+        node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
+        node.create_service(Trigger, "~/reset", self._on_reset)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody wants to know what is found."""
+        return self._switch.on or self._confidence.get_subscription_count() > 0
+
+    def find_by(self, detector: Detector) -> None:
+        """Looks for other things from now on."""
+        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+
+    def pose(self, frame_id: str, stamp: int) -> Transform | None:
+        """A frame in the one that stands still, if that is known; at its stamp [ns]."""
+        found = frame_pose(self._buffer, self._fixed_frame, frame_id, stamp)
+        if (found is not None) != self._placed:
+            self._placed = found is not None
+            self.tracker.identity.reset()
+        return found
+
+    def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
+        """Sends the target that was sighted, unless that is switched off, and how sure it is."""
+        if sighting is not None:
+            if self._switch.on:
+                self._output.send(Target(stamp, frame_id, sighting.point))
+        elif self.tracker.without_distance:
+            self.complain(
+                "something is found, but not how far away: there is no depth for it; without a "
+                "depth camera set object_size or distance"
+            )
+        if self._confidence.get_subscription_count():
+            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+
+    def complain(self, reason: str) -> None:
+        """Tells a person what should be mended."""
+        self._log.warning(reason, throttle_duration_sec=2.0)
+
+    def _on_parameters(self, _: Any) -> None:
+        self._worker.do(self._take_parameters)
+
+    def _take_parameters(self) -> None:
+        self.tracker.distances = self._distances.value
+        self.tracker.identity.parameters = self._identity.value
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            self.camera = camera_of(message)
+        except CameraError as error:
+            self.camera = None
+            self.complain(str(error))
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._worker.do(self.tracker.reset)
+        response.success, response.message = True, "looking for a new target"
+        return response

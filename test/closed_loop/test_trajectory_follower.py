@@ -1,0 +1,77 @@
+"""A head behind a late trajectory controller, instead of our servo bus."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from closed_loop import ClosedLoop, Conditions, ax12
+from trajectory_follower import followed
+
+from head_tracking.gaze import HeadCommand
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    SetpointStream,
+    TargetStateParameters,
+    Tracker,
+)
+
+
+def sine(t):
+    bearing = 0.5 * math.sin(math.pi * t)
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.08
+
+
+@pytest.mark.parametrize(
+    ("time_from_start", "from_measured"), [(0.0, True), (0.0, False), (0.02, False)]
+)
+def test_a_target_is_followed_about_as_well_as_by_the_servo_bus(
+    head, time_from_start, from_measured
+):
+    """scripts/benchmark/measure interfaces has the table."""
+
+    def error(servos):
+        tracker = Tracker(
+            head,
+            LAWS["predictive"](head, 0.02),
+            EstimatorParameters(),
+            TargetStateParameters(),
+        )
+        conditions = Conditions(8.0, noise=0.002, servos=servos)
+        return ClosedLoop(head, sine, conditions).run(tracker).recording.between(3.0).rms
+
+    late = error(followed(time_from_start, from_measured=from_measured))
+    assert late < 1.5 * error(ax12())
+
+
+def stream(commands, start=(0.0, 0.0), period=0.02, ahead=0.0, obeys=True):
+    """What is said for commands, each for a second, by joints that are where they were told."""
+    made, measured, said = SetpointStream(period, ahead), start, []
+    for number, command in enumerate(commands):
+        for k in range(50):
+            positions = made.positions(command if k == 0 else None, measured, number + 0.02 * k)
+            if positions is not None:
+                said.append(positions)
+                measured = positions if obeys else measured
+    return said
+
+
+def test_a_goal_is_approached_at_its_speed_and_then_nothing_is_said():
+    said = stream([HeadCommand(0.3, -0.1, 1.0, 0.25)])
+    assert said[-1] == pytest.approx((0.3, -0.1))
+    pans = [0.0, *(pan for pan, _ in said)]
+    assert max(b - a for a, b in pairwise(pans)) == pytest.approx(0.02)
+    assert 15 <= len(said) <= 22
+
+
+def test_a_joint_that_does_not_move_is_not_left_behind():
+    said = stream([HeadCommand(2.0, 0.0, 1.0, 1.0)] * 2, obeys=False)
+    assert max(pan for pan, _ in said) < 0.5
+
+
+def test_after_a_pause_it_begins_where_the_joint_is():
+    made = SetpointStream(0.02, 0.0)
+    made.positions(HeadCommand(0.1, 0.0, 9.0, 9.0), (0.0, 0.0), 0.0)
+    assert made.positions(HeadCommand(1.0, 0.0, 1.0, 1.0), (0.7, 0.0), 5.0) == (0.72, 0.0)
+    made.stop()
+    assert made.positions(None, (0.7, 0.0), 5.1) is None

@@ -1,0 +1,74 @@
+"""Action servers whose goals a loop carries out, in each kind of executor."""
+
+import threading
+
+import pytest
+import rclpy
+from action_client import ABORTED, CANCELED, SUCCEEDED, Client
+from rclpy.node import Node
+from robot_under_test import wait_for
+
+from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros import head_actions, spinning
+from head_tracking.ros.goal_server import GoalServer
+
+actions = pytest.importorskip("control_msgs.action")
+
+
+@pytest.fixture(params=["events", "single-threaded"])
+def served(request, monkeypatch, threads):
+    """A client, the goals that its server has begun, and what spins them."""
+    if request.param != "events":
+        monkeypatch.setattr(spinning, "events_executor_works", lambda context: False)
+    server, asks = Node("serves"), rclpy.create_node("asks")
+    begun = []
+    GoalServer(
+        server,
+        actions.PointHead,
+        "~/goals",
+        lambda goal: "too fast" if goal.max_velocity > 9.0 else "",
+        begun.append,
+    )
+    threads.start(server)
+    threads.start(asks)
+    assert threads.executor.startswith("all nodes run in one") is (request.param == "events")
+    return Client(asks, actions.PointHead, "/serves/goals"), begun
+
+
+def test_goals_are_ended_from_any_thread_and_once(served):
+    client, begun = served
+    assert not client.send(actions.PointHead.Goal(max_velocity=10.0)).accepted
+    result = actions.PointHead.Result()
+    for end, status in (("succeed", SUCCEEDED), ("abort", ABORTED), ("cancel", ABORTED)):
+        sent = client.send(actions.PointHead.Goal())
+        goal = begun.pop()
+        goal.feedback(actions.PointHead.Feedback(pointing_angle_error=0.5))
+        wait_for(lambda sent=sent: sent.feedback)
+        thread = threading.Thread(target=getattr(goal, end), args=[result])
+        thread.start()
+        thread.join()
+        goal.abort(result)  # too late
+        assert sent.ended()[0] == status
+        assert not sent.cancel().goals_canceling
+
+
+def test_a_client_may_cancel(served):
+    client, begun = served
+    sent = client.send(actions.PointHead.Goal())
+    (goal,) = begun
+    goal.on_cancel = lambda: goal.cancel(actions.PointHead.Result())
+    assert len(sent.cancel().goals_canceling) == 1
+    assert sent.ended()[0] == CANCELED
+
+
+def test_without_the_messages_one_line_says_what_is_missing(threads, monkeypatch, capfd):
+    monkeypatch.setattr(head_actions, "PointHead", None)
+    monkeypatch.setattr(head_actions, "TrajectoryMessage", None)
+    node = PointHeadNode()
+    topics = dict(node.get_subscriber_names_and_types_by_node("point_head", "/"))
+    node.destroy_node()
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "not installed" in line]
+    assert "no actions: control_msgs is not installed" in line
+    assert "no joint_trajectory: trajectory_msgs is not installed" in line
+    assert "/target_point" in topics
+    assert "/point_head/joint_trajectory" not in topics

@@ -1,0 +1,203 @@
+"""Random sequences of goals, cancels, STOP, switches and other owners, in simulated time."""
+
+import itertools
+import math
+import os
+
+import pytest
+import rclpy
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from rclpy.signals import SignalHandlerOptions
+
+from head_tracking.tracking import Target
+
+goals = pytest.importorskip("goals")
+EXAMPLES = int(os.environ.get("HEAD_TRACKING_EXAMPLES", "15"))
+
+POINTS = st.tuples(st.floats(-2.4, 2.4), st.floats(-0.9, 0.9), st.sampled_from([0.0, 0.3, 9.0]))
+TRAJECTORIES = st.tuples(
+    st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-0.9, 0.9)), max_size=3),
+    st.sampled_from([0.05, 0.4, 1.0]),
+    st.sampled_from([0.0, 0.05, -1.0]),
+)
+STEPS = st.one_of(
+    st.tuples(st.just("point"), POINTS),
+    st.tuples(st.just("follow"), TRAJECTORIES),
+    st.tuples(st.just("stream"), TRAJECTORIES),
+    st.tuples(
+        st.sampled_from(
+            ["cancel", "stop", "resume", "off", "on", "other", "release", "recenter", "target"]
+        ),
+        st.none(),
+    ),
+    st.tuples(st.just("wait"), st.sampled_from([0.01, 0.1, 0.5, 3.0])),
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ros():
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.logging.set_logger_level("point_head", rclpy.logging.LoggingSeverity.FATAL)
+    yield
+    rclpy.shutdown()
+
+
+class Driven:
+    """A head, what is asked of it, and what must be true of that."""
+
+    def __init__(self, model):
+        self.head = goals.PointedHead(model)
+        self.world, self.node = self.head.world, self.head.node
+        self.interface, self.actions = self.node.interface, self.node.actions
+        self.sent = []
+        self.stopped = self.off = self.resumes = False
+        self.other = False
+        self.written = 0
+        write = self.world.loop.write
+
+        def record(sender, told):
+            assert not self.stopped, "told something although stopped"
+            assert not self.off, "told something although off"
+            for goal, limits in zip(
+                told.values(), (self.head.head.pan_limits, self.head.head.tilt_limits), strict=True
+            ):
+                assert limits.contains(goal.position, 1e-9)
+                assert 0.0 < goal.speed <= limits.velocity
+            self.written += 1
+            write(sender, told)
+
+        self.world.loop.write = record
+
+    @property
+    def mine(self):
+        return not (self.stopped or self.off or self.other)
+
+    def under_way(self):
+        return [goal for goal in self.sent if not goal.status]
+
+    def send(self, request, begin):
+        goal = goals.HeldGoal(request)
+        before = self.under_way()
+        self.sent.append(goal)
+        begin(goal)
+        return goal, before
+
+    def point(self, wish):
+        bearing, elevation, velocity = wish
+        x, y = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing)
+        request = goals.point_goal(
+            x, y, 2.0 * math.tan(elevation), self.head.head.base_frame, velocity=velocity
+        )
+        refusal = self.actions.point_refusal(request)
+        assert bool(refusal) is not self.mine, refusal
+        if not refusal:
+            goal, before = self.send(request, self.actions.point)
+            assert all(older.status == "aborted" for older in before)
+            assert not goal.status
+
+    def message(self, wish):
+        points, period, path = wish
+        timed = [((number + 1) * period, point) for number, point in enumerate(points)]
+        return timed, {"path": dict.fromkeys(goals.JOINTS, path)} if points else {}
+
+    def follow(self, wish):
+        timed, options = self.message(wish)
+        request = goals.following(*timed, **options)
+        goal, before = self.send(request, self.actions.follow)
+        if self.mine:
+            assert all(older.status == "aborted" for older in before)
+        else:
+            assert goal.status == "aborted"
+            assert goal.answer.error_code == -1
+            assert goal.answer.error_string
+
+    def stream(self, wish):
+        self.world.publish("/point_head/joint_trajectory", goals.trajectory(*self.message(wish)[0]))
+
+    def cancel(self, _):
+        for goal in self.under_way():
+            goal.on_cancel()
+            assert goal.status == "canceled"
+
+    def stop(self, _):
+        if not (self.stopped or self.off):
+            self.resumes = True
+        self.world.loop.stop(dict)
+        self.stopped = True
+        self.other = False
+        assert not self.under_way()
+
+    def resume(self, _):
+        if self.stopped and self.resumes:
+            self.off, self.resumes = False, False
+        elif self.stopped:
+            self.off = True
+        self.stopped = False
+        self.world.loop.resume()
+
+    def switched(self, on):
+        request, response = type("Request", (), {"data": on})(), type("Response", (), {})()
+        self.interface._on_enable(request, response)
+        assert response.success
+
+    def turn_on(self, _):
+        was_off = bool(self.interface.off)
+        self.stopped = self.stopped and not was_off
+        if was_off:
+            self.off = self.other = self.resumes = False
+        self.switched(True)
+
+    def turn_off(self, _):
+        self.switched(False)
+        self.off, self.resumes = True, False
+        assert not self.under_way()
+
+    def take_over(self, _):
+        if not self.stopped:
+            self.world.loop.owners.take_over("/somebody", goals.JOINTS)
+            self.other = True
+
+    def release(self, _):
+        self.world.loop.owners.release("/somebody")
+        self.other = False
+
+    def recenter(self, _):
+        request, response = None, type("Response", (), {"success": False, "message": ""})()
+        self.node._on_recenter(request, response)
+        if response.success:
+            assert not self.under_way()
+
+    def target(self, _):
+        self.interface._take_target(Target(0, self.head.head.base_frame, (2.0, 0.5, 0.2)))
+
+    def wait(self, seconds):
+        self.world.run(seconds)
+
+
+NAMES = {"on": "turn_on", "off": "turn_off", "other": "take_over"}
+
+
+@settings(max_examples=EXAMPLES)
+@given(st.lists(STEPS, min_size=3, max_size=12))
+@example([("point", (1.0, 0.0, 0.3)), ("wait", 0.5), ("stop", None), ("resume", None)])
+@example([("follow", ([(1.0, 0.0)], 1.0, 0.05)), ("wait", 0.1), ("cancel", None), ("wait", 0.5)])
+def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
+    driven = Driven(kinectbot)
+    try:
+        for name, wish in itertools.chain(steps, [("wait", 0.1)]):
+            getattr(driven, NAMES.get(name, name))(wish)
+            assert len(driven.under_way()) <= 1
+            assert bool(driven.actions.task) >= bool(driven.under_way())
+        waited = 0.0
+        while driven.under_way() or driven.actions.task is not None:
+            driven.wait(0.5)
+            waited += 0.5
+            assert waited < 30.0
+        if driven.mine:
+            driven.wait(0.1)
+            count = driven.written
+            driven.wait(1.0)
+            assert driven.written == count, "at rest, and still told something"
+    finally:
+        driven.node.destroy_node()
