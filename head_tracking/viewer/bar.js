@@ -54,7 +54,7 @@
       font-size: 18px; box-shadow: 0 1px 5px #0006; }
     .uplot:not(:hover) .u-value, .u-legend .u-series:first-child { display: none !important; }
     .uplot:not(:hover) .u-legend th::after { content: none !important; }
-    .mantine-Notifications-root { top: 72px !important; }
+    .mantine-Notifications-root { top: auto !important; bottom: 50px !important; }
     @media (max-width: 800px) {
       #head-badge span { max-height: 31px; } }
     @media ${PHONE} {
@@ -68,6 +68,7 @@
       #head-eye { width: 40vw; } #head-legend { padding: 3px 8px; }
       .mantine-Paper-root[style*="width: 20em"] { width: 100% !important; max-height: none !important;
         height: calc(100% - var(--head-scene)) !important; }
+      .mantine-Notifications-root { top: 72px !important; bottom: auto !important; }
       .mantine-Paper-root [style*="width: 20em"] { width: 100% !important; } }`;
   let heard = performance.now(), beat = heard, told = "", toldUntil = 0;
 

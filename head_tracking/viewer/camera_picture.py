@@ -134,13 +134,14 @@ class CameraPicture:
     def show(self, gaze: GazeScene | None) -> None:
         """Shows the newest picture in the view cone, a few times a second."""
         now = time.monotonic()
-        if gaze is None or now < self._next:
+        shown = self._in_cone is not None
+        if gaze is None or (now < self._next and not (shown and not self.chosen)):
             return
         least, most = _CONE_PERIODS
         self._next = now + min(max(least, _PERIODS_OF_BROWSER * self._browser_takes), most)
         picture = self.newest() if self._is_looked_at else None
         if picture is None:
-            if self._in_cone is not None:
+            if shown:
                 gaze.show_picture(None)
                 self._in_cone = None
         elif picture.number != self._in_cone:

@@ -13,7 +13,7 @@ _POSITION = "position (rad)"
 COLUMNS = {
     "torque": "torque",
     "°C": "temperature (degrees Celsius)",
-    "volt": "voltage (V)",
+    "V": "voltage (V)",
     "load": "load (share of full torque)",
     "position": _POSITION,
     "errors": "errors",
@@ -59,7 +59,7 @@ def _table(servos: Sequence[Health]) -> str:
     )
     return (
         '<div style="overflow-x:auto;white-space:nowrap">'
-        '<table style="font-size:0.85em;border-spacing:4px 1px">'
+        '<table style="font-size:0.8em;border-spacing:3px 1px">'
         f"<tr><th></th>{head}</tr>{rows}</table></div>"
     )
 

@@ -11,17 +11,22 @@ from typing import Any
 
 from browser import open_browser
 from PIL import Image
-from tour import Visitor, first_sight, free_port, running
+from tour import Failed, Visitor, first_sight, free_port, running
 
-SIZE = (1120, 630)
+SIZE = (1040, 600)
 SECONDS = 7.0
 QUALITY = 62  # of WebP
 LARGEST = 2_000_000  # bytes
 FEWEST = 4.0  # pictures a second: with fewer it is no film
 
 
-def filmed(page: Any, seconds: float) -> list[tuple[float, bytes]]:
-    """The page's pictures as it draws them, each with its time [s]."""
+def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
+    """The page's pictures as it draws them, each with its time [s].
+
+    Raises:
+        Failed: the head did not follow all the time.
+    """
+    page = visitor.page
     pictures: list[tuple[float, bytes]] = []
     session = page.context.new_cdp_session(page)
 
@@ -32,8 +37,13 @@ def filmed(page: Any, seconds: float) -> list[tuple[float, bytes]]:
 
     session.on("Page.screencastFrame", take)
     session.send("Page.startScreencast", {"format": "jpeg", "quality": 95, "everyNthFrame": 1})
-    page.wait_for_timeout(1e3 * seconds)
+    words = set()
+    while not pictures or pictures[-1][0] - pictures[0][0] < seconds:
+        page.wait_for_timeout(200)
+        words.add(visitor.word)
     session.send("Page.stopScreencast")
+    if words - {"on target", "moving"}:
+        raise Failed(f"the badge said {', '.join(sorted(words))}; is the machine quiet?")
     return pictures
 
 
@@ -48,7 +58,7 @@ def main() -> int:
         page.wait_for_timeout(15e3)  # the strip needs something to show
         visitor.close_notices()
         page.wait_for_timeout(3e3)
-        pictures = filmed(page, SECONDS)
+        pictures = filmed(visitor, SECONDS)
     rate = len(pictures) / SECONDS
     if rate < FEWEST:
         print(f"{rate:.1f} pictures a second are no film; try again when the machine is quiet")

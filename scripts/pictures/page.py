@@ -46,6 +46,7 @@ def main() -> int:
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")
         visitor = Visitor(page, port)
         is_whole(visitor)
+        visitor.stays_on_target()
         sizes.append(take(visitor, folder / "viewer-phone.png"))
     return int(max(sizes) > LARGEST)
 

@@ -96,7 +96,19 @@ class Visitor:
         choose(self.page, "Look at", mode)
         self.sees(f"it looks at {mode}", lambda: self.text("mode") == mode)
         if arrives:
-            self.sees("on target", lambda: self.word == "on target")
+            self.stays_on_target()
+
+    def stays_on_target(self, seconds: float = 2.0) -> None:
+        """Waits until the badge has said so for a while: at first it tells of what was before."""
+        since = time.monotonic()
+
+        def stays() -> bool:
+            nonlocal since
+            if self.word != "on target":
+                since = time.monotonic()
+            return time.monotonic() - since > seconds
+
+        self.sees("on target, and stays so", stays)
 
     def close_notices(self) -> None:
         """Closes what viser says about the browser, and what else pops up."""

@@ -442,7 +442,9 @@ def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(
     type_number(second, "x y z (m)", 1.0, -0.5, 0.5)
     choose(second, "Frame", "base_link")
     fields = row(page, "x y z (m)").locator("input:visible")
-    wait_for(lambda: [f.input_value() for f in fields.all()] == ["1", "-0.5", "0.5"], PATIENCE)
+    wait_for(
+        lambda: [float(f.input_value() or 0) for f in fields.all()] == [1.0, -0.5, 0.5], PATIENCE
+    )
     choose(second, "Look at", "point")
     press(second, "Point head")
     for one in (page, second):
