@@ -4,6 +4,7 @@ import os
 import re
 import signal
 from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -137,7 +138,7 @@ def test_one_point_can_be_the_target(start):
     assert run.end() == 0
 
 
-def test_every_node_runs_alone(start, port):
+def test_every_node_runs_alone(start, port, tmp_path):
     servo_bus = start("servo_bus", "--ros-args", "-p", f"port_name:={port}")
     servo_bus.read_until("2 AX-12 servos: ids 1, 2")
     alone = [
@@ -145,6 +146,10 @@ def test_every_node_runs_alone(start, port):
         start("joint_state_publisher"),
         start("fictitious_target", "--ros-args", "-p", "frame_id:=torso_link"),
     ]
+    if find_spec("mcap_ros2") is not None:
+        folder = tmp_path / "recordings"
+        alone.append(start("recorder", "--ros-args", "-p", f"record_directory:={folder}"))
+        alone[-1].read_until("records into")
     tracker = start("head_tracker")
     tracker.read_until("tracking")
     servo_bus.read_until("torque on")
@@ -156,6 +161,14 @@ def test_every_node_runs_alone(start, port):
     for program in (pointer, tracker, *reversed(alone), servo_bus):
         assert program.end(signal.SIGINT) == 0, program.output
     assert torque(port) == [0, 0]
+    if find_spec("mcap_ros2") is not None:
+        from head_tracking.viewer.recording_file import read_recording
+
+        (file,) = folder.iterdir()
+        with file.open("rb") as stream:
+            recording = read_recording(stream)
+        assert not recording.notice
+        assert {"head_pan_joint", "head_tilt_joint"} <= recording.seen[-1].joints.keys()
 
 
 def test_the_simulated_bus_takes_any_ids(start, tmp_path):

@@ -19,6 +19,7 @@ MODULES = {
     "robot_state_publisher": "head_tracking.nodes.robot_state_publisher",
     "joint_state_publisher": "head_tracking.nodes.joint_state_publisher",
     "point_head": "head_tracking.nodes.point_head",
+    "recorder": "head_tracking.nodes.recorder",
     "head_tracker": "head_tracking.nodes.head_tracker",
     "fictitious_target": "head_tracking.nodes.fictitious_target",
     "transforms": "head_tracking.tools.transforms",
