@@ -118,8 +118,9 @@ STARTER = NodeSpec("node_starter", "node_starter.NodeStarterNode", takes=("start
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
     """What a person can start on the viewer's page; with a camera if the head is simulated."""
-    camera = simulated_camera("target", rate=10.0, depth_encoding="")
-    specs = (*MODES.values(), *TARGETS["fictitious"], *([camera] if simulated else []))
+    camera = simulated_camera("everything", rate=15.0)
+    targets = (*TARGETS["fictitious"], *TARGETS["face"])
+    specs = (*MODES.values(), *targets, *([camera] if simulated else []))
     return {spec.name: spec for spec in specs}
 
 

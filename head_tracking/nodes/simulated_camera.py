@@ -25,13 +25,18 @@ from head_tracking.transforms import RobotModel, Transform, TransformException, 
 from head_tracking.vision.camera import camera_with_view
 from head_tracking.vision.opencv import require_opencv
 
+_WITH_TARGET = (TARGET, "everything")
+
 
 @dataclass(frozen=True, slots=True)
 class SimulatedCameraParameters:
     """The camera, and what is before it; defaults: a Kinect's."""
 
     scene: str = parameter(
-        "face", "What there is to see; target: a ball at target_point.", choices=SCENES, fixed=True
+        "face",
+        "What there is to see; target and everything: a ball at target_point, too, if that is not "
+        "what the camera finds itself.",
+        choices=SCENES,
     )
     scene_frame: str = parameter("base_link", "The frame of the scene, with z up.", fixed=True)
     frame_id: str = parameter(
@@ -105,17 +110,19 @@ class SimulatedCameraNode(Node):
     ) -> None:
         require_opencv()
         super().__init__("simulated_camera", **options)
-        self._settings = NodeParameters(self, SimulatedCameraParameters)
+        self._settings = NodeParameters(
+            self, SimulatedCameraParameters, on_change=self._on_parameters
+        )
         p = self._settings.value
         self._buffer = (buffer or listening_buffer(self)).core
         self._true_position = true_position
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)
-        self.scene = make_scene(p.scene, rng)
+        self._shown = p.scene
+        self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
         self.renderer = Renderer(self.scene, self._camera)
-        self._target = NewestTarget(self, self._buffer) if p.scene == TARGET else None
-        if self._target is not None:
-            self._target.place_in(p.scene_frame)
+        self._target = NewestTarget(self, self._buffer)
+        self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._image = self.create_publisher(Image, "image", 5)
         self._depth = self.create_publisher(Image, "depth", 5)
@@ -127,6 +134,18 @@ class SimulatedCameraNode(Node):
         """Ends the thread that draws too."""
         self._drawing.close()
         super().destroy_node()
+
+    def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
+        if changed.scene == self._shown:
+            return
+        self._shown = changed.scene
+        scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
+        renderer = Renderer(scene, self._camera)
+
+        def take() -> None:
+            self.scene, self.renderer = scene, renderer
+
+        self._drawing.do(take)
 
     def _take(self) -> None:
         publishers = (self._image, self._depth, self._info)
@@ -141,8 +160,10 @@ class SimulatedCameraNode(Node):
         except TransformException as error:
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
-        target = None if self._target is None else self._target.newest()
-        point = None if target is None else target.point
+        target = self._target.newest() if self._shown in _WITH_TARGET else None
+        # what was found in pictures would be hidden by a ball where it was found
+        is_own = target is not None and target.target.frame_id == self._settings.value.frame_id
+        point = None if target is None or is_own else target.point
         self._drawing.offer(_Exposure(self._now, pose, point))
 
     @property
@@ -159,8 +180,8 @@ class SimulatedCameraNode(Node):
         wants_image = self._image.get_subscription_count() > 0
         wants_depth = p.depth_encoding != "" and self._depth.get_subscription_count() > 0
         if wants_image or wants_depth:
-            if exposure.target is not None:
-                self.renderer.scene = with_target(self.scene, exposure.target)
+            target = exposure.target
+            self.renderer.scene = self.scene if target is None else with_target(self.scene, target)
             seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9)
         if wants_depth:
             depth: npt.NDArray[Any] = self._noise.depth(seen.depth)

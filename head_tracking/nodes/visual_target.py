@@ -22,6 +22,7 @@ from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (
     DETECTORS,
     Box,
+    Detector,
     FaceDetector,
     Frame,
     ImageError,
@@ -44,7 +45,6 @@ class VisualTargetParameters:
         "What to follow: `features` is what a rectangle on ~/select holds, `nearest` needs depths "
         "only.",
         choices=tuple(DETECTORS),
-        fixed=True,
     )
     use_depth: bool = parameter(
         True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
@@ -96,31 +96,25 @@ class VisualTargetNode(Node):
     ) -> None:
         super().__init__("visual_target", **options)
         require_opencv()
-        self._settings = NodeParameters(self, VisualTargetParameters).value
-        p = self._settings
-        make, kind = DETECTORS[p.follow]
-        self._detector_parameters = NodeParameters(self, kind, on_change=self._on_parameters)
-        detector = make(self._detector_parameters.value)
-        if isinstance(detector, FaceDetector) and detector.shortcoming:
-            self.get_logger().warning(detector.shortcoming)
+        self._kinds: dict[str, NodeParameters[Any]] = {}
+        self._given = NodeParameters(self, VisualTargetParameters, on_change=self._on_follow)
+        self._settings = p = self._given.value
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._target = SightedTarget(
             self,
-            detector,
+            self._detector(p.follow),
             (buffer or listening_buffer(self)).core,
             loop,
             p.fixed_frame,
             self._looking,
         )
-        self._tracker = self._target.tracker
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
-        if p.follow != "nearest":
-            self._subscribe("image", p.image_transport, self._on_image)
-        if p.use_depth or p.follow == "nearest":
-            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
+        self._image: Subscription | None = None
+        self._depth: Subscription | None = None
+        self._subscribe_for(p.follow)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
 
     def destroy_node(self) -> None:
@@ -128,11 +122,45 @@ class VisualTargetNode(Node):
         self._looking.close()
         super().destroy_node()
 
+    def _detector(self, follow: str) -> Detector:
+        """What finds one kind of thing; its parameters are declared the first time."""
+        make, kind = DETECTORS[follow]
+        if follow not in self._kinds:
+            self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
+        detector = make(self._kinds[follow].value)
+        if isinstance(detector, FaceDetector) and detector.shortcoming:
+            self.get_logger().warning(detector.shortcoming)
+        return detector
+
+    def _on_follow(self, changed: VisualTargetParameters) -> None:
+        if changed.follow == self._settings.follow:
+            return
+        self._settings = changed
+        self._subscribe_for(changed.follow)
+        detector = self._detector(changed.follow)
+        self._looking.do(lambda: self._target.find_by(detector))
+        self.get_logger().info(f"the target is what is found now: {changed.follow}")
+
+    def _subscribe_for(self, follow: str) -> None:
+        """Listens to the pictures and depths that are needed to find something."""
+        p = self._settings
+        wants_image, wants_depth = follow != "nearest", p.use_depth or follow == "nearest"
+        if wants_image and self._image is None:
+            self._image = self._subscribe("image", p.image_transport, self._on_image)
+        elif not wants_image and self._image is not None:
+            self.destroy_subscription(self._image)
+            self._image = None
+        if wants_depth and self._depth is None:
+            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
+        elif not wants_depth and self._depth is not None:
+            self.destroy_subscription(self._depth)
+            self._depth = None
+
     def _on_parameters(self, _: Any) -> None:
         self._looking.do(self._take_parameters)
 
     def _take_parameters(self) -> None:
-        self._tracker.detector.parameters = self._detector_parameters.value
+        self._target.tracker.detector.parameters = self._kinds[self._settings.follow].value
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
@@ -143,7 +171,8 @@ class VisualTargetNode(Node):
         return self.create_subscription(CompressedImage, topic, callback, NEWEST)
 
     def _on_image(self, message: AnyImage) -> None:
-        if not self._settings.use_depth or not self.count_publishers(self._depth.topic_name):
+        depth = self._depth
+        if depth is None or not self.count_publishers(depth.topic_name):
             self._looking.offer(_Shot(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
@@ -165,6 +194,9 @@ class VisualTargetNode(Node):
 
     def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
+        outputs = (self._region, self._annotated)
+        if not self._target.wanted and not any(one.get_subscription_count() for one in outputs):
+            return
         stamped, image, depth = shot
         camera = self._target.camera
         if camera is None:
@@ -178,7 +210,9 @@ class VisualTargetNode(Node):
                 None if image is None else picture_of(image),
                 None if depth is None else depth_of(depth),
             )
-            sighting = self._tracker.step(frame, self._target.pose(header.frame_id, frame.stamp))
+            sighting = self._target.tracker.step(
+                frame, self._target.pose(header.frame_id, frame.stamp)
+            )
         except ImageError as error:
             self._target.complain(str(error))
             return
@@ -190,12 +224,13 @@ class VisualTargetNode(Node):
             self._show(frame, sighting, stamped)
 
     def _show(self, frame: Frame, sighting: Sighting | None, stamped: AnyImage) -> None:
+        tracker = self._target.tracker
         if frame.picture is not None:
             picture = frame.picture.bgr
         else:
             assert frame.depth is not None
-            picture = depth_picture(frame.depth, self._tracker.distances.max_distance)
-        drawn = annotated(picture, self._tracker.tracks, sighting)
+            picture = depth_picture(frame.depth, tracker.distances.max_distance)
+        drawn = annotated(picture, tracker.tracks, sighting)
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
@@ -209,7 +244,7 @@ class VisualTargetNode(Node):
                 + ("no image has come yet" if self._frame is None else f"{box} is empty")
             )
             return
-        self._tracker.select(self._frame, box)
+        self._target.tracker.select(self._frame, box)
 
 
 def _size(frame: Frame) -> tuple[int, int]:

@@ -36,7 +36,7 @@ class SightedTarget:
     """Makes `target_point` of what a detector finds.
 
     Listens to `camera_info`; offers `~/reset` and `~/enable`; tells `~/enabled` and `~/confidence`.
-    `pose`, `send` and the tracker belong to the worker's thread.
+    `find_by`, `pose`, `send` and the tracker belong to the worker's thread.
 
     Args:
         node: whose topics, services and parameters these are.
@@ -67,7 +67,7 @@ class SightedTarget:
         self._log = node.get_logger()
         self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
-        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+        self.find_by(detector)
         self.camera: Camera | None = None
         self._placed = False
         self._switch = Switch(
@@ -77,6 +77,15 @@ class SightedTarget:
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
         node.create_service(Trigger, "~/reset", self._on_reset)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody wants to know what is found."""
+        return self._switch.on or self._confidence.get_subscription_count() > 0
+
+    def find_by(self, detector: Detector) -> None:
+        """Looks for other things from now on."""
+        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
         """A frame in the one that stands still, if that is known; at its stamp [ns]."""

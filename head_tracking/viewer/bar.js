@@ -12,6 +12,7 @@
   const STYLE = `
     :root { --head-paper: #ffffffe8; --head-ink: #343a40; }
     :root[data-head-theme=dark] { --head-paper: #25262be8; --head-ink: #ced4da; color-scheme: dark; }
+    :root[data-head-theme=dark] canvas[data-engine] { background: #2c2f36; }
     #head-bar { position: fixed; top: 8px; left: 8px; z-index: 10000; display: flex; gap: 8px;
       align-items: stretch; max-width: calc(100vw - 16px); font: 14px/1.25 system-ui, sans-serif;
       pointer-events: none; }
@@ -53,7 +54,7 @@
       font-size: 18px; box-shadow: 0 1px 5px #0006; }
     .uplot:not(:hover) .u-value, .u-legend .u-series:first-child { display: none !important; }
     .uplot:not(:hover) .u-legend th::after { content: none !important; }
-    .mantine-Notifications-root { top: 72px !important; }
+    .mantine-Notifications-root { top: auto !important; bottom: 50px !important; }
     @media (max-width: 800px) {
       #head-badge span { max-height: 31px; } }
     @media ${PHONE} {
@@ -67,6 +68,7 @@
       #head-eye { width: 40vw; } #head-legend { padding: 3px 8px; }
       .mantine-Paper-root[style*="width: 20em"] { width: 100% !important; max-height: none !important;
         height: calc(100% - var(--head-scene)) !important; }
+      .mantine-Notifications-root { top: 72px !important; bottom: auto !important; }
       .mantine-Paper-root [style*="width: 20em"] { width: 100% !important; } }`;
   let heard = performance.now(), beat = heard, told = "", toldUntil = 0;
 
@@ -220,22 +222,22 @@
     };
     folded(false);
     fold.onclick = () => folded(!eye.classList.contains("folded"));
-    let topic = "", stamp = 0, spot = null, silence = 0, asked = 0;
+    let topic = "", number = "", stamp = "0", spot = null, silence = 0, asked = 0;
 
     const showNewest = async () => {
       if (!topic || document.hidden || eye.classList.contains("folded")) return;
       const took = Math.round(performance.now() - asked);
       asked = performance.now();
-      const answer = await fetched(`picture?after=${stamp}&took=${took}`);
+      const answer = await fetched(`picture?after=${number}&took=${took}`);
       if (answer.status !== 200) return;
-      const data = await answer.blob();
-      if (!topic) return;
+      const data = await answer.blob(), wanted = topic;
+      if (!wanted) return;
       const address = URL.createObjectURL(data), before = image.src;
       image.src = address;
       await image.decode();
-      stamp = answer.headers.get("X-Stamp");
+      [number, stamp] = ["X-Number", "X-Stamp"].map((name) => answer.headers.get(name));
       if (before) URL.revokeObjectURL(before);
-      eye.hidden = false;
+      eye.hidden = topic !== wanted;
     };
     const again = async () => {
       try { await showNewest(); } catch { /* the badge says it */ }
@@ -285,7 +287,7 @@
     return (now) => {
       if (now === topic) return;
       topic = now;
-      stamp = 0;
+      number = "";
       if (topic) return;
       eye.hidden = true;
       URL.revokeObjectURL(image.src);

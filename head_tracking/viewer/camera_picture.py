@@ -6,7 +6,7 @@ import html
 import io
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import viser
@@ -34,10 +34,21 @@ _NOTHING = (
 
 
 class Jpeg(NamedTuple):
-    """A picture for a browser, and its stamp [ns]."""
+    """A picture for a browser, with its number and stamp [ns]."""
 
+    number: int
     stamp: int
     data: bytes
+
+
+class Replay(Protocol):
+    """A recording that is shown in place of the robot."""
+
+    def camera(self) -> str:
+        """The topic of its pictures; empty: there are none."""
+
+    def picture(self) -> Picture | None:
+        """What the camera saw."""
 
 
 class CameraPicture:
@@ -52,7 +63,12 @@ class CameraPicture:
         topics: have the pictures.
         modes: starts the simulated camera.
         hold: while a recording is shown, what the camera sees now is not.
+
+    Attributes:
+        replay: the camera of a recording that is shown, if it has one.
     """
+
+    replay: Replay | None = None
 
     def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
@@ -83,6 +99,8 @@ class CameraPicture:
     @property
     def chosen(self) -> str:
         """The topic that is shown; empty: none."""
+        if self._hold.reason:
+            return self.replay.camera() if self.replay is not None else ""
         return "" if self._menu.value == _NONE else str(self._menu.value)
 
     def look(self) -> None:
@@ -91,43 +109,44 @@ class CameraPicture:
 
     def newest(self) -> Picture | None:
         """The newest picture of the topic that is shown; for any thread."""
-        if self._hold.reason or not self.chosen:
-            return None
-        return self._topics.picture(self.chosen)
+        if self._hold.reason:
+            return self.replay.picture() if self.replay is not None else None
+        return self._topics.picture(self.chosen) if self.chosen else None
 
     def jpeg(self, after: int, took: float) -> Jpeg | None:
         """The newest picture, if there is another one; for any thread.
 
         Args:
-            after: the stamp [ns] of the one that a browser has.
+            after: the number of the one that a browser has.
             took: so long ago [s] it asked for that.
         """
         self._browser_takes = max(took, 0.9 * self._browser_takes)
         picture = self.newest()
-        if picture is None or picture.stamp == after:
+        if picture is None or picture.number == after:
             return None
         with self._encoding:
-            if self._encoded is None or self._encoded.stamp != picture.stamp:
+            if self._encoded is None or self._encoded.number != picture.number:
                 data = io.BytesIO()
                 _fitting(picture, _WIDEST).save(data, "JPEG", quality=_QUALITY)
-                self._encoded = Jpeg(picture.stamp, data.getvalue())
+                self._encoded = Jpeg(picture.number, picture.stamp, data.getvalue())
             return self._encoded
 
     def show(self, gaze: GazeScene | None) -> None:
         """Shows the newest picture in the view cone, a few times a second."""
         now = time.monotonic()
-        if gaze is None or now < self._next:
+        shown = self._in_cone is not None
+        if gaze is None or (now < self._next and not (shown and not self.chosen)):
             return
         least, most = _CONE_PERIODS
         self._next = now + min(max(least, _PERIODS_OF_BROWSER * self._browser_takes), most)
         picture = self.newest() if self._is_looked_at else None
         if picture is None:
-            if self._in_cone is not None:
+            if shown:
                 gaze.show_picture(None)
                 self._in_cone = None
-        elif picture.stamp != self._in_cone:
+        elif picture.number != self._in_cone:
             gaze.show_picture(np.asarray(_fitting(picture, _CONE_WIDEST)))
-            self._in_cone = picture.stamp
+            self._in_cone = picture.number
 
     def refresh(self) -> None:
         """Follows pictures that come and go."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ not mirrored."""
 _FIELD = math.radians(38.0)
 _FILLED = 0.84  # of the picture
 _USUAL = 1.2  # width over height of what the panel leaves of a window
+_REMEMBERED = 5
+_CLOSEST = 0.3  # m
 _SAME = 0.02  # m, or of the aspect ratio
 
 
@@ -54,7 +56,7 @@ def eye(points: Array, aspect: float, field: float = _FIELD, filled: float = _FI
     # each side of the picture is a plane through the eye, as close as the points let it come
     high = (seen[:, :2] + seen[:, 2:] * slopes).max(axis=0)
     low = (seen[:, :2] - seen[:, 2:] * slopes).min(axis=0)
-    away = float(((high - low) / (2.0 * slopes)).max())
+    away = max(*((high - low) / (2.0 * slopes)).tolist(), float(seen[:, 2].max()) + _CLOSEST)
     middle = (high + low) / 2.0
     there = np.array([*middle, away]) @ axes
     depth = away - float(seen[:, 2].mean())
@@ -71,7 +73,7 @@ class Framing:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self._placed: dict[int, tuple[float, Eye]] = {}
+        self._placed: dict[int, tuple[float, list[Vector3]]] = {}
         self._moved: set[int] = set()
         server.on_client_disconnect(lambda client: self._forget(client.client_id))
 
@@ -90,22 +92,16 @@ class Framing:
             if number in self._moved:
                 continue
             camera, aspect = client.camera, float(client.camera.aspect)
-            placed = self._placed.get(number)
-            if placed is not None:
-                before, found = placed
-                if math.dist(camera.position, found.position) > _SAME:
-                    self._moved.add(number)
-                    continue
-                if abs(aspect - before) < _SAME:
-                    continue
-            self._place(client, eye(points, aspect))
-
-    def _place(self, client: Any, found: Eye) -> None:
-        camera = client.camera
-        with client.atomic():
-            camera.fov = _FIELD
-            camera.position, camera.look_at = found.position, found.look_at
-        self._placed[client.client_id] = float(camera.aspect), found
+            before, places = self._placed.get(number, (0.0, []))
+            # a browser may still tell where it was before
+            if places and min(math.dist(camera.position, one) for one in places) > _SAME:
+                self._moved.add(number)
+            elif abs(aspect - before) > _SAME:
+                found = eye(points, aspect)
+                with client.atomic():
+                    camera.fov = _FIELD
+                    camera.position, camera.look_at = found.position, found.look_at
+                self._placed[number] = aspect, [*places, found.position][-_REMEMBERED:]
 
     def _forget(self, number: int) -> None:
         self._placed.pop(number, None)

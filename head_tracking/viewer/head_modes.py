@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from enum import StrEnum
+from typing import Any
 
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
@@ -15,8 +16,10 @@ from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.observation import Outcome
+from head_tracking.viewer.other_parameters import OtherParameters
 from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
+from head_tracking.viewer.path import Path
 
 TRACKER, POINTER = "head_tracker", "point_head"
 FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
@@ -38,9 +41,13 @@ class Mode(StrEnum):
     OFF = "nothing"
     POINT = "point"
     TRACK = "track"
-    FOLLOW = "follow a frame"
-    FICTITIOUS = "fictitious target"
+    FACE = "face"
+    BALL = "ball"
+    MARKER = "marker"
     VISUAL = "what the camera finds"
+    FOLLOW = "follow a frame"
+    PATH = "path"
+    FICTITIOUS = "fictitious target"
     MUX = "target_mux"
 
 
@@ -48,12 +55,26 @@ _NEEDED: Mapping[Mode, tuple[str, ...]] = {
     Mode.OFF: (),
     Mode.POINT: (POINTER,),
     Mode.TRACK: (TRACKER,),
-    Mode.FOLLOW: (TRACKER,),
-    Mode.FICTITIOUS: (TRACKER, FICTITIOUS),
+    Mode.FACE: (TRACKER, VISUAL),
+    Mode.BALL: (TRACKER, VISUAL),
+    Mode.MARKER: (TRACKER, VISUAL),
     Mode.VISUAL: (TRACKER, VISUAL),
+    Mode.FOLLOW: (TRACKER,),
+    Mode.PATH: (TRACKER,),
+    Mode.FICTITIOUS: (TRACKER, FICTITIOUS),
     Mode.MUX: (TRACKER, MUX),
 }
 """The node that turns the head, and the one that sends targets if it is not the page."""
+
+_FINDS: Mapping[Mode, str] = {Mode.FACE: "face", Mode.BALL: "colour", Mode.MARKER: "marker"}
+"""What `visual_target` is to follow."""
+
+_SHOWS: Mapping[Mode, tuple[str, ...]] = {
+    Mode.FACE: ("face", "faces", "everything"),
+    Mode.BALL: ("ball", "everything"),
+    Mode.MARKER: ("marker", "everything"),
+}
+"""The scenes of a simulated camera in which that can be found."""
 
 
 class HeadModes:
@@ -67,6 +88,7 @@ class HeadModes:
         services: the switches of the nodes.
         topics: what the nodes say.
         graph: the nodes that are there.
+        parameters: of those nodes: what the camera is to find.
         buffer: the robot's frames.
     """
 
@@ -76,31 +98,40 @@ class HeadModes:
         services: OtherServices,
         topics: OtherTopics,
         graph: Graph,
+        parameters: OtherParameters,
         buffer: TransformBuffer,
     ) -> None:
         self._node = node
         self._services = services
         self._topics = topics
         self._graph = graph
+        self._parameters = parameters
         self._buffer = buffer
         services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
         services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
         services.know(
-            Trigger, *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, CAMERA))
+            Trigger,
+            *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)),
         )
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
-        self._kept: PointStamped | None = None
-        self._follows = False
+        self._kept: Callable[[], PointStamped] | None = None
+        self._sends = Mode.TRACK
+        self.path: Path | None = None
+        self._no_path = "there is no path yet"
+        self._speed, self._along, self._stepped = 0.0, 0.0, 0.0
         self._timer = node.create_timer(_SEND_PERIOD, self._send_kept)
         self._timer.cancel()
 
     def mode(self) -> Mode:
         """What decides where the head looks now."""
         if self._is_on(TRACKER):
-            for mode in (Mode.FICTITIOUS, Mode.VISUAL, Mode.MUX):
+            if self._is_on(VISUAL):
+                follows = self._value(VISUAL, "follow")
+                return next((mode for mode, it in _FINDS.items() if it == follows), Mode.VISUAL)
+            for mode in (Mode.FICTITIOUS, Mode.MUX):
                 if self._is_on(_NEEDED[mode][1]):
                     return mode
-            return Mode.FOLLOW if self._follows else Mode.TRACK
+            return Mode.TRACK if self._kept is None else self._sends
         return Mode.POINT if self._is_on(POINTER) else Mode.OFF
 
     def possible(self) -> tuple[Mode, ...]:
@@ -108,7 +139,8 @@ class HeadModes:
         return tuple(
             mode
             for mode, needed in _NEEDED.items()
-            if all(self._is_there(name) or self.can_start(name) for name in needed)
+            if mode is not Mode.VISUAL  # that is what other nodes have chosen
+            and all(self._is_there(name) or self.can_start(name) for name in needed)
         )
 
     def missing(self) -> tuple[str, ...]:
@@ -164,8 +196,10 @@ class HeadModes:
             placed = self._buffer.transform_point(point, model.root, frame)
         except TransformException as error:
             return Outcome(False, f"the target is refused: {error}")
-        self._follows = False
-        refused = self._refusal_of(TRACKER, wait, lambda: self._keep_sending(model.root, placed))
+        kept = self._message(model.root, placed)
+        refused = self._refusal_of(
+            TRACKER, wait, lambda: self._keep_sending(Mode.TRACK, lambda: kept)
+        )
         return Outcome(not refused, refused or text)
 
     def centre(self) -> Outcome:
@@ -184,7 +218,7 @@ class HeadModes:
 
     def stop_sending(self) -> None:
         """Sends no more targets."""
-        self._kept, self._follows = None, False
+        self._kept = None
         self._timer.cancel()
 
     def set_mode(self, mode: Mode, frame: str = "") -> Outcome:
@@ -197,12 +231,18 @@ class HeadModes:
             return Outcome(False, self._services.hold.reason)
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             return Outcome(False, f"there is no frame {frame!r} to follow")
+        if mode is Mode.PATH and self.path is None:
+            return Outcome(False, self._no_path)
         needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
                 outcome = self._start(name)
                 if not outcome.done:
                     return outcome
+        if mode in _FINDS:
+            outcome = self._find(mode)
+            if not outcome.done:
+                return outcome
         self.stop_sending()
         others = [name for name in (*SENDERS, *CONTROLLERS) if name not in needed]
         for name, on in (*((name, False) for name in others), *((name, True) for name in needed)):
@@ -210,9 +250,22 @@ class HeadModes:
             if not outcome.done:
                 return outcome
         if mode is Mode.FOLLOW:
-            self._keep_sending(frame, (0.0, 0.0, 0.0))
-            self._follows = True
+            kept = self._message(frame, (0.0, 0.0, 0.0))
+            self._keep_sending(mode, lambda: kept)
+        if mode is Mode.PATH:
+            self._along, self._stepped = 0.0, time.monotonic()
+            self._keep_sending(mode, self._next_of_path)
         return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
+
+    def set_path(self, path: Path | None, speed: float, why: str = "") -> None:
+        """The path to look along in that mode.
+
+        Args:
+            path: in the model's root; None: there is none, and the head stays where it is.
+            speed: along it [m/s].
+            why: there is none.
+        """
+        self.path, self._speed, self._no_path = path, speed, why
 
     def release(self) -> Outcome:
         """Switches off what turns the head, and waits until it has let go of the joints."""
@@ -254,7 +307,7 @@ class HeadModes:
         return ""
 
     def _publish(self, frame: str, point: Vector3) -> None:
-        self._targets.publish(_message(frame, point))
+        self._targets.publish(self._message(frame, point))
 
     def _start(self, name: str) -> Outcome:
         """Starts a node and waits until it can be switched off again: only one turns the head."""
@@ -293,19 +346,62 @@ class HeadModes:
             self._topics.forget(name)
         return Outcome(True, "")
 
-    def _keep_sending(self, frame: str, point: Vector3) -> None:
-        self._kept = _message(frame, point)
+    def _find(self, mode: Mode) -> Outcome:
+        """Lets `visual_target` look for something; in a simulated room there is one."""
+        scene = self._value(CAMERA, "scene")
+        if scene is not None and scene not in _SHOWS[mode]:
+            self._set(CAMERA, "scene", "everything")
+        deadline = time.monotonic() + _PATIENCE
+        while (follows := self._value(VISUAL, "follow")) is None:  # it has only just been started
+            if time.monotonic() > deadline:
+                return Outcome(False, f"{VISUAL} does not say what it follows; try again")
+            time.sleep(_POLL)
+        return (
+            Outcome(True, "")
+            if follows == _FINDS[mode]
+            else self._set(VISUAL, "follow", _FINDS[mode])
+        )
+
+    def _value(self, node: str, name: str) -> Any:
+        """A parameter of a node of this robot; None if it is not known."""
+        owner = f"{self._graph.namespace.rstrip('/')}/{node}"
+        return next(
+            (
+                one.value
+                for one in self._parameters.settings()
+                if (one.node, one.name) == (owner, name)
+            ),
+            None,
+        )
+
+    def _set(self, node: str, name: str, value: Any) -> Outcome:
+        return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
+
+    def _keep_sending(self, mode: Mode, target: Callable[[], PointStamped]) -> None:
+        self._kept, self._sends = target, mode
         self._send_kept()
         self._timer.reset()
+
+    def _next_of_path(self) -> PointStamped:
+        now, model, path = time.monotonic(), self._buffer.model, self.path
+        self._along += self._speed * min(now - self._stepped, 2.0 * _SEND_PERIOD)
+        self._stepped = now
+        if path is None or model is None:
+            return PointStamped()
+        message = self._message(model.root, path.at(self._along))
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        return message
 
     def _send_kept(self) -> None:
         kept = self._kept
         if kept is not None:
-            self._targets.publish(kept)
+            message = kept()
+            if message.header.frame_id:
+                self._targets.publish(message)
 
-
-def _message(frame: str, point: Vector3) -> PointStamped:
-    x, y, z = map(float, point)
-    message = PointStamped(point=Point(x=x, y=y, z=z))
-    message.header.frame_id = frame
-    return message
+    @staticmethod
+    def _message(frame: str, point: Vector3) -> PointStamped:
+        x, y, z = map(float, point)
+        message = PointStamped(point=Point(x=x, y=y, z=z))
+        message.header.frame_id = frame
+        return message

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Sequence
 
 from head_tracking.viewer.observation import Health, Level
 
+_POSITION = "position (rad)"
+
 COLUMNS = {
     "torque": "torque",
     "°C": "temperature (degrees Celsius)",
-    "volt": "voltage (V)",
+    "V": "voltage (V)",
     "load": "load (share of full torque)",
-    "position": "position (rad)",
+    "position": _POSITION,
     "errors": "errors",
     "timeouts": "timeouts",
     "corrupt": "corrupt replies",
@@ -56,7 +59,7 @@ def _table(servos: Sequence[Health]) -> str:
     )
     return (
         '<div style="overflow-x:auto;white-space:nowrap">'
-        '<table style="font-size:0.85em;border-spacing:6px 1px">'
+        '<table style="font-size:0.8em;border-spacing:3px 1px">'
         f"<tr><th></th>{head}</tr>{rows}</table></div>"
     )
 
@@ -64,6 +67,8 @@ def _table(servos: Sequence[Health]) -> str:
 def _cell(key: str, value: str) -> str:
     if key == COLUMNS["torque"]:
         return "on" if value == "torque on" else "off"  # why it is off is in the line below
+    if key == _POSITION and value != "-":
+        return f"{math.degrees(float(value)):.1f}°"
     return html.escape(value)
 
 

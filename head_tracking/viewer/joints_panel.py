@@ -10,7 +10,7 @@ from typing import Any
 
 import viser
 
-from head_tracking.transforms import Joint, RobotModel
+from head_tracking.transforms import Joint, JointType, RobotModel
 from head_tracking.viewer.joint_control import JointControl
 from head_tracking.viewer.notify import by_person, notify
 from head_tracking.viewer.observation import Observation, Outcome, Servo
@@ -18,8 +18,8 @@ from head_tracking.viewer.observation import Observation, Outcome, Servo
 _HELD = 1.5
 """A slider that a person moved stays put for so long [s], then follows the joint again."""
 
-_STEP = 0.001
-_FOLLOWED = 0.004  # rad or m: smaller motion of a joint is not worth a message
+_FOLLOWED = 0.2  # degrees or mm: smaller motion of a joint is not worth a message
+_STEP = 0.1  # degrees or mm
 
 
 class JointsPanel:
@@ -40,7 +40,7 @@ class JointsPanel:
         centre.on_click(lambda event: self._set_all(event, _middle))
         randomise.on_click(lambda event: self._set_all(event, self._anywhere))
         self._switches_box = gui.add_folder("Torque", visible=False)
-        self._sliders_box = gui.add_folder("Positions (rad or m)")
+        self._sliders_box = gui.add_folder("Positions (degrees or mm)")
         self._sliders: dict[str, Any] = {}
         self._switches: dict[str, Any] = {}
         self._touched: dict[str, float] = {}
@@ -64,9 +64,9 @@ class JointsPanel:
             position = live.joints.get(name)
             if position is None or now - self._touched.get(name, -math.inf) < _HELD:
                 continue
-            position = min(max(position, slider.min), slider.max)
+            position = min(max(position / _unit(self._joints[name]), slider.min), slider.max)
             if abs(position - slider.value) > _FOLLOWED:
-                slider.value = round(position, 4)
+                slider.value = round(position, 1)
         self._show_hint(servos, movable)
         self._refresh_switches(servos, now)
 
@@ -119,14 +119,18 @@ class JointsPanel:
         return switch
 
     def _slider(self, joint: Joint) -> Any:
-        lower, upper = _range(joint)
+        unit, (lower, upper) = _unit(joint), _range(joint)
         slider = self._gui.add_slider(
-            joint.name, lower, upper, _STEP, min(max(_middle(joint), lower), upper)
+            joint.name,
+            round(math.ceil(lower / unit / _STEP) * _STEP, 1),
+            round(math.floor(upper / unit / _STEP) * _STEP, 1),
+            _STEP,
+            round(_middle(joint) / unit, 1),
         )
 
         def on_update(event: viser.GuiEvent[Any]) -> None:
             if by_person(event):
-                notify(event, self._move({joint.name: slider.value}), joint.name)
+                notify(event, self._move({joint.name: slider.value * unit}), joint.name)
 
         slider.on_update(on_update)
         return slider
@@ -144,11 +148,16 @@ class JointsPanel:
         positions = {name: where(self._joints[name]) for name in sorted(movable)}
         outcome = self._move(positions)
         for name, position in positions.items():
-            self._sliders[name].value = position
+            self._sliders[name].value = round(position / _unit(self._joints[name]), 1)
         notify(event, outcome, "Joints")
 
     def _anywhere(self, joint: Joint) -> float:
         return round(self._random.uniform(*_range(joint)), 3)
+
+
+def _unit(joint: Joint) -> float:
+    """What a person reads, in radians or metres: degrees, or millimetres."""
+    return 1e-3 if joint.type is JointType.PRISMATIC else math.radians(1.0)
 
 
 def _range(joint: Joint) -> tuple[float, float]:

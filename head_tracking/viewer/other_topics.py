@@ -59,12 +59,14 @@ class Picture(NamedTuple):
     """What a camera has seen.
 
     Attributes:
+        number: another one for each picture.
         stamp: when [ns].
         frame_id: the camera's optical frame.
         pixels: shape (height, width, 3), RGB.
         camera: its calibration; None: nobody has told a usable one.
     """
 
+    number: int
     stamp: int
     frame_id: str
     pixels: npt.NDArray[np.uint8]
@@ -199,7 +201,11 @@ class OtherTopics:
         header = heard.what.header
         size = (pixels.shape[1], pixels.shape[0])
         return Picture(
-            stamp_to_ns(header.stamp), header.frame_id, pixels, self._camera(topic, size)
+            round(heard.at * 1e9),
+            stamp_to_ns(header.stamp),
+            header.frame_id,
+            pixels,
+            self._camera(topic, size),
         )
 
     def _camera(self, topic: str, size: tuple[int, int]) -> Camera | None:

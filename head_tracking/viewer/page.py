@@ -44,8 +44,8 @@ _SLOW = 0.25  # s: text and sliders need no more
 _RECORDED = 60.0  # s
 _HANGS = 3.0  # s
 _AHEAD = 1.5  # m: so far away is what a person points at, and what to look at, if nobody knows
-_FARTHEST = 1.6  # m
-_TO_THE_SIDE = 0.4  # rad
+_IN_VIEW = 1.2, 1.9  # m from the camera: room for a target that moves, and a robot of some size
+_TO_THE_SIDE, _UP = 0.45, 0.12  # rad: so far from straight ahead
 _GRID = (150, 155, 165)
 
 
@@ -183,6 +183,7 @@ class Page:
             self._recording = RecordingPanel(
                 server, self._last_minute, robot.recorder, robot.hold, robot.model
             )
+        self._picture.replay = self._recording
 
     def _run(self) -> None:
         pause = self._period
@@ -229,16 +230,19 @@ class Page:
 
     def _in_view(self, shown: Observation) -> Any:
         """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
-        head = self._robot.head()
+        head = self._head
         if head is None or self._scene is None:
             return self._corners
         model = self._scene.model
         standing = dict.fromkeys(model.independent_joints, 0.0)
         camera = np.array(model.transform(model.root, head.pointing_frame, standing).translation)
         away = _AHEAD if shown.target is None else math.dist(shown.target, camera)
-        # a target moves, and the farthest would make the robot too small to be recognised
-        around = min(away, _FARTHEST) * np.array(
-            [(math.cos(turn), math.sin(turn), 0.0) for turn in (-_TO_THE_SIDE, 0.0, _TO_THE_SIDE)]
+        nearest, farthest = _IN_VIEW
+        around = min(max(away, nearest), farthest) * np.array(
+            [
+                (math.cos(turn), math.sin(turn), up)
+                for turn, up in itertools.product((-_TO_THE_SIDE, _TO_THE_SIDE), (-_UP, _UP))
+            ]
         )
         return np.concatenate([self._corners, camera + around])
 
@@ -283,15 +287,22 @@ class Page:
             "can_resume": stop.can_resume,
             "title": "head_tracking" if model is None else model.name,
             "picture": self._picture.chosen,
-            "legend": () if self._gaze is None else self._gaze.legend(),
+            "legend": self._legend(),
         }
+
+    def _legend(self) -> tuple[tuple[str, str], ...]:
+        """What the colours of the scene mean, each with the colour."""
+        drawn = () if self._gaze is None else self._gaze.legend()
+        return (*drawn, *self._steering.legend())
 
     def _picture_now(self, query: Query) -> File:
         """What the camera sees, if that is another picture than the one that a browser has."""
         took = 1e-3 * max(0, _whole(query.get("took", "")))
         jpeg = self._picture.jpeg(_whole(query.get("after", "")), took)
-        data, stamp = (b"", 0) if jpeg is None else (jpeg.data, jpeg.stamp)
-        return File("image/jpeg", data, stamp)
+        if jpeg is None:
+            return File("image/jpeg", b"")
+        told = {"X-Number": str(jpeg.number), "X-Stamp": str(jpeg.stamp)}
+        return File("image/jpeg", jpeg.data, told)
 
     def _look_there(self, query: Query) -> dict[str, Any]:
         """Looks where a person points in the camera's picture."""
@@ -348,6 +359,7 @@ class Page:
             axis = pointing_axis(head.pointing_frame, self._axis)
             self._gaze.set_head(head, axis)
             self._views.set_head(self._scene.model, head, axis)
+            self._steering.set_head(self._scene.model, head, axis)
             self._framing.show_first(self._in_view(self._live))
 
 

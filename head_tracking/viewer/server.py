@@ -33,12 +33,12 @@ class File(NamedTuple):
     Attributes:
         kind: its MIME type.
         data: what is in it; empty: nothing new.
-        stamp: told along with it.
+        headers: what is told along with it.
     """
 
     kind: str
     data: bytes
-    stamp: int = 0
+    headers: Mapping[str, str] = {}
 
 
 Action = Callable[[Query], Mapping[str, Any] | File]
@@ -162,11 +162,8 @@ class Door:
         status = http.HTTPStatus.OK if file.data else http.HTTPStatus.NO_CONTENT
         response = connection.respond(status, "")
         response.body = file.data
-        for name, value in (
-            ("Content-Type", file.kind),
-            ("Content-Length", str(len(file.data))),
-            ("X-Stamp", str(file.stamp)),
-        ):
+        about = {"Content-Type": file.kind, "Content-Length": str(len(file.data)), **file.headers}
+        for name, value in about.items():
             response.headers.pop(name, None)
             response.headers[name] = value
         return self._dressed(response)

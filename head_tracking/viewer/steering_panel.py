@@ -7,10 +7,13 @@ import time
 
 import viser
 
-from head_tracking.transforms import TransformBuffer
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import RobotModel, TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, notify
 from head_tracking.viewer.observation import Observation, Outcome
+from head_tracking.viewer.path_panel import PathPanel
+from head_tracking.viewer.picking import point_on_ground
 from head_tracking.viewer.stop import Stop
 
 _NOT_YET = "(no frame yet)"
@@ -41,8 +44,9 @@ class SteeringPanel:
         self._mode = gui.add_dropdown(
             "Look at", [str(Mode.OFF)],
             hint="nothing: the head is left alone. point: turn to each point once. track: stay on "
-            "it. fictitious target: follow the tutorial's moving point. follow a frame: look at "
-            "the frame chosen below.",
+            "it. face, ball, marker: what the camera finds. follow a frame: look at the frame "
+            "chosen below. path: along a line. fictitious target: the tutorial's moving point. A "
+            "click into the camera's picture, or with point and track on the floor, looks there.",
         )  # fmt: skip
         self._frame = gui.add_dropdown("Frame", [_NOT_YET], hint="The frame of x, y and z.")
         self._point = gui.add_vector3("x y z (m)", (1.0, 0.0, 0.0), step=0.05)
@@ -52,6 +56,7 @@ class SteeringPanel:
             "Drag the target", True, hint="Shows the handles that drag the target in the scene."
         )
         self._refusal = gui.add_html("")
+        self._path = PathPanel(server, modes, self._point_in_root)
         self._gizmo = server.scene.add_transform_controls(
             "/gizmo", 0.18, disable_rotations=True, disable_sliders=True, depth_test=False,
             position=(1.0, 0.0, 0.5),
@@ -62,10 +67,19 @@ class SteeringPanel:
         self._frame.on_update(self._on_frame)
         self._gizmo_wanted.on_update(lambda _: self._show_gizmo())
         self._gizmo.on_update(self._on_drag)
+        server.scene.on_click()(self._on_scene)
 
     def set_root(self, root: str) -> None:
         """The frame that the scene is drawn in."""
         self._root = root
+
+    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
+        """The head that looks, and the direction in its frame that it points."""
+        self._path.set_head(model, head, axis)
+
+    def legend(self) -> tuple[tuple[str, str], ...]:
+        """The path's meaning and colour, if it is drawn."""
+        return self._path.legend()
 
     def show(self, shown: Observation) -> None:
         """Lets the gizmo follow the target, unless somebody holds it."""
@@ -84,6 +98,7 @@ class SteeringPanel:
         if self._mode.options != options:
             self._mode.options = options
         self._mode.value = str(mode)
+        self._path.refresh()
 
     def _first(self, frames: tuple[str, ...]) -> str:
         return "base_link" if "base_link" in frames else frames[0]
@@ -107,6 +122,22 @@ class SteeringPanel:
         if self._root and (event.phase == "end" or now - self._dragged >= _DRAG_PERIOD):
             self._dragged = now
             self._send_gizmo()
+
+    def _on_scene(self, event: viser.SceneClickEvent) -> None:
+        """Looks at a place on the floor, where a person chooses points anyway."""
+        if not self._root or self._modes.mode() not in (Mode.POINT, Mode.TRACK):
+            return
+        origin, direction = tuple(event.ray_origin), tuple(event.ray_direction)
+        point = point_on_ground(origin, direction)
+        if point is not None:
+            outcome = self._modes.look_at(self._root, point)
+            self._refusal.content = "" if outcome.done else refusal(outcome.text)
+
+    def _point_in_root(self) -> Vector3 | None:
+        try:
+            return self._buffer.transform_point(self._point.value, self._root, self._frame.value)
+        except TransformException:
+            return None
 
     def _send_gizmo(self) -> None:
         x, y, z = map(float, self._gizmo.position)

@@ -1,77 +1,55 @@
-"""Takes pictures of the viewer's page in Debian's chromium: docs/viewer*.png."""
+"""Takes the pictures of the viewer's page for docs/, in Debian's chromium: viewer*.png."""
 
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
-from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
 
-import rclpy
-from browser import PATIENCE, choose, open_browser, open_page, open_tab, press, row
+from browser import choose, open_browser, open_tab, row
+from tour import SIZES, Visitor, face, first_sight, free_port, is_whole, running
 
-from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.spinning import NodeThreads
-from head_tracking.runner import compose, parse_arguments, ros_arguments
-
-SIZE = (1200, 760)
-SETTLING = 6.0  # s: trails and plots need something to show
+SIZE = (1280, 800)
+SETTLING = 20.0  # s: plots need something to show
+LARGEST = 300_000  # bytes
 
 
-def wait_for(what: Callable[[], Any]) -> None:
-    """Polls until `what` gives something true."""
-    deadline = time.monotonic() + PATIENCE
-    while not what():
-        if time.monotonic() > deadline:
-            raise SystemExit("the page did not become what it should be")
-        time.sleep(0.1)
+def take(visitor: Visitor, path: Path) -> int:
+    """Takes a picture; how large it is [bytes]."""
+    visitor.close_notices()
+    visitor.page.wait_for_timeout(2e3)
+    visitor.page.screenshot(path=path)
+    size = path.stat().st_size
+    print(f"took {path}, {size / 1e3:.0f} kB")
+    return size
 
 
-def take(page: Any, path: Path) -> None:
-    """Takes a picture; the first one of a page also compiles its shaders."""
-    page.screenshot()
-    page.wait_for_timeout(1e3)
-    page.screenshot(path=path)
-    print(f"took {path}")
-
-
-def tour(page: Any, folder: Path, has_picture: Callable[[], bool]) -> None:
-    """Pictures of the tabs."""
-    page.wait_for_timeout(1e3 * SETTLING)
-    close = page.locator("button[class*=CloseButton], [class*=closeButton]")
-    for button in close.all():
-        button.dispatch_event("click")
-    press(page, "Simulate the camera")
-    wait_for(has_picture)
-    page.wait_for_timeout(1e3 * SETTLING)
-    take(page, folder / "viewer.png")
-    for tab in ("Joints", "Tune", "Health", "View"):
-        open_tab(page, tab)
-        if tab == "View":
-            choose(page, "Frames", "all frames")
-            row(page, "Reachable field").locator("input").first.click(force=True)
-        page.wait_for_timeout(1e3)
-        take(page, folder / f"viewer-{tab.lower()}.png")
-
-
-def main() -> None:
-    """Runs a simulated head and takes pictures of its page."""
-    folder = Path(sys.argv[1])
-    plan = parse_arguments(["--sim", "--viewer"])
-    rclpy.init(args=ros_arguments(plan))
-    with ExitStack() as resources, closing(NodeThreads()) as threads:
-        head = compose(plan, threads, resources)
-        node = ViewerNode(head.buffer)
-        threads.start(node)
-        viewer = node.page
-        with open_browser() as browser:
-            page = open_page(browser, viewer.port, *SIZE, sharpness=1.0)
-            wait_for(lambda: viewer.browsers)
-            tour(page, folder, lambda: node.robot.topics.picture("/image") is not None)
-    rclpy.try_shutdown()
+def main() -> int:
+    """Runs a simulated head and takes pictures of its page; 1 if one is too large."""
+    folder, port, sizes = Path(sys.argv[1]), free_port(), []
+    with open_browser() as browser, running(port):
+        width, height = SIZE
+        visitor = Visitor(browser.new_page(viewport={"width": width, "height": height}), port)
+        first_sight(visitor)
+        face(visitor)
+        visitor.page.wait_for_timeout(1e3 * SETTLING)
+        sizes.append(take(visitor, folder / "viewer.png"))
+        for tab in ("Joints", "Tune", "Health", "View"):
+            open_tab(visitor.page, tab)
+            if tab == "View":
+                choose(visitor.page, "Frames", "all frames")
+                row(visitor.page, "Reachable field").locator("input").first.click(force=True)
+            sizes.append(take(visitor, folder / f"viewer-{tab.lower()}.png"))
+        choose(visitor.page, "Frames", "none")
+        row(visitor.page, "Reachable field").locator("input").first.click(force=True)
+        visitor.page.close()
+        width, height = SIZES["phone"]
+        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")
+        visitor = Visitor(page, port)
+        is_whole(visitor)
+        visitor.stays_on_target()
+        sizes.append(take(visitor, folder / "viewer-phone.png"))
+    return int(max(sizes) > LARGEST)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -57,7 +57,7 @@ def servo(**changes: object) -> observation.Health:
 def test_every_column_is_filled():
     assert set(COLUMNS.values()) <= servo().values.keys()
     table = health_table([servo()])
-    for value in ("on", "35", "11.9", "0.10", "0.5000", "none", "AX-12"):
+    for value in ("on", "35", "11.9", "0.10", "28.6°", "none", "AX-12"):
         assert f"<td>{value}</td>" in table
 
 

@@ -18,6 +18,7 @@ from head_tracking.ros.spinning import NodeThreads
 from head_tracking.runner import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.head_modes import Mode
+from head_tracking.viewer.path import Path
 
 DEGREE = math.radians(1)
 
@@ -63,6 +64,28 @@ def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
     assert head_is_at(robot, 0.0)
 
 
+def test_nothing_is_commanded_while_a_recording_is_shown_but_stop(robot, seen):
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
+    seen.hold.reason = "a recording is shown"
+    for refused in (
+        seen.modes.look_at("base_link", (1.0, -0.8, 0.4)),
+        seen.modes.set_mode(Mode.OFF),
+        seen.modes.set_mode(Mode.FICTITIOUS),
+        seen.modes.centre(),
+        seen.modes.start("simulated_camera"),
+        seen.joints.move({"head_pan_joint": -0.5}),
+        seen.joints.set_torque("", False),
+        seen.joints.recover(),
+        seen.parameters.set("/head_tracker", "k_pan", 2.0),
+    ):
+        assert refused == (False, "a recording is shown")
+    assert seen.modes.mode() is Mode.TRACK
+    robot.at_rest(1.0)
+    assert head_is_at(robot, bearing(1.0, 0.8))
+    assert "head_pan_joint relaxed" in seen.stop_everything().text
+
+
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
     assert "point_head" not in robot.composition.nodes
     assert seen.modes.set_mode(Mode.POINT, "").done
@@ -94,6 +117,47 @@ def test_a_frame_is_followed(robot, seen):
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.5)))
     put(-0.5)
     wait_for(lambda: head_is_at(robot, bearing(1.0, -0.5)))
+
+
+def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    assert Mode.FACE in seen.modes.possible()
+    assert seen.modes.start("simulated_camera").done
+    for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
+        assert seen.modes.set_mode(mode).done
+        wait_for(lambda mode=mode: seen.modes.mode() is mode)
+        follow = robot.composition.nodes["visual_target"].get_parameter("follow")
+        assert follow.value == follows
+    wait_for(lambda: seen.observe().target is not None, 30.0)
+    assert not seen.modes.fighting()
+    assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK)
+
+
+def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
+    seen.modes.set_path(None, 0.0, "two points are needed")
+    refused = seen.modes.set_mode(Mode.PATH)
+    assert (refused.done, refused.text) == (False, "two points are needed")
+    ends = (1.0, 0.4, 0.5), (1.0, -0.4, 0.5)
+    root = seen.model().root
+    to_base = robot.composition.buffer.core.lookup_transform("base_link", root).transform
+    seen.modes.set_path(Path(ends), 0.8)
+    assert seen.modes.set_mode(Mode.PATH).done
+    assert seen.modes.mode() is Mode.PATH
+    pans: list[float] = []
+
+    def swings() -> bool:
+        pans.append(robot.true("head_pan_joint"))
+        return max(pans) > bearing(1.0, 0.3) and min(pans) < bearing(1.0, -0.3)
+
+    wait_for(swings, 20.0)
+    x, y, z = to_base @ seen.observe().target
+    assert (x, z) == pytest.approx(((to_base @ ends[0])[0], (to_base @ ends[0])[2]), abs=1e-6)
+    assert abs(y) <= 0.4 + 1e-6
+    seen.modes.set_path(None, 0.0, "cleared")  # nothing is sent, and it is still the mode
+    assert seen.modes.mode() is Mode.PATH
+    assert seen.modes.set_mode(Mode.OFF).done
+    assert seen.modes.mode() is Mode.OFF
 
 
 def test_what_can_t_be_is_refused_with_a_reason(seen):

@@ -261,6 +261,24 @@ def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
     assert "the first must be smaller" in refused.reason
 
 
+def test_what_is_followed_can_be_changed_while_it_looks(world, look):
+    node = look(follow="marker")
+    targets = world.record("/target_point")
+    show(world)
+    assert not targets
+    assert node.set_parameters([Parameter("follow", value="colour")])[0].successful
+    show(world)
+    assert targets[-1][1].header.frame_id == "camera_optical_frame"
+    assert node.set_parameters([Parameter("hue_tolerance", value=1.0)])[0].successful
+    assert node.set_parameters([Parameter("follow", value="nearest")])[0].successful
+    show(world)
+    assert targets[-1][1].header.frame_id == "d", "it looks at depths alone"
+    assert not node.set_parameters([Parameter("follow", value="nobody")])[0].successful
+    assert node.set_parameters([Parameter("follow", value="colour")])[0].successful
+    show(world)
+    assert targets[-1][1].header.frame_id == "camera_optical_frame"
+
+
 def test_a_rectangle_is_followed_and_an_impossible_one_is_told(world, look):
     node = look(follow="features", distance=1.0)
     targets = world.record("/target_point")
@@ -340,6 +358,31 @@ def test_the_simulated_camera_makes_what_somebody_looks_at(world, wanted, monkey
     assert stamps == sorted(stamps)
 
 
+def test_a_ball_shows_the_target_but_not_where_the_camera_itself_has_found_it(world):
+    eye = world.make(
+        SimulatedCameraNode,
+        {"scene": "face", **SMALL},
+        buffer=world.buffer,
+        true_position=world.true_position,
+    )
+    world.nodes.append(eye)
+    pictures = world.record("/image")
+
+    def magenta(frame, point):
+        target = PointStamped(header=header(world.now, frame))
+        target.point.x, target.point.y, target.point.z = point
+        world.publish("/target_point", target)
+        world.run(0.2)
+        pixels = np.frombuffer(pictures[-1][1].data, np.uint8).reshape(240, 320, 3).astype(int)
+        blue, green, red = pixels[..., 0], pixels[..., 1], pixels[..., 2]
+        return np.count_nonzero((red > green + 60) & (blue > green + 60))
+
+    assert magenta("base_link", (1.0, 0.0, 0.5)) < 150, "nothing but a face is asked for"
+    assert eye.set_parameters([Parameter("scene", value="everything")])[0].successful
+    assert magenta("base_link", (1.0, 0.0, 0.5)) > 300
+    assert magenta("camera_optical_frame", (0.0, 0.0, 1.0)) < 150
+
+
 @pytest.mark.parametrize("follow", DETECTORS)
 def test_every_parameter_is_described(look, follow):
     node = look(follow=follow)
@@ -366,7 +409,7 @@ def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(ki
             assert go.wait(10.0)
             return []
 
-    look._tracker.detector = Slow()
+    look._target.tracker.detector = Slow()
     look._target._on_info(camera_info(header(1, "c"), CAMERA))
     for stamp in (1, 2, 3):
         look._on_image(image_message(header(stamp, "c"), "bgr8", np.zeros((240, 320, 3), "u1")))

@@ -113,9 +113,12 @@ def row(page: Any, label: str) -> Any:
 
 def choose(page: Any, label: str, option: str) -> None:
     """Chooses from a menu."""
-    row(page, label).locator("input").first.click(force=True)
     entry = page.get_by_role("option", name=option, exact=True)
-    entry.wait_for()
+    deadline = time.monotonic() + PATIENCE
+    while not entry.is_visible():
+        assert time.monotonic() < deadline, f"the menu {label} does not open, or has no {option}"
+        row(page, label).locator("input").first.click(force=True)
+        page.wait_for_timeout(1e3)  # a busy page opens it late, and a click too many closes it
     entry.click(force=True)
 
 

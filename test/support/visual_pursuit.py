@@ -138,4 +138,4 @@ def pursue(
 
 def _show(eye: SimulatedCameraNode, things: dict[str, Any]) -> None:
     """Lets the camera see only these; the truth about the others stays known."""
-    eye.renderer.scene = type(eye.scene)(things)
+    eye.scene = type(eye.scene)(things)

@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 from viewer_client import ReadingClient
 from websockets.exceptions import InvalidStatus
 
@@ -29,6 +31,7 @@ from head_tracking.viewer.observation import (
     Servo,
     Setting,
 )
+from head_tracking.viewer.other_topics import Picture
 from head_tracking.viewer.page import Page, PageParameters
 from head_tracking.viewer.recording import Recording
 from head_tracking.viewer.recording_file import read_recording, write_recording
@@ -58,6 +61,8 @@ class FakeRobot:
             possible=lambda: tuple(Mode),
             can_start=lambda _: False,
             look_at=self._look_at,
+            path=None,
+            set_path=lambda *_: None,
         )
         self.joints = SimpleNamespace(
             free=False,
@@ -334,6 +339,30 @@ def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
     assert panel.replayed() is None
 
 
+def test_a_browser_gets_recordings_and_no_other_files(kinectbot, show, tmp_path):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    (tmp_path / "secret.mcap").write_bytes(b"secret")
+    file = folder / "head.mcap"
+    file.write_bytes(b"recorded")
+    robot = FakeRobot(kinectbot)
+    robot.recorder = SimpleNamespace(
+        file=None, status="", directory=folder, files=lambda: (folder / "head.mcap",)
+    )
+    panel = show(robot)._recording
+    sent: list[Any] = []
+    client = SimpleNamespace(
+        send_file_download=lambda name, content, **_: sent.append((name, content)),
+        add_notification=lambda *arguments, **_: sent.append(arguments),
+    )
+    for name in ("head.mcap", "../secret.mcap", str(tmp_path / "secret.mcap"), ""):
+        panel._file = SimpleNamespace(value=name, options=())
+        panel._on_download(SimpleNamespace(client=client))
+    assert sent[0] == ("head.mcap", b"recorded")
+    assert all("no such recording" in text for _, text in sent[1:])
+    assert len(sent) == 4
+
+
 def test_the_recording_of_another_robot_is_shown_on_its_own_model(kinectbot, turtlebot, show):
     complaints: list[str] = []
     robot = FakeRobot(kinectbot)
@@ -448,6 +477,66 @@ def test_the_badge_is_told_and_says_when_a_recording_is_shown(kinectbot, show):
     assert "the robot: moving" in status()["text"]
     page._recording.close()
     assert status()["word"] == "moving"
+
+
+def test_the_newest_picture_is_handed_out_once_and_a_click_in_it_turns_the_head(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    pixels = np.full((240, 640, 3), (250, 120, 10), np.uint8)
+    seen = Picture(7, 10**9, "camera_optical_frame", pixels, None)
+    robot.topics.images = lambda: ("/depth", "/image", "/visual_target/image")
+    asked: list[str] = []
+    robot.topics.picture = lambda topic: (asked.append(topic), seen)[1]
+    robot.buffer.lookup_transform = lambda *_: SimpleNamespace(
+        transform=Transform((0.0, 0.0, 0.5), Rotation.from_rpy(-math.pi / 2, 0.0, -math.pi / 2))
+    )
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page._picture.chosen == "/visual_target/image")  # what was found is in it
+        robot.seen = 0
+        wait_for(lambda: robot.seen > 50)
+        assert not asked, "nobody looks at the page"
+        assert json.loads(get(page, "/head/status?looks", **PAGE)[2])["picture"]
+        wait_for(lambda: asked)
+        assert json.loads(get(page, "/head/status", **PAGE)[2])["legend"][0][0] == "target"
+    finally:
+        client.close()
+    status, headers, body = get(page, "/head/picture?after=&took=100", **PAGE)
+    assert (status, headers["Content-Type"], headers["X-Stamp"]) == (200, "image/jpeg", str(10**9))
+    shown = np.asarray(Image.open(io.BytesIO(body)))
+    assert shown.shape == (120, 320, 3)
+    assert shown.mean(axis=(0, 1)) == pytest.approx((250, 120, 10), abs=4)
+    assert get(page, f"/head/picture?after={headers['X-Number']}", **PAGE)[0] == 204
+    robot.asked.clear()
+    for query in ("u=0.5&v=0.5&stamp=1000000000", "u=1&v=0.5&stamp=1000000000"):
+        assert json.loads(get(page, f"/head/look?{query}", **PAGE)[2])["done"]
+    (_, frame, ahead), (_, _, right) = robot.asked
+    assert frame == "base_link"
+    assert ahead[0] > 0.5
+    assert ahead[1:] == pytest.approx((0.0, 0.5), abs=1e-6)
+    assert math.atan2(-right[1], right[0]) == pytest.approx(0.5, abs=0.01)
+    refused = json.loads(get(page, "/head/look?u=one&v=0.5&stamp=1", **PAGE)[2])
+    assert not refused["done"]
+    assert len(robot.asked) == 2
+
+
+def test_browsers_see_all_of_it_until_a_person_moves_their_eye(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: page._framing._placed)
+        (browser,) = page._server.get_clients().values()
+        first = tuple(browser.camera.position)
+        browser.camera.position = (5.0, 5.0, 5.0)
+        wait_for(lambda: page._framing._moved)
+        seen = robot.seen
+        wait_for(lambda: robot.seen > seen + 20)
+        assert tuple(browser.camera.position) == (5.0, 5.0, 5.0)
+        assert math.dist(first, (0.0, 0.0, 0.3)) < 3.0
+    finally:
+        client.close()
+    wait_for(lambda: not page._framing._placed)
 
 
 def test_no_other_page_can_put_this_one_into_a_frame(kinectbot, show):

@@ -1,0 +1,79 @@
+"""Films the page while the head follows a face: docs/viewer.webp, as it moves and as fast."""
+
+from __future__ import annotations
+
+import base64
+import io
+import itertools
+import sys
+from pathlib import Path
+from typing import Any
+
+from browser import open_browser
+from PIL import Image
+from tour import Failed, Visitor, first_sight, free_port, running
+
+SIZE = (1040, 600)
+SECONDS = 7.0
+QUALITY = 62  # of WebP
+LARGEST = 2_000_000  # bytes
+FEWEST = 4.0  # pictures a second: with fewer it is no film
+
+
+def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
+    """The page's pictures as it draws them, each with its time [s].
+
+    Raises:
+        Failed: the head did not follow all the time.
+    """
+    page = visitor.page
+    pictures: list[tuple[float, bytes]] = []
+    session = page.context.new_cdp_session(page)
+
+    def take(event: Any) -> None:
+        data = base64.b64decode(event["data"])
+        pictures.append((event["metadata"]["timestamp"], data))
+        session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
+
+    session.on("Page.screencastFrame", take)
+    session.send("Page.startScreencast", {"format": "jpeg", "quality": 95, "everyNthFrame": 1})
+    words = set()
+    while not pictures or pictures[-1][0] - pictures[0][0] < seconds:
+        page.wait_for_timeout(200)
+        words.add(visitor.word)
+    session.send("Page.stopScreencast")
+    if words - {"on target", "moving"}:
+        raise Failed(f"the badge said {', '.join(sorted(words))}; is the machine quiet?")
+    return pictures
+
+
+def main() -> int:
+    """Films it; 1 if the machine is too busy for that."""
+    path = Path(sys.argv[1]) / "viewer.webp"
+    port = free_port()
+    with open_browser() as browser, running(port, "--target", "face"):
+        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+        visitor = Visitor(page, port)
+        first_sight(visitor)
+        page.wait_for_timeout(15e3)  # the strip needs something to show
+        visitor.close_notices()
+        page.wait_for_timeout(3e3)
+        pictures = filmed(visitor, SECONDS)
+    rate = len(pictures) / SECONDS
+    if rate < FEWEST:
+        print(f"{rate:.1f} pictures a second are no film; try again when the machine is quiet")
+        return 1
+    times = [time for time, _ in pictures]
+    lasts = [round(1e3 * (b - a)) for a, b in itertools.pairwise(times)]
+    lasts.append(lasts[-1])
+    images = [Image.open(io.BytesIO(data)).convert("RGB") for _, data in pictures]
+    images[0].save(
+        path, save_all=True, append_images=images[1:], duration=lasts, loop=0, quality=QUALITY,
+        method=6,
+    )  # fmt: skip
+    print(f"filmed {path}: {rate:.1f} pictures a second, {path.stat().st_size / 1e3:.0f} kB")
+    return int(path.stat().st_size > LARGEST)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
