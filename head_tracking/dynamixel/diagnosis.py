@@ -138,6 +138,8 @@ class Diagnosis:
                 watch = watches.get(servo.id) or self._begin(servo)
                 if watch.symptoms:
                     self._clear(joint, servo, watch, now)
+                if joint.goal_ticks:
+                    watch.goals.append(joint.goal_ticks[index])  # also if no answer came meanwhile
                 counters = servo.counters
                 failures = counters.timeouts + counters.corrupt
                 if failures != watch.calm:
@@ -197,7 +199,6 @@ class Diagnosis:
                         self._end(joint, watch, f"not reached: {joint.torque.value}")
                     continue
                 goal = (joint.goal_ticks[index] - servo.zero) * servo.scale
-                watch.goals.append(joint.goal_ticks[index])
                 error = goal - position
                 off = abs(error)
                 if watch.target != joint.goal_ticks:
@@ -281,18 +282,21 @@ class Diagnosis:
     def _examining(
         self, joint: Joint, servo: Servo, watch: _Watch, suspicion: Symptom, now: int
     ) -> Steps[None]:
-        values: dict[str, int] = {}
-        try:
-            for block in _cause_blocks(servo.model):
-                names = [register.name for register in block.registers]
-                values.update(zip(names, servo.read(block, 2), strict=True))
-                yield 0.0
-        except CommunicationError:
-            watch.examined = -_AGAIN
-            return
-        if not joint.on or joint.busy:
-            return  # somebody has relaxed it meanwhile
-        symptom, text = self._cause(joint, servo, watch, values, suspicion)
+        for last in (False, True):
+            values: dict[str, int] = {}
+            try:
+                for block in _cause_blocks(servo.model):
+                    names = [register.name for register in block.registers]
+                    values.update(zip(names, servo.read(block, 2), strict=True))
+                    yield 0.0
+            except CommunicationError:
+                watch.examined = -_AGAIN
+                return
+            if not joint.on or joint.busy:
+                return  # somebody has relaxed it meanwhile
+            symptom, text = self._cause(joint, servo, watch, values, suspicion)
+            if symptom is not Symptom.OVERRULED or last:
+                break  # a goal that went out while the bus was held up is not somebody else's
         self._tell(joint, servo, watch, symptom, now, text)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
             self._cut(joint)
