@@ -136,7 +136,7 @@ class RecordingPanel:
                 self._playing_since, self._place = None, recording.duration
             self._time.value = min(now, self._time.max)
         runs = self._recorder.file is not None
-        self._record.label = "Stop recording" if runs else "Record everything"
+        self._record.label = "End recording" if runs else "Record everything"
         self._record.color = "red" if runs else None
         self._status.content = _small(self._recorder.status)
         names = tuple(file.name for file in self._recorder.files()) or (_NO_FILE,)

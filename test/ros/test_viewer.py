@@ -418,9 +418,9 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(robot, viewer, 
 def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer, page):
     open_tab(page, "Record")
     press(page, "Record everything")
-    page.get_by_role("button", name="Stop recording").wait_for()
+    page.get_by_role("button", name="End recording").wait_for()
     robot.look_at(1.0, 0.2, 0.5, "base_link")
-    press(page, "Stop recording")
+    press(page, "End recording")
     page.get_by_role("button", name="Record everything").wait_for()
     (file,) = viewer.robot.recorder.files()
     row(page, "Recordings").locator(f"input[value='{file.name}']").first.wait_for()
