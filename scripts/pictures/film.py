@@ -13,7 +13,7 @@ from browser import open_browser
 from PIL import Image
 from tour import Failed, Visitor, first_sight, free_port, running
 
-SIZE = (1040, 600)
+SIZE = (1200, 675)
 SECONDS = 7.0
 TAKES = 5
 QUALITY = 62  # of WebP
@@ -62,7 +62,7 @@ def main() -> int:
     """Films it; 1 if the machine is too busy for that."""
     path = Path(sys.argv[1]) / "viewer.webp"
     port = free_port()
-    with open_browser() as browser, running(port, "--target", "face"):
+    with open_browser() as browser, running(port, "--target", "face", scene="face"):
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         visitor = Visitor(page, port)
         first_sight(visitor)
