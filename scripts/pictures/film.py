@@ -6,11 +6,13 @@ import base64
 import io
 import itertools
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from browser import open_browser
 from PIL import Image
+from playwright.sync_api import Error
 from tour import Failed, Visitor, first_sight, free_port, running
 
 SIZE = (1200, 675)
@@ -34,7 +36,8 @@ def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
     def take(event: Any) -> None:
         data = base64.b64decode(event["data"])
         pictures.append((event["metadata"]["timestamp"], data))
-        session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
+        with suppress(Error):  # the browser may have been closed meanwhile
+            session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
 
     session.on("Page.screencastFrame", take)
     session.send("Page.startScreencast", {"format": "jpeg", "quality": 95, "everyNthFrame": 1})
@@ -62,7 +65,7 @@ def main() -> int:
     """Films it; 1 if the machine is too busy for that."""
     path = Path(sys.argv[1]) / "viewer.webp"
     port = free_port()
-    with open_browser() as browser, running(port, "--target", "face", scene="face"):
+    with open_browser() as browser, running(port, "--target", "face"):
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         visitor = Visitor(page, port)
         first_sight(visitor)

@@ -314,13 +314,12 @@ class Tour:
 
 
 @contextmanager
-def running(port: int, *arguments: str, scene: str = "") -> Iterator[subprocess.Popen[bytes]]:
+def running(port: int, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     """The program with its page at a port, as a person starts it."""
-    shown = ["-p", f"simulated_camera:scene:={scene}"] if scene else []
     command = [sys.executable, "-m", "head_tracking", "--sim", "--viewer", *arguments]
     domain = os.environ.get("ROS_DOMAIN_ID", str(10 + os.getpid() % 80))
     program = subprocess.Popen(
-        [*command, "--ros-args", "-p", f"viewer:port:={port}", *shown],
+        [*command, "--ros-args", "-p", f"viewer:port:={port}"],
         env={**os.environ, "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
