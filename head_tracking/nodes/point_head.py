@@ -26,6 +26,12 @@ class PointHeadParameters:
     """What to point."""
 
     pointing_frame: str = parameter("camera_link", "The frame to point.", fixed=True)
+    controller_name: str = parameter(
+        "",
+        "Below this name clients find the actions and joint_trajectory: head_controller for those "
+        "of TIAGo, head_traj_controller for PR2's. Empty: below the node's own.",
+        fixed=True,
+    )
 
 
 class PointHeadNode(Node):
@@ -54,7 +60,9 @@ class PointHeadNode(Node):
         self.interface = HeadInterface(
             self, p.pointing_frame, "~/pointing_error", buffer, loop, self
         )
-        self.actions = HeadActions(self, self.interface, lambda: self._tuned, self._said)
+        self.actions = HeadActions(
+            self, p.controller_name or "~", self.interface, lambda: self._tuned, self._said
+        )
         self.create_service(Trigger, "~/recenter", self._on_recenter)
         self.interface.begin()
 
@@ -135,6 +143,8 @@ class PointHeadNode(Node):
         pointing = self._pointing
         if pointing is None:
             return None
+        if self.interface.off:
+            self.actions.end(self.interface.off)
         task = self.actions.task
         if task is not None:
             self._forget()

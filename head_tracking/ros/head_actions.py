@@ -275,6 +275,7 @@ class HeadActions:
 
     Args:
         node: offers them.
+        below: the name below which they are.
         interface: to the head; its lock is held while anything is done.
         parameters: how the head turns to points, as it is now.
         on_outcome: is told how a task ended, or why one was not begun.
@@ -286,6 +287,7 @@ class HeadActions:
     def __init__(
         self,
         node: Node,
+        below: str,
         interface: HeadInterface,
         parameters: Callable[[], PointingParameters],
         on_outcome: Callable[[str], object],
@@ -303,11 +305,13 @@ class HeadActions:
         if PointHead is None:
             missing.append("no actions: control_msgs is not installed (ros-jazzy-control-msgs)")
         else:
-            GoalServer(node, PointHead, "~/point_head_action", self.point_refusal, self.point)
+            GoalServer(
+                node, PointHead, f"{below}/point_head_action", self.point_refusal, self.point
+            )
             GoalServer(
                 node,
                 FollowJointTrajectory,
-                "~/follow_joint_trajectory",
+                f"{below}/follow_joint_trajectory",
                 lambda _: "",
                 self.follow,
             )
@@ -317,7 +321,7 @@ class HeadActions:
             )
         else:
             node.create_subscription(
-                TrajectoryMessage, "~/joint_trajectory", self._on_trajectory, 10
+                TrajectoryMessage, f"{below}/joint_trajectory", self._on_trajectory, 10
             )
         if missing:
             self._log.info("; ".join(missing))

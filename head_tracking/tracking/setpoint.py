@@ -13,6 +13,7 @@ from head_tracking.gaze import HeadCommand
 _NEAR = 0.05  # rad; a joint that rests so near to its setpoint is where it was told to be
 _PAUSE = 0.2  # s; after a longer one a setpoint starts where the joint is
 _GAP, _GAP_TIME = 0.1, 0.3  # rad, s: so far, and so far in time, a setpoint runs before its joint
+_LEAD = 0.03  # s; so much earlier, because a servo comes so late after a position it is told
 _DUE = 0.9  # of a period
 
 
@@ -26,7 +27,7 @@ class SetpointStream:
 
     def __init__(self, period: float, ahead: float) -> None:
         self._period = period
-        self._ahead = max(period, ahead)
+        self._ahead = max(period, ahead) + _LEAD
         self._joints: tuple[_Setpoint, _Setpoint] | None = None
         self._told = -math.inf
 
@@ -42,7 +43,7 @@ class SetpointStream:
     def positions(
         self, command: HeadCommand | None, measured: tuple[float, float], now: float
     ) -> tuple[float, float] | None:
-        """Where pan and tilt shall be after `ahead` [rad]; None: there is nothing to say now.
+        """Where pan and tilt shall be told to be [rad]; None: there is nothing to say now.
 
         Args:
             command: a new one; None: the last one counts.

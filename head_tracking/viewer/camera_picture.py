@@ -6,7 +6,7 @@ import html
 import io
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import viser
@@ -41,6 +41,16 @@ class Jpeg(NamedTuple):
     data: bytes
 
 
+class Replay(Protocol):
+    """A recording that is shown in place of the robot."""
+
+    def camera(self) -> str:
+        """The topic of its pictures; empty: there are none."""
+
+    def picture(self) -> Picture | None:
+        """What the camera saw."""
+
+
 class CameraPicture:
     """A menu of pictures, and a button for the simulated camera.
 
@@ -53,7 +63,12 @@ class CameraPicture:
         topics: have the pictures.
         modes: starts the simulated camera.
         hold: while a recording is shown, what the camera sees now is not.
+
+    Attributes:
+        replay: the camera of a recording that is shown, if it has one.
     """
+
+    replay: Replay | None = None
 
     def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
@@ -84,8 +99,9 @@ class CameraPicture:
     @property
     def chosen(self) -> str:
         """The topic that is shown; empty: none."""
-        hidden = self._hold.reason or self._menu.value == _NONE
-        return "" if hidden else str(self._menu.value)
+        if self._hold.reason:
+            return self.replay.camera() if self.replay is not None else ""
+        return "" if self._menu.value == _NONE else str(self._menu.value)
 
     def look(self) -> None:
         """Somebody looks at the page now."""
@@ -93,6 +109,8 @@ class CameraPicture:
 
     def newest(self) -> Picture | None:
         """The newest picture of the topic that is shown; for any thread."""
+        if self._hold.reason:
+            return self.replay.picture() if self.replay is not None else None
         return self._topics.picture(self.chosen) if self.chosen else None
 
     def jpeg(self, after: int, took: float) -> Jpeg | None:

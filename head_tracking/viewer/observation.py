@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from head_tracking.transforms import Transform, Vector3
+from head_tracking.transforms import (
+    RobotModel,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    Vector3,
+)
 
 
 class Outcome(NamedTuple):
@@ -54,6 +60,18 @@ class Observation:
     target_stamp: int | None = None
     silent_joints: tuple[str, ...] = ()
     missing_nodes: tuple[str, ...] = ()
+
+
+def outer_frames(buffer: TransformBuffer, model: RobotModel) -> Mapping[str, Transform]:
+    """The newest transforms into the model's root, of all frames that are not the model's."""
+    found = {}
+    for frame in buffer.frames():
+        if frame not in model.children_of_joints and frame != model.root:
+            try:
+                found[frame] = buffer.lookup_transform(model.root, frame).transform
+            except TransformException:
+                continue
+    return found
 
 
 class Level(IntEnum):

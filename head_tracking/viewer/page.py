@@ -183,6 +183,7 @@ class Page:
             self._recording = RecordingPanel(
                 server, self._last_minute, robot.recorder, robot.hold, robot.model
             )
+        self._picture.replay = self._recording
 
     def _run(self) -> None:
         pause = self._period
@@ -229,7 +230,7 @@ class Page:
 
     def _in_view(self, shown: Observation) -> Any:
         """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
-        head = self._robot.head()
+        head = self._head
         if head is None or self._scene is None:
             return self._corners
         model = self._scene.model

@@ -95,7 +95,11 @@ class Recorder:
     @property
     def directory(self) -> Path:
         """Where recordings are."""
-        return Path(self._parameters.record_directory).expanduser()
+        folder = Path(self._parameters.record_directory)
+        try:
+            return folder.expanduser()
+        except RuntimeError:
+            return folder  # there is no home: it can't be written, and that is said
 
     @property
     def file(self) -> Path | None:
@@ -255,7 +259,9 @@ class _Session:
     def status(self) -> str:
         """How much there is, what is left out, and why it ended."""
         until = time.monotonic() if self.runs else self._ended
-        left_out = ", ".join(f"{name} ({why})" for name, why in sorted(self._left_out.items()))
+        left_out = ", ".join(
+            f"{name} ({why})" for name, why in sorted(dict(self._left_out).items())
+        )
         return (
             f"{self.file}: {until - self._started:.0f} s, {self._size / 1e6:.1f} MB, "
             f"{self._count} messages on {len(self._topics)} topics"

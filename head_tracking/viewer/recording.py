@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from head_tracking.viewer.observation import Observation
 
+_PICTURE_AGE = 2_000_000_000  # ns
+
 
 class RecordingError(ValueError):
     """There is no recording, or a file is none; says why."""
@@ -28,6 +30,21 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordedPicture:
+    """A camera's picture in a recording.
+
+    Attributes:
+        stamp: when it was recorded [ns].
+        frame_id: the camera's optical frame.
+        data: a JPEG or a PNG.
+    """
+
+    stamp: int
+    frame_id: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """What was seen of a robot, oldest first; at least one observation.
 
@@ -36,6 +53,8 @@ class Recording:
         urdf: the robot's model; empty if the recording does not tell.
         moments: what a person may want to go to, oldest first.
         notice: what a person should know of it; empty for nothing.
+        camera: the topic of its pictures; empty if there are none.
+        pictures: what the camera saw, oldest first.
 
     Raises:
         RecordingError: there is no observation, or they are not in order.
@@ -45,6 +64,8 @@ class Recording:
     urdf: str = ""
     moments: tuple[Moment, ...] = ()
     notice: str = ""
+    camera: str = ""
+    pictures: tuple[RecordedPicture, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.seen:
@@ -63,6 +84,17 @@ class Recording:
         stamp = self.seen[0].stamp + round(time * 1e9)
         index = bisect.bisect_right(self.seen, stamp, key=lambda one: one.stamp)
         return self.seen[max(0, index - 1)]
+
+    def picture_at(self, time: float) -> tuple[int, RecordedPicture] | None:
+        """The number of the picture that the camera saw last before `time` [s], and the picture.
+
+        None if the camera has seen nothing in the last two seconds.
+        """
+        stamp = self.seen[0].stamp + round(time * 1e9)
+        index = bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1
+        if index < 0 or stamp - self.pictures[index].stamp > _PICTURE_AGE:
+            return None
+        return index, self.pictures[index]
 
 
 class LastMinute:

@@ -38,8 +38,8 @@ from head_tracking.viewer.bag_writer import (
     transforms_of_joints,
     xyz,
 )
-from head_tracking.viewer.observation import Level, Observation
-from head_tracking.viewer.recording import Moment, Recording, RecordingError
+from head_tracking.viewer.observation import Level, Observation, outer_frames
+from head_tracking.viewer.recording import Moment, RecordedPicture, Recording, RecordingError
 
 _MCAP = b"\x89MCAP"
 _GZIP = b"\x1f\x8b"
@@ -52,6 +52,11 @@ _TARGET_AGE, _ERROR_AGE = 2_000_000_000, 1_000_000_000  # ns
 _LATE = 1_000_000_000  # ns: a target that is later than this was stamped by another clock
 _START = 1_000_000_000  # ns in which what is latched comes
 _ERROR = 40  # rcl_interfaces/Log.ERROR
+_PICTURES = 100_000_000  # bytes
+_FOUND = "visual_target/image"
+"""With what was found drawn into it: shown first, as of the robot itself."""
+
+_COMPRESSED = "sensor_msgs/msg/CompressedImage"
 _TURNERS = ("head_tracker", "point_head")
 _ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 
@@ -140,6 +145,7 @@ class _Overview:
         start, end: the times of the first and the last message [ns].
         namespace: of the robot, with a slash at its end.
         urdf: the first model of that robot; empty if there is none.
+        camera: the topic of pictures that a person wants to see first; empty if there are none.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -161,6 +167,15 @@ class _Overview:
                 self.namespace = min(found, key=len).removesuffix(ending)
                 break
         self.urdf = texts.get(f"{self.namespace}robot_description", "")
+        kinds = {number: schema.name for number, schema in self.schemas.items()}
+        cameras = [
+            channel.topic
+            for channel in self.channels.values()
+            if kinds.get(channel.schema_id) == _COMPRESSED
+            and channel.topic.startswith(self.namespace)
+            and not channel.topic.endswith("compressedDepth")
+        ]
+        self.camera = min(cameras, key=lambda topic: (_FOUND not in topic, topic), default="")
 
     def _take_summary(self, file: IO[bytes], texts: dict[str, str]) -> None:
         file.seek(0)
@@ -258,6 +273,10 @@ class _Reading:
         for node in _TURNERS:
             self._takers[f"{base}{_ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
             self._takers[f"{base}{node}/state", "std_msgs/msg/String"] = self._state_taker(node)
+        self._pictures: list[RecordedPicture] = []
+        self._picture_bytes, self._picture_period = 0, 0
+        self._camera = overview.camera
+        self._takers[self._camera, _COMPRESSED] = self._take_picture
         for channel in overview.channels.values():
             if channel.topic.startswith(base) and channel.topic.endswith("/enabled"):
                 name = channel.topic.removeprefix(base).removesuffix("/enabled")
@@ -271,8 +290,8 @@ class _Reading:
         handler = self._handlers[number]
         if self._first is None:
             self._first = self._now = self._next = message.log_time
-        if message.log_time >= self._next:
-            self._look()  # with all that came until the one before
+        if self._next <= self._now < message.log_time:
+            self._look()  # with all that came until then
             self._next = self._now + self._period
         self._now = max(self._now, message.log_time)
         if handler is not None:
@@ -299,8 +318,15 @@ class _Reading:
             raise RecordingError(f"nothing of the file can be shown: {why or lacking}")
         notice = f"{why}; it is shown up to there" if why else ""
         start = self._seen[0].stamp
-        moments = (Moment(max(0.0, (at - start) * 1e-9), text) for at, text in self._moments)
-        return Recording(tuple(self._seen), self._overview.urdf, tuple(moments), notice)
+        moments = (Moment((at - start) * 1e-9, text) for at, text in self._moments)
+        return Recording(
+            tuple(self._seen),
+            self._overview.urdf,
+            tuple(moments),
+            notice,
+            self._camera if self._pictures else "",
+            tuple(self._pictures),
+        )
 
     def _handler(self, number: int) -> tuple[Callable[[Any], None], Callable[[bytes], Any]] | None:
         channel = self._overview.channels[number]
@@ -337,7 +363,7 @@ class _Reading:
             Observation(
                 now,
                 self._joints,
-                self._frames(),
+                outer_frames(self._buffer, model),
                 None if target is None else target[2],
                 "" if target is None else str(target[1]),
                 error if now - at < _ERROR_AGE else None,
@@ -345,17 +371,6 @@ class _Reading:
                 None if target is None else target[3],
             )
         )
-
-    def _frames(self) -> Mapping[str, Transform]:
-        model, found = self._buffer.model, {}
-        assert model is not None
-        for frame in self._buffer.frames():
-            if frame not in model.children_of_joints and frame != model.root:
-                try:
-                    found[frame] = self._buffer.lookup_transform(model.root, frame).transform
-                except TransformException:
-                    continue
-        return found
 
     def _placed(self) -> tuple[int, Target, Vector3, int] | None:
         """The newest target: when it came, what was sent, where it is, when it was there."""
@@ -445,10 +460,23 @@ class _Reading:
         if message.level >= _ERROR:
             self._mark(f"{message.name}: {message.msg}")
 
+    def _take_picture(self, message: Any) -> None:
+        """Keeps pictures, fewer a second the longer the recording is."""
+        if self._pictures and self._now < self._pictures[-1].stamp + self._picture_period:
+            return
+        picture = RecordedPicture(self._now, message.header.frame_id, bytes(message.data))
+        self._pictures.append(picture)
+        self._picture_bytes += len(picture.data)
+        if self._picture_bytes > _PICTURES:
+            length = self._now - self._pictures[0].stamp
+            self._picture_period = 2 * length // len(self._pictures)
+            self._pictures = self._pictures[::2]
+            self._picture_bytes = sum(len(one.data) for one in self._pictures)
+
     def _mark(self, text: str) -> None:
         """Notes a moment; at the start what is latched is not one."""
-        assert self._first is not None
-        if len(self._moments) < _MOST_MOMENTS and self._now - self._first > _START:
+        start = self._seen[0].stamp if self._seen else self._now
+        if len(self._moments) < _MOST_MOMENTS and self._now - start > _START:
             self._moments.append((self._now, text))
 
 

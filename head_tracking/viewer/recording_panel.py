@@ -7,13 +7,17 @@ import io
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import viser
+from PIL import Image
 
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
 from head_tracking.viewer.notify import by_person, notify
 from head_tracking.viewer.observation import Hold, Observation, Outcome
+from head_tracking.viewer.other_topics import Picture
 from head_tracking.viewer.recorder import Recorder
 from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
 from head_tracking.viewer.recording_file import read_recording, write_recording
@@ -22,6 +26,9 @@ _STEP = 0.01  # s
 _MOST_MARKS = 60
 _LARGEST_DOWNLOAD = 200_000_000  # bytes: viser holds them in memory
 _SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5 x": 5.0, "20 x": 20.0}
+_RECORDED = 10**9
+"""The robot's own pictures have smaller numbers."""
+
 _NO_FILE = "(none yet)"
 _NOWHERE = "..."
 _HELD = "a recording is shown, and nothing is commanded meanwhile: press Back to the robot first"
@@ -101,6 +108,25 @@ class RecordingPanel:
         recording = self._recording
         return None if recording is None else recording.at(self._now())
 
+    def camera(self) -> str:
+        """The topic of the pictures in the recording that is shown; empty: there are none."""
+        recording = self._recording
+        return "" if recording is None else recording.camera
+
+    def picture(self) -> Picture | None:
+        """What the camera saw, in the recording that is shown; for any thread."""
+        recording = self._recording
+        found = None if recording is None else recording.picture_at(self._now())
+        if found is None:
+            return None
+        index, picture = found
+        try:
+            with Image.open(io.BytesIO(picture.data)) as opened:
+                pixels = np.asarray(opened.convert("RGB"))
+        except (OSError, ValueError, Image.DecompressionBombError):
+            return None  # damaged, or of a kind that is not known
+        return Picture(_RECORDED + index, picture.stamp, picture.frame_id, pixels, None)
+
     def refresh(self) -> None:
         """Moves the time line along while it plays; tells how the recorder does."""
         recording = self._recording
@@ -137,14 +163,25 @@ class RecordingPanel:
 
     def _read_file(self) -> Recording:
         try:
-            with (self._recorder.directory / self._file.value).open("rb") as file:
+            with self._chosen().open("rb") as file:
                 return read_recording(file)
         except OSError as error:
             raise RecordingError(f"it can't be read: {error}") from error
 
+    def _chosen(self) -> Path:
+        """The recording of the menu, and no other file, whatever a browser says is chosen.
+
+        Raises:
+            FileNotFoundError: it is not there.
+        """
+        for file in self._recorder.files():
+            if file.name == self._file.value:
+                return file
+        raise FileNotFoundError(f"there is no such recording in {self._recorder.directory}")
+
     def _on_download(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        file = self._recorder.directory / self._file.value
         try:
+            file = self._chosen()
             size = file.stat().st_size
             if size > _LARGEST_DOWNLOAD:
                 raise OSError(f"{size / 1e6:.0f} MB are too much for the page; copy {file}")
@@ -174,6 +211,10 @@ class RecordingPanel:
         self._open(event, lambda: read_recording(io.BytesIO(content)))
 
     def _open(self, event: viser.GuiEvent[Any], read: Callable[[], Recording]) -> None:
+        client = event.client
+        reading = client and client.add_notification(
+            "Replay", "is read: half a minute for each hour", loading=True, with_close_button=False
+        )
         try:
             recording = read()
             live = self._live_model()
@@ -182,6 +223,9 @@ class RecordingPanel:
         except (RecordingError, RobotModelError) as error:
             notify(event, Outcome(False, str(error)), "Recording")
             return
+        finally:
+            if reading is not None:
+                reading.remove()
         self.close()
         end = max(round(math.ceil(recording.duration / _STEP) * _STEP, 2), _STEP)
         moments = recording.moments
@@ -209,7 +253,7 @@ class RecordingPanel:
         since, recording = self._playing_since, self._recording
         if since is None or recording is None:
             return self._place
-        played = (time.monotonic() - since) * _SPEEDS[self._speed.value]
+        played = (time.monotonic() - since) * _SPEEDS.get(self._speed.value, 1.0)
         return min(self._place + played, recording.duration)
 
     def _go(self, place: float) -> None:
@@ -219,8 +263,8 @@ class RecordingPanel:
             self._playing_since = time.monotonic()
 
     def _on_scrub(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if by_person(event):
-            self._playing_since, self._place = None, event.target.value
+        if by_person(event) and math.isfinite(event.target.value):
+            self._playing_since, self._place = None, max(0.0, event.target.value)
 
     def _on_moment(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         recording = self._recording

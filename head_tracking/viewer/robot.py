@@ -19,14 +19,13 @@ from head_tracking.tf import Buffer
 from head_tracking.transforms import (
     RobotModel,
     RobotModelError,
-    Transform,
     TransformException,
 )
 from head_tracking.viewer.badge import Badge, badge
 from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.head_modes import POINTER, TRACKER, HeadModes, Mode
 from head_tracking.viewer.joint_control import JointControl
-from head_tracking.viewer.observation import Health, Level, Observation, Outcome
+from head_tracking.viewer.observation import Health, Level, Observation, Outcome, outer_frames
 from head_tracking.viewer.other_parameters import OtherParameters
 from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
@@ -158,7 +157,7 @@ class Robot:
         return Observation(
             self._now,
             joints,
-            self._outer_frames(model),
+            outer_frames(self.buffer, model),
             None if target is None else target.point,
             "" if target is None else str(target.target),
             None if mode is Mode.OFF else self.topics.error(turner),
@@ -207,16 +206,6 @@ class Robot:
     @property
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
-
-    def _outer_frames(self, model: RobotModel) -> Mapping[str, Transform]:
-        found = {}
-        for frame in self.buffer.frames():
-            if frame not in model.children_of_joints and frame != model.root:
-                try:
-                    found[frame] = self.buffer.lookup_transform(model.root, frame).transform
-                except TransformException:
-                    continue
-        return found
 
     def _silent_joints(self) -> tuple[str, ...]:
         """Joints of the head that somebody should tell and nobody does."""

@@ -59,9 +59,10 @@ def stream(commands, start=(0.0, 0.0), period=0.02, ahead=0.0, obeys=True):
 def test_a_goal_is_approached_at_its_speed_and_then_nothing_is_said():
     said = stream([HeadCommand(0.3, -0.1, 1.0, 0.25)])
     assert said[-1] == pytest.approx((0.3, -0.1))
-    pans = [0.0, *(pan for pan, _ in said)]
+    pans = [pan for pan, _ in said]
+    assert pans[0] == pytest.approx(0.05)  # it comes after by some hundredths of a second
     assert max(b - a for a, b in pairwise(pans)) == pytest.approx(0.02)
-    assert 15 <= len(said) <= 22
+    assert 13 <= len(said) <= 22
 
 
 def test_a_joint_that_does_not_move_is_not_left_behind():
@@ -72,6 +73,6 @@ def test_a_joint_that_does_not_move_is_not_left_behind():
 def test_after_a_pause_it_begins_where_the_joint_is():
     made = SetpointStream(0.02, 0.0)
     made.positions(HeadCommand(0.1, 0.0, 9.0, 9.0), (0.0, 0.0), 0.0)
-    assert made.positions(HeadCommand(1.0, 0.0, 1.0, 1.0), (0.7, 0.0), 5.0) == (0.72, 0.0)
+    assert made.positions(HeadCommand(1.0, 0.0, 1.0, 1.0), (0.7, 0.0), 5.0) == (0.75, 0.0)
     made.stop()
     assert made.positions(None, (0.7, 0.0), 5.1) is None

@@ -9,10 +9,13 @@ from head_under_test import Head
 from robot_under_test import wait_for
 from std_msgs.msg import String
 
+from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.tf.qos import LATCHED
+from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")
+FOLLOW = "/head_controller/follow_joint_trajectory"
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 
@@ -41,10 +44,115 @@ def test_random_goals_report_the_miss_of_the_true_angles(request, threads, model
     pointed.node.destroy_node()
 
 
+@pytest.fixture
+def pointed(kinectbot, threads):
+    head = goals.PointedHead(kinectbot)
+    yield head
+    head.node.destroy_node()
+
+
+def fastest(pointed, goal):
+    """Of pan, on the way of a goal [rad/s]; and how long that took [s]."""
+    world, before, speeds = pointed.world, pointed.true[0], []
+    held = goals.HeldGoal(goal)
+    pointed.node.actions.point(held)
+    begun = world.seconds
+    while not held.status:
+        world.run(0.02)
+        speeds.append(abs(pointed.true[0] - before) / 0.02)
+        before = pointed.true[0]
+    assert held.status == "succeeded"
+    return max(speeds), world.seconds - begun
+
+
+def test_velocity_and_duration_are_honoured(pointed):
+    frame = pointed.head.base_frame
+    speed, _ = fastest(pointed, goal(1, 1, 0.1, frame, velocity=0.4))
+    assert speed < 0.5
+    speed, duration = fastest(pointed, goal(1, -1, 0.1, frame, velocity=3.0))
+    assert 2.0 < speed < 3.5
+    assert duration < 1.7
+    speed, duration = fastest(pointed, goal(1, 1, 0.1, frame, duration=4.0))
+    assert 4.0 <= duration < 5.0
+    assert speed < 0.6
+    _, duration = fastest(pointed, goal(1, 0.98, 0.1, frame, duration=10.0))
+    assert 10.0 <= duration < 11.0  # slower than a servo can be told
+
+
+@pytest.mark.parametrize(
+    ("frame", "axis", "meant"),
+    [
+        ("/camera_optical_frame", (0, 0, 0), (0, 0, 1)),
+        ("camera_link", (1, 0.2, 0), (1, 0.2, 0)),
+        ("head_link", (0, 0, 0), (1, 0, 0)),
+    ],
+)
+def test_any_frame_and_axis_of_the_head_can_be_pointed(pointed, kinectbot, frame, axis, meant):
+    point, base = (1, 0.4, 0.1), pointed.head.base_frame
+    held = pointed.look_at(point, f"/{base}", pointing=frame, axis=axis)
+    assert held.status == "succeeded"
+    assert not pointed.node.actions.point_refusal(held.request)
+    head = PanTiltHead(kinectbot, *JOINTS, frame.removeprefix("/"), meant)
+    assert head.miss(point, *pointed.true) < math.radians(1.0)
+
+
+def test_a_goal_in_the_heads_own_frame_does_not_run_before_it(pointed):
+    pan = pointed.true[0]
+    assert pointed.look_at((2, 0.6, 0), "camera_link").status == "succeeded"
+    assert pointed.true[0] == pytest.approx(pan + math.atan2(0.6, 2), abs=0.05)
+
+
+def test_a_head_that_is_held_says_that_it_did_not_arrive(pointed):
+    assert pointed.look_at((1, 1, 0.1)).status == "succeeded"
+    pointed.world.push("head_pan_joint", 3.0)  # twice what the servo can stand against
+    assert pointed.look_at((1, -1, 0.1)).status == "aborted"
+    pointed.world.run(0.02)
+    assert "did not arrive: the head misses the target by" in pointed.said
+
+
+def test_a_target_that_keeps_moving_is_met(pointed):
+    core, world = pointed.world.buffer.core, pointed.world
+
+    def hand(seconds):
+        bearing = 0.6 * math.sin(seconds)
+        return 2 * math.cos(bearing), 2 * math.sin(bearing), 0.1
+
+    def move():
+        pose = Transform(hand(world.seconds), Rotation.identity())
+        core.set_transform(world.now, pointed.head.base_frame, "hand", pose)
+
+    move()
+    world.every(33_000_000, move)
+    for _ in range(6):
+        assert pointed.look_at((0, 0, 0), "hand", velocity=2.0).status == "succeeded"
+        assert pointed.true_miss(hand(world.seconds)) < 0.05
+        world.run(0.7)
+
+
+def test_a_trajectory_is_followed_closely(pointed):
+    held = goals.HeldGoal(
+        following(
+            (0.8, (0.6, 0.3), (0.5, 0.0), (0.0, 0.0)),
+            (1.6, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+            path=dict.fromkeys(JOINTS, 0.04),
+            end=dict.fromkeys(JOINTS, 0.01),
+        )
+    )
+    pointed.node.actions.follow(held)
+    farthest = 0.0
+    while not held.status:
+        pointed.world.run(0.01)
+        farthest = max(farthest, pointed.true[0])
+    assert (held.status, held.answer.error_code) == ("succeeded", 0)
+    assert 0.55 < farthest < 0.7
+    errors = [abs(told.error.positions[0]) for told in held.feedbacks]
+    assert math.sqrt(sum(error * error for error in errors) / len(errors)) < 0.015
+
+
 def test_alone_in_a_process_it_serves_goals_too(kinectbot):
-    head = Head(PointHeadNode, kinectbot.urdf)
+    head = Head(PointHeadNode, kinectbot.urdf, controller_name="head_controller")
     try:
-        client = Client(head.robot, goals.PointHead, "point_head/point_head_action")
+        client = Client(head.robot, goals.PointHead, "/head_controller/point_head_action")
         wait_for(lambda: any("ready to point" in text for text in head.log))
         sent = client.send(goal(1, 1, 0.3))
         assert sent.ended()[0] == SUCCEEDED
@@ -65,7 +173,7 @@ def test_alone_in_a_process_it_serves_goals_too(kinectbot):
         assert "aborted: no position of head_pan_joint" in head.until_logged("aborted: no pos")
         head.measured = True
         wait_for(lambda: not head.node.interface.obstacle)
-        follower = Client(head.robot, goals.FollowJointTrajectory, goals.FOLLOW)
+        follower = Client(head.robot, goals.FollowJointTrajectory, FOLLOW)
         sent = follower.send(following((1.0, (0.0, 0.0)), path=dict.fromkeys(JOINTS, 0.2)))
         assert sent.ended()[0] == SUCCEEDED
     finally:

@@ -64,6 +64,28 @@ def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
     assert head_is_at(robot, 0.0)
 
 
+def test_nothing_is_commanded_while_a_recording_is_shown_but_stop(robot, seen):
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
+    seen.hold.reason = "a recording is shown"
+    for refused in (
+        seen.modes.look_at("base_link", (1.0, -0.8, 0.4)),
+        seen.modes.set_mode(Mode.OFF),
+        seen.modes.set_mode(Mode.FICTITIOUS),
+        seen.modes.centre(),
+        seen.modes.start("simulated_camera"),
+        seen.joints.move({"head_pan_joint": -0.5}),
+        seen.joints.set_torque("", False),
+        seen.joints.recover(),
+        seen.parameters.set("/head_tracker", "k_pan", 2.0),
+    ):
+        assert refused == (False, "a recording is shown")
+    assert seen.modes.mode() is Mode.TRACK
+    robot.at_rest(1.0)
+    assert head_is_at(robot, bearing(1.0, 0.8))
+    assert "head_pan_joint relaxed" in seen.stop_everything().text
+
+
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
     assert "point_head" not in robot.composition.nodes
     assert seen.modes.set_mode(Mode.POINT, "").done

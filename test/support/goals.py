@@ -111,9 +111,15 @@ class PointedHead:
         pan, tilt = (self.world.true_position(joint) for joint in JOINTS)
         return pan, tilt
 
-    def look_at(self, point: Vector3) -> HeldGoal:
-        """Sends a goal of PointHead, a point in the base frame, and waits until it is over."""
-        goal = HeldGoal(point_goal(*point, self.head.base_frame))
+    def look_at(self, point: Vector3, frame: str = "", **wishes: Any) -> HeldGoal:
+        """Sends a goal of PointHead and waits until it is over.
+
+        Args:
+            point: to look at [m].
+            frame: that it is given in; empty: the head's base.
+            wishes: see `point_goal`.
+        """
+        goal = HeldGoal(point_goal(*point, frame or self.head.base_frame, **wishes))
         self.node.actions.point(goal)
         end = self.world.seconds + PATIENCE
         while not goal.status and self.world.seconds < end:

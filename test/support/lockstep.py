@@ -143,6 +143,12 @@ class World:
         servo.advance(self.now)
         return joint.position(servo.true_ticks)
 
+    def push(self, joint_name: str, torque: float) -> None:
+        """Loads a joint from outside until the next call [N m]."""
+        _, servo = self._servos[joint_name]
+        servo.advance(self.now)
+        servo.push(torque)
+
     def _on_goals(self, _: str, goals: Mapping[str, Goal]) -> None:
         for name, goal in goals.items():
             joint, servo = self._servos[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from closed_loop import PAN, TILT, Make, SimulatedHead
+from closed_loop import PAN, TILT, JointsRead, Make, SimulatedHead
 
 from head_tracking.dynamixel.protocol import sync_write_packet
 from head_tracking.gaze import HeadCommand
@@ -12,7 +12,6 @@ from head_tracking.tracking import SetpointStream
 
 _CYCLE = 10_000_000  # ns: 100 Hz
 _FASTEST = 6.0  # rad/s
-_SENT = 8_500_000  # ns after the bus's cycle: when `ClosedLoop` steps
 _PERIOD = 0.02  # s
 _BYTE = 10_000  # ns
 
@@ -76,23 +75,22 @@ class FollowedHead(SimulatedHead):
             TrajectoryFollower(position, round(delay * 1e9), from_measured=from_measured)
             for position in start
         )
-        self._cycled = self._updated = 0
+        self._updated = 0
         self._read = start
 
-    def command(self, command: HeadCommand) -> None:
+    def read(self, now: int) -> JointsRead:
+        """Joint states from elsewhere."""
+        self._advance(now)
+        read = super().read(now)
+        self._read = read.positions
+        return read
+
+    def write(self, command: HeadCommand, now: int) -> None:
         """What the output of a node that turns a head does with a command."""
-        sent = self._cycled + _SENT
-        positions = self._stream.positions(command, self._read, sent * 1e-9)
+        positions = self._stream.positions(command, self._read, now * 1e-9)
         if positions is not None:
             for follower, position in zip(self._followers, positions, strict=True):
-                follower.trajectory(sent, position, self._duration)
-
-    def cycle(self, now: int) -> tuple[int, tuple[float, float]]:
-        """Joint states from elsewhere; nothing is written here."""
-        self._advance(now)
-        self._cycled = now
-        stamp, self._read = super().cycle(now)
-        return stamp, self._read
+                follower.trajectory(now, position, self._duration)
 
     def true_positions(self, now: int) -> tuple[float, float]:
         """Where pan and tilt really are [rad]."""

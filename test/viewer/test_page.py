@@ -339,6 +339,30 @@ def test_a_recording_is_shown_in_place_of_the_robot(kinectbot, show):
     assert panel.replayed() is None
 
 
+def test_a_browser_gets_recordings_and_no_other_files(kinectbot, show, tmp_path):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    (tmp_path / "secret.mcap").write_bytes(b"secret")
+    file = folder / "head.mcap"
+    file.write_bytes(b"recorded")
+    robot = FakeRobot(kinectbot)
+    robot.recorder = SimpleNamespace(
+        file=None, status="", directory=folder, files=lambda: (folder / "head.mcap",)
+    )
+    panel = show(robot)._recording
+    sent: list[Any] = []
+    client = SimpleNamespace(
+        send_file_download=lambda name, content, **_: sent.append((name, content)),
+        add_notification=lambda *arguments, **_: sent.append(arguments),
+    )
+    for name in ("head.mcap", "../secret.mcap", str(tmp_path / "secret.mcap"), ""):
+        panel._file = SimpleNamespace(value=name, options=())
+        panel._on_download(SimpleNamespace(client=client))
+    assert sent[0] == ("head.mcap", b"recorded")
+    assert all("no such recording" in text for _, text in sent[1:])
+    assert len(sent) == 4
+
+
 def test_the_recording_of_another_robot_is_shown_on_its_own_model(kinectbot, turtlebot, show):
     complaints: list[str] = []
     robot = FakeRobot(kinectbot)

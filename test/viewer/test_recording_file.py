@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -35,6 +36,9 @@ TYPES = {
     "stopped": "std_msgs/msg/Bool",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/rosout": "rcl_interfaces/msg/Log",
+    "camera/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "visual_target/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "depth/compressedDepth": "sensor_msgs/msg/CompressedImage",
 }
 
 
@@ -127,6 +131,7 @@ def test_a_bag_of_stock_nodes_opens(kinectbot, base, compression):
     messages.sort(key=lambda one: one[0])
     recording = read(bag(messages, base, compression=compression))
     assert recording.duration == pytest.approx(5.0, abs=0.1)
+    assert len(recording.seen) == pytest.approx(5.0 / 0.04, abs=2)
     assert recording.at(2.0).joints[PAN] == pytest.approx(math.sin(2.0), abs=0.05)
     x, y, _ = recording.at(1.5).target
     assert (x, y) == pytest.approx((1.5, 0.0))
@@ -169,6 +174,40 @@ def test_what_happened_is_found_on_the_time_line(kinectbot):
     assert recording.at(5.0).state == "stopped"
 
 
+def pictures(topic: str, length: float, size: int = 4) -> list[tuple[float, str, Any]]:
+    return [
+        (0.1 * n, topic, {"header": header(at(0.1 * n), "camera"), "data": [n % 256] * size})
+        for n in range(round(10 * length))
+    ]
+
+
+def test_the_cameras_pictures_are_there_with_what_was_found_first(kinectbot):
+    messages = [
+        *moving(kinectbot, 5.0),
+        *pictures("camera/image/compressed", 5.0),
+        *pictures("visual_target/image/compressed", 2.0),
+        *pictures("depth/compressedDepth", 5.0),
+    ]
+    messages.sort(key=lambda one: one[0])
+    recording = read(bag(messages, "/left/"))
+    assert recording.camera == "/left/visual_target/image/compressed"
+    start = recording.seen[0].stamp
+    number, picture = recording.picture_at((at(1.55) - start) * 1e-9)
+    assert (number, picture.data, picture.frame_id) == (15, bytes([15] * 4), "camera")
+    assert recording.picture_at(4.5) is None  # it has seen nothing for long
+
+
+def test_many_pictures_take_no_more_memory(kinectbot, monkeypatch):
+    monkeypatch.setattr(recording_file, "_PICTURES", 10_000)
+    messages = [*moving(kinectbot, 60.0), *pictures("camera/image/compressed", 60.0, 100)]
+    messages.sort(key=lambda one: one[0])
+    kept = read(bag(messages)).pictures
+    assert 5_000 < sum(len(one.data) for one in kept) <= 10_000
+    gaps = [later.stamp - one.stamp for one, later in itertools.pairwise(kept)]
+    assert max(gaps) < 3 * SECOND
+    assert kept[-1].stamp > at(57.0)
+
+
 def test_a_file_that_was_cut_off_opens_up_to_there(kinectbot):
     data = bag(moving(kinectbot, 20.0), chunk_size=10_000)
     whole = read(data)
@@ -192,7 +231,7 @@ def test_a_day_is_shown_in_fewer_pictures_and_no_more_memory(kinectbot, monkeypa
         *(joints(40.0 * n, 0.001 * n) for n in range(2000)),
     ]
     recording = read(bag(messages))
-    assert len(recording.seen) <= 200
+    assert len(recording.seen) <= 102
     assert recording.duration == pytest.approx(79_960.0, rel=0.01)
     assert recording.at(40_000.0).joints[PAN] == pytest.approx(1.0, abs=0.03)
 
