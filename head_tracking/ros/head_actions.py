@@ -175,6 +175,7 @@ class PointTask(HeadTask):
             return law.stop(joints, now) if moves else None
         self.miss = turn.miss
         self._came = now
+        self.interface.newest_target = self._target
         result = turn.judge(now)
         if result is None:
             return law.along(turn.positions, turn.max_velocity, joints, now)

@@ -31,7 +31,7 @@
     #head-badge span { display: block; font-size: 12px; max-height: 62px; overflow: hidden; }
     #head-veil { position: fixed; inset: 0; z-index: 9000; background: #8889; cursor: not-allowed; }
     #head-corner { position: fixed; right: calc(var(--head-right, 0px) + 8px); bottom: 8px; z-index: 20;
-      display: flex; gap: 8px; align-items: flex-end; font: 12px/1.5 system-ui, sans-serif; color: var(--head-ink);
+      display: flex; flex-direction: column-reverse; gap: 6px; align-items: flex-end; font: 12px/1.4 system-ui, sans-serif; color: var(--head-ink);
       pointer-events: none; }
     #head-eye { position: relative; border-radius: 8px; overflow: hidden; box-shadow: 0 1px 5px #0006;
       width: clamp(150px, 24vw, 360px); background: #0008; pointer-events: auto; }
@@ -64,7 +64,7 @@
       #root { height: var(--head-scene) !important; }
       #head-bar { right: 8px; } #head-badge { flex: 1; max-width: none; min-width: 0; }
       #head-corner, #head-theme { bottom: calc(100% - var(--head-scene) + 6px); }
-      #head-corner { flex-direction: column-reverse; gap: 4px; line-height: 1.25; font-size: 11px; }
+      #head-corner { gap: 4px; line-height: 1.25; font-size: 11px; }
       #head-eye { width: 40vw; } #head-legend { padding: 3px 8px; }
       .mantine-Paper-root[style*="width: 20em"] { width: 100% !important; max-height: none !important;
         height: calc(100% - var(--head-scene)) !important; }

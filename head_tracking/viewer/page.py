@@ -44,8 +44,8 @@ _SLOW = 0.25  # s: text and sliders need no more
 _RECORDED = 60.0  # s
 _HANGS = 3.0  # s
 _AHEAD = 1.5  # m: so far away is what a person points at, and what to look at, if nobody knows
-_IN_VIEW = 1.2, 1.9  # m from the camera: room for a target that moves, and a robot of some size
-_TO_THE_SIDE, _UP = 0.45, 0.12  # rad: so far from straight ahead
+_IN_VIEW = 1.2, 2.3  # m from the camera: room for a target that moves, and a robot of some size
+_TO_THE_SIDE, _UP = 0.5, 0.12  # rad: so far from straight ahead
 _GRID = (150, 155, 165)
 
 

@@ -40,6 +40,7 @@ def ros():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     rclpy.logging.set_logger_level("point_head", rclpy.logging.LoggingSeverity.FATAL)
     yield
+    rclpy.logging.set_logger_level("point_head", rclpy.logging.LoggingSeverity.UNSET)
     rclpy.shutdown()
 
 

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionClient
 from robot_under_test import wait_for
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
+
+
+def in_executor(node: Any, call: Callable[[], Any]) -> Any:
+    """What a call in the thread of a node's executor returns.
+
+    rclpy's action client loses an answer that comes before it has noted what it asked: it must ask
+    where answers are taken.
+    """
+    task = node.executor.create_task(call)
+    wait_for(task.done)
+    return task.result()
 
 
 class Sent:
@@ -19,15 +31,18 @@ class Sent:
         feedback: what it said on the way, with the time [s].
     """
 
-    def __init__(self, client: ActionClient, goal: Any) -> None:
+    def __init__(self, node: Any, client: ActionClient, goal: Any) -> None:
         self.feedback: list[tuple[float, Any]] = []
+        self._node = node
         self._ended = 0.0
-        future = client.send_goal_async(goal, feedback_callback=self._on_feedback)
+        future = in_executor(
+            node, lambda: client.send_goal_async(goal, feedback_callback=self._on_feedback)
+        )
         wait_for(future.done)
         self._handle = future.result()
         self.accepted = self._handle.accepted
         if self.accepted:
-            self._result = self._handle.get_result_async()
+            self._result = in_executor(node, self._handle.get_result_async)
             self._result.add_done_callback(self._on_end)
 
     def _on_feedback(self, message: Any) -> None:
@@ -55,7 +70,7 @@ class Sent:
 
     def cancel(self) -> Any:
         """Asks the server to; its answer."""
-        future = self._handle.cancel_goal_async()
+        future = in_executor(self._node, self._handle.cancel_goal_async)
         wait_for(future.done)
         return future.result()
 
@@ -64,9 +79,10 @@ class Client:
     """Sends goals to one server."""
 
     def __init__(self, node: Any, kind: Any, name: str) -> None:
+        self._node = node
         self._client = ActionClient(node, kind, name)
         wait_for(self._client.server_is_ready)
 
     def send(self, goal: Any) -> Sent:
         """A goal, once the server has answered whether it takes it."""
-        return Sent(self._client, goal)
+        return Sent(self._node, self._client, goal)
