@@ -140,12 +140,16 @@ def node_wxyz(page: Any, name: str) -> tuple[float, ...]:
     return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].wxyz"))
 
 
+_TWO_FRAMES = "() => new Promise((d) => requestAnimationFrame(() => requestAnimationFrame(d)))"
+
+
 def drag(
     page: Any, name: str, start: tuple[float, float, float], end: tuple[float, float, float]
 ) -> None:
     """Drags with the mouse from one point of a node of the scene to another, in its frame [m]."""
     (x, y), (to_x, to_y) = (page.evaluate(_ON_SCREEN, [name, *point]) for point in (start, end))
     page.mouse.move(x, y)
+    page.evaluate(_TWO_FRAMES)  # what lies under the mouse is found out when a frame is drawn
     page.mouse.down()
     page.mouse.move(to_x, to_y, steps=4)
     page.mouse.up()
