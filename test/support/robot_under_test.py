@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -47,6 +48,7 @@ class Robot:
             self._resources = resources.pop_all()
 
     def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
+        gc.collect()  # a node that ends later takes /rosout from one of the same name
         plan = parse_arguments(arguments)
         rclpy.init(
             args=[*ros_arguments(plan), "--ros-args", *ros_args, "--"],
