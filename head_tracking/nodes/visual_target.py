@@ -97,8 +97,9 @@ class VisualTargetNode(Node):
         super().__init__("visual_target", **options)
         require_opencv()
         self._kinds: dict[str, NodeParameters[Any]] = {}
-        self._given = NodeParameters(self, VisualTargetParameters, on_change=self._on_follow)
-        self._settings = p = self._given.value
+        self._settings = p = NodeParameters(
+            self, VisualTargetParameters, on_change=self._on_follow
+        ).value
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._target = SightedTarget(
             self,
@@ -135,9 +136,9 @@ class VisualTargetNode(Node):
     def _on_follow(self, changed: VisualTargetParameters) -> None:
         if changed.follow == self._settings.follow:
             return
+        detector = self._detector(changed.follow)
         self._settings = changed
         self._subscribe_for(changed.follow)
-        detector = self._detector(changed.follow)
         self._looking.do(lambda: self._target.find_by(detector))
         self.get_logger().info(f"the target is what is found now: {changed.follow}")
 
