@@ -9,12 +9,12 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import Hold
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Hold
-from head_tracking.viewer.other_parameters import OtherParameters
 
 _LOOK_PERIOD = 1.0  # s
 _NICENESS = 10
@@ -36,7 +36,7 @@ class RecorderNode(Node):
                 "recordings need mcap-ros2-support, which is not installed here: "
                 "pip install 'head_tracking[viewer]', or pip install mcap-ros2-support"
             )
-        from head_tracking.viewer.recorder import Recorder, RecorderParameters
+        from head_tracking.recording.recorder import Recorder, RecorderParameters
 
         super().__init__("recorder", **options)
         parameters = NodeParameters(self, RecorderParameters).value

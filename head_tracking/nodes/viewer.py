@@ -44,9 +44,9 @@ class ViewerNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         if not installed():
             raise HeadTrackingError(MISSING)
+        from head_tracking.recording.recorder import RecorderParameters
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
-        from head_tracking.viewer.recorder import RecorderParameters
         from head_tracking.viewer.robot import Robot
         from head_tracking.viewer.server import is_loopback
 

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
-from head_tracking.viewer.observation import Health, Level, Observation, Servo
+from head_tracking.viewer.joint_control import Servo
 
 _ON_TARGET = math.radians(2.0)
 _REFUSED = "refused: "

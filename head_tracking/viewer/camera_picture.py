@@ -12,10 +12,10 @@ import numpy as np
 import viser
 from PIL import Image
 
+from head_tracking.ros.other_services import Hold, Outcome
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Hold, Outcome
 from head_tracking.viewer.other_topics import OtherTopics, Picture
 
 _NONE = "no picture"

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import viser
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import LookupException, RobotModel, Transform, Vector3
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.reachable_field import with_axis_forward
 from head_tracking.viewer.robot_scene import wxyz
 

@@ -12,12 +12,11 @@ from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Outcome
-from head_tracking.viewer.other_parameters import OtherParameters
-from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
 from head_tracking.viewer.path import Path
 

@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Sequence
 
-from head_tracking.viewer.observation import Health, Level
+from head_tracking.ros.diagnostics import Health, Level
 
 _POSITION = "position (rad)"
 

@@ -10,10 +10,11 @@ from typing import Any
 
 import viser
 
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import Joint, JointType, RobotModel
-from head_tracking.viewer.joint_control import JointControl
+from head_tracking.viewer.joint_control import JointControl, Servo
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Observation, Outcome, Servo
 
 _HELD = 1.5
 """A slider that a person moved stays put for so long [s], then follows the joint again."""

@@ -19,11 +19,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
+from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.graph import Graph
 from head_tracking.ros.images import camera_of, raw_image
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Health, Level
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError

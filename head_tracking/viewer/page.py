@@ -17,7 +17,9 @@ import numpy as np
 import viser
 
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.images import frame_pose
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import Vector3
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.camera_picture import CameraPicture
@@ -25,10 +27,8 @@ from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.framing import Framing
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
-from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.picking import point_in_picture
 from head_tracking.viewer.reachable_field import pointing_axis
-from head_tracking.viewer.recording import LastMinute
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel
-from head_tracking.viewer.observation import Observation
 
 _SECONDS = 30.0
 _LEAST = 0.09  # s between samples

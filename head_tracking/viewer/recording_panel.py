@@ -14,13 +14,13 @@ import numpy as np
 import viser
 from PIL import Image
 
+from head_tracking.recording.recorder import Recorder
+from head_tracking.recording.recording import LastMinute, Observation, Recording, RecordingError
+from head_tracking.recording.recording_file import read_recording, write_recording
+from head_tracking.ros.other_services import Hold, Outcome
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Hold, Observation, Outcome
 from head_tracking.viewer.other_topics import Picture
-from head_tracking.viewer.recorder import Recorder
-from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
-from head_tracking.viewer.recording_file import read_recording, write_recording
 
 _STEP = 0.01  # s
 _MOST_MARKS = 60

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import viser
 
+from head_tracking.recording.recording import Observation
 from head_tracking.viewer.advice import Trouble, troubles
 from head_tracking.viewer.health_table import health_table
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.plots import ERROR, GAZE, Strip, wanted_gaze
 from head_tracking.viewer.robot import Robot
 

@@ -8,10 +8,11 @@ import time
 import viser
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import RobotModel, TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Observation, Outcome
 from head_tracking.viewer.path_panel import PathPanel
 from head_tracking.viewer.picking import point_on_ground
 from head_tracking.viewer.stop import Stop

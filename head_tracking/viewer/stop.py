@@ -10,9 +10,9 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.other_services import Outcome
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.tf.qos import LATCHED
-from head_tracking.viewer.observation import Outcome
 
 _ANSWER = 0.45  # s within which a person is told
 _HANGS = 0.12  # s without an answer: the other service is asked as well

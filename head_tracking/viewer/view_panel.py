@@ -7,11 +7,11 @@ from typing import Any
 import viser
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel, Vector3
 from head_tracking.viewer.camera_view import CameraView
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
-from head_tracking.viewer.observation import Observation
 from head_tracking.viewer.robot import Robot
 
 _NONE, _ALL = "none", "all frames"

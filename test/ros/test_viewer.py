@@ -27,9 +27,9 @@ from robot_under_test import Robot, wait_for
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
 
+from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.images import image_message
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.viewer.recording_file import read_recording
 
 DEGREE = math.radians(1)
 HIGH = 0.5 + 0.0325

@@ -18,6 +18,24 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
 
+from head_tracking.recording.bag_writer import (
+    LATCHED_OFFER,
+    OFFER,
+    BagWriter,
+    header,
+    transform_of,
+    transforms_of_joints,
+    xyz,
+)
+from head_tracking.recording.recording import (
+    Moment,
+    Observation,
+    RecordedPicture,
+    Recording,
+    RecordingError,
+    outer_frames,
+)
+from head_tracking.ros.diagnostics import Level
 from head_tracking.tracking import Target
 from head_tracking.transforms import (
     LATEST,
@@ -29,17 +47,6 @@ from head_tracking.transforms import (
     Vector3,
     parse_robot_model,
 )
-from head_tracking.viewer.bag_writer import (
-    LATCHED_OFFER,
-    OFFER,
-    BagWriter,
-    header,
-    transform_of,
-    transforms_of_joints,
-    xyz,
-)
-from head_tracking.viewer.observation import Level, Observation, outer_frames
-from head_tracking.viewer.recording import Moment, RecordedPicture, Recording, RecordingError
 
 _MCAP = b"\x89MCAP"
 _GZIP = b"\x1f\x8b"

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.viewer.observation import Hold, Outcome
-
 _PATIENCE = 5.0  # s
+
+
+class Outcome(NamedTuple):
+    """How a request ended: whether it was done, and a sentence for the person who asked."""
+
+    done: bool
+    text: str
+
+
+class Hold:
+    """Why nothing is commanded from the page for the time being; STOP and Resume are.
+
+    Attributes:
+        reason: for the person who wants something; empty: everything may be commanded.
+    """
+
+    reason = ""
 
 
 class OtherServices:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
@@ -12,9 +13,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Hold, Outcome, Setting
-from head_tracking.viewer.other_services import wait_for_answer
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_services import Hold, Outcome, wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,
@@ -33,6 +33,29 @@ _SHOWN = {
     ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 _WORDS = "one of: "
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter of a node that can be changed while it runs.
+
+    Attributes:
+        node: whose.
+        name: its name.
+        value: a bool, int, float, str, or list of floats.
+        description: what it does, and its unit.
+        minimum: smallest number that its node takes; -inf if it does not say.
+        maximum: largest number.
+        choices: the words that its node takes; empty for any.
+    """
+
+    node: str
+    name: str
+    value: Any
+    description: str
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...] = ()
 
 
 class OtherParameters:
