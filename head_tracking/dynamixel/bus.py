@@ -177,7 +177,13 @@ class ServoBus:
 
     # Any thread
 
-    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+    def command(
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        clamp: bool = False,
+        claim: Callable[[Iterable[str]], object] | None = None,
+    ) -> CommandResult:
         """Set the goals of some joints, all or none; the newest goal of a joint wins.
 
         The goals are written in the owner's next cycle. Speeds above a joint's `speed_limit` are
@@ -187,6 +193,7 @@ class ServoBus:
             goals: Goal by joint name.
             clamp: Move positions outside the limits to the limit instead of refusing them. One
                 tick of excess always counts as being on the limit.
+            claim: Gets the joints that shall move before they do; it may refuse, by raising.
 
         Raises:
             GoalError: A joint is unknown or takes no commands now, a position is not finite or
@@ -222,6 +229,8 @@ class ServoBus:
         except GoalError:
             self._refused += 1
             raise
+        if claim is not None:
+            claim(positions)
         with self._lock:
             self._inbox.update(admitted)
         if clamped:

@@ -400,7 +400,13 @@ class Buses:
         """Joints that did not confirm at the end that they are relaxed."""
         return tuple(joint for _, thread in self._threads for joint in thread.unconfirmed)
 
-    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+    def command(
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        clamp: bool = False,
+        claim: Callable[[Iterable[str]], object] | None = None,
+    ) -> CommandResult:
         """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
 
         Raises:
@@ -415,7 +421,7 @@ class Buses:
         refusals: list[str] = []
         for bus, share in shares.items():
             try:
-                results.append(bus.command(share, clamp=clamp))
+                results.append(bus.command(share, clamp=clamp, claim=claim))
             except GoalError as refusal:
                 refusals.append(str(refusal))
         if refusals:
