@@ -50,6 +50,7 @@ _WORDS = {
     TargetState.CAUTIOUS: Word.MOVING,
     TargetState.DISABLED: Word.HOLDING,
 }
+_FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
 
 
 def badge(
@@ -86,7 +87,7 @@ def badge(
     said = live.state.partition(": ")[2]
     word, _, reason = said.partition(": ")
     refusal = complaint if "refused" in complaint else reason.partition(_REFUSED)[2]
-    if refusal and word != TargetState.TRACKING:  # then it was one point among many
+    if refusal and word not in _FOLLOWING:  # then it was one point among many
         return Badge(Word.REFUSED, refusal)
     loose = [servo.joint or servo.controller for servo in servos if servo.torque is False]
     if loose and len(loose) == len(servos):
