@@ -10,7 +10,7 @@ from head_tracking.ros.diagnostics import Health, Level
 
 _POSITION = "position (rad)"
 
-COLUMNS = {
+ROWS = {
     "torque": "torque",
     "°C": "temperature (degrees Celsius)",
     "V": "voltage (V)",
@@ -21,7 +21,7 @@ COLUMNS = {
     "corrupt": "corrupt replies",
     "model": "model",
 }
-"""Keys of a servo's diagnostics (nodes/diagnostics.py)."""
+"""Keys of a servo's diagnostics (ros/bus_status.py)."""
 
 _COLOURS = {
     Level.OK: "#2b8a3e",
@@ -33,7 +33,7 @@ _COLOURS = {
 
 def health_table(health: Sequence[Health]) -> str:
     """Diagnostics as HTML; what is wrong comes first."""
-    servos = [one for one in health if COLUMNS["torque"] in one.values]
+    servos = [one for one in health if ROWS["torque"] in one.values]
     lines = []
     for one in sorted(health, key=lambda one: -one.level):
         lines.append(f"<div>{_dot(one)} <b>{_name(one)}</b>: {html.escape(one.message)}</div>")
@@ -50,22 +50,23 @@ def health_table(health: Sequence[Health]) -> str:
 
 
 def _table(servos: Sequence[Health]) -> str:
-    head = "".join(f"<th>{title}</th>" for title in COLUMNS)
+    """A column for each servo: a head has two, and the panel is narrow."""
+    head = "".join(f"<th>{_dot(one)} {_name(one)}</th>" for one in servos)
     rows = "".join(
-        f"<tr><td>{_dot(one)} {_name(one)}</td>"
-        + "".join(f"<td>{_cell(key, one.values.get(key, '-'))}</td>" for key in COLUMNS.values())
+        f"<tr><td>{title}</td>"
+        + "".join(f"<td>{_cell(key, one.values.get(key, '-'))}</td>" for one in servos)
         + "</tr>"
-        for one in servos
+        for title, key in ROWS.items()
     )
     return (
-        '<div style="overflow-x:auto;white-space:nowrap">'
-        '<table style="font-size:0.8em;border-spacing:3px 1px">'
+        '<div style="overflow-x:auto;white-space:nowrap"><table style="font-size:0.9em;'
+        'border-spacing:8px 0;margin-bottom:0.5em;text-align:left">'
         f"<tr><th></th>{head}</tr>{rows}</table></div>"
     )
 
 
 def _cell(key: str, value: str) -> str:
-    if key == COLUMNS["torque"]:
+    if key == ROWS["torque"]:
         return "on" if value == "torque on" else "off"  # why it is off is in the line below
     if key == _POSITION and value != "-":
         return f"{math.degrees(float(value)):.1f}°"

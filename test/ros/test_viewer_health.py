@@ -23,7 +23,7 @@ from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.diagnostics import Health as PageHealth
 from head_tracking.ros.diagnostics import Level
 from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.health_table import COLUMNS, health_table
+from head_tracking.viewer.health_table import ROWS, health_table
 from head_tracking.viewer.robot import JointWatch
 
 pytestmark = pytest.mark.skipif(
@@ -57,7 +57,7 @@ def servo(**changes: object) -> PageHealth:
 
 
 def test_every_column_is_filled():
-    assert set(COLUMNS.values()) <= servo().values.keys()
+    assert set(ROWS.values()) <= servo().values.keys()
     table = health_table([servo()])
     for value in ("on", "35", "11.9", "0.10", "28.6°", "none", "AX-12"):
         assert f"<td>{value}</td>" in table
