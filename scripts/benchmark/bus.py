@@ -428,7 +428,7 @@ class FaultyRun:
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    driver.recover()
+                    driver.run(driver.recovering())
         except Exception:
             self.exceptions += 1
         if len(self.reading.states) < len(self._joints):
