@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
@@ -347,12 +347,23 @@ class ControlTable:
         """Return the block of these registers, named in rising order of address."""
         return Block(tuple(self[name] for name in names))
 
-    def runs(self, longest: int) -> Iterator[Block]:
-        """Yield blocks of adjacent registers, of at most so many bytes, that make up the table."""
-        run: list[Register] = []
+    def spans(
+        self, longest: int, names: Collection[str] | None = None, *, gaps: bool = True
+    ) -> Iterator[Block]:
+        """Yield blocks, of at most so many bytes, of the registers of these names that there are.
+
+        Args:
+            longest: Bytes of a block.
+            names: In any order; None for all registers.
+            gaps: Whether a block may have bytes between its registers.
+        """
+        span: list[Register] = []
         for register in self._registers:
-            if run and (register.address != run[-1].end or register.end - run[0].address > longest):
-                yield Block(tuple(run))
-                run = []
-            run.append(register)
-        yield Block(tuple(run))
+            if names is not None and register.name not in names:
+                continue
+            apart = bool(span) and not gaps and register.address != span[-1].end
+            if span and (apart or register.end - span[0].address > longest):
+                yield Block(tuple(span))
+                span = []
+            span.append(register)
+        yield Block(tuple(span))

@@ -58,9 +58,8 @@ class ViewerNode(Node):
         recorder = NodeParameters(self, RecorderParameters).value
         buffer = buffer or listening_buffer(self)
         self.robot = Robot(self, buffer, head, p.camera_link, recorder)
-        x, y, z = head.pointing_axis
         try:
-            self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
+            self.page = Page(self.robot, page, view, find_package, self._complain)
         except BaseException:
             self.robot.close()
             raise

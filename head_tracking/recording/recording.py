@@ -17,6 +17,8 @@ from head_tracking.transforms import (
 )
 
 _PICTURE_AGE = 2_000_000_000  # ns
+ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
+"""Where each node that turns the head tells by how much it misses."""
 
 
 class RecordingError(ValueError):

@@ -28,6 +28,7 @@ from head_tracking.recording.bag_writer import (
     xyz,
 )
 from head_tracking.recording.recording import (
+    ERRORS,
     Moment,
     Observation,
     RecordedPicture,
@@ -64,8 +65,6 @@ _FOUND = "visual_target/image"
 """With what was found drawn into it: shown first, as of the robot itself."""
 
 _COMPRESSED = "sensor_msgs/msg/CompressedImage"
-_TURNERS = ("head_tracker", "point_head")
-_ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 
 
 def read_recording(file: IO[bytes]) -> Recording:
@@ -277,8 +276,8 @@ class _Reading:
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._take_diagnostics,
             ("/rosout", "rcl_interfaces/msg/Log"): self._take_log,
         }
-        for node in _TURNERS:
-            self._takers[f"{base}{_ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
+        for node in ERRORS:
+            self._takers[f"{base}{ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
             self._takers[f"{base}{node}/state", "std_msgs/msg/String"] = self._state_taker(node)
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
@@ -358,7 +357,7 @@ class _Reading:
             return  # it begins when the robot is seen first
         if joints != self._joints:
             self._joints = joints  # else the one before is kept, and no room needed
-        on = [node for node in _TURNERS if self._enabled.get(node, node in self._state)]
+        on = [node for node in ERRORS if self._enabled.get(node, node in self._state)]
         turner = on[0] if on else ""
         if target is not None and turner != "point_head" and now - target[0] > _TARGET_AGE:
             target = None
@@ -505,7 +504,7 @@ def write_recording(recording: Recording) -> bytes:
             bag.channel(f"/{node}/state", "std_msgs/msg/String", [LATCHED_OFFER]),
             bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
         )
-        for node, error in _ERRORS.items()
+        for node, error in ERRORS.items()
     }
     model = parse_robot_model(recording.urdf) if recording.urdf else None
     root = "base_link" if model is None else model.root

@@ -65,6 +65,8 @@ class OtherServices:
         return self._call(name, SetBool.Request(data=on))
 
     def _call(self, name: str, request: Any) -> Outcome:
+        if self.hold.reason:
+            return Outcome(False, self.hold.reason)
         if not self.offered(name):
             return Outcome(False, f"nobody offers {name}; is its node running?")
         answer = wait_for_answer(self._clients[name], request)
@@ -73,12 +75,12 @@ class OtherServices:
         return Outcome(bool(answer.success), str(answer.message))
 
 
-def wait_for_answer(client: Any, request: Any) -> Any:
+def wait_for_answer(client: Any, request: Any, patience: float = _PATIENCE) -> Any:
     """What a service answers, while another thread spins the node; None if it does not."""
     answered = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: answered.set())
-    if not answered.wait(_PATIENCE):
+    if not answered.wait(patience):
         client.remove_pending_request(future)
         return None
     return future.result()

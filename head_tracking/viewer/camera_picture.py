@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import html
 import io
 import threading
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -15,8 +14,9 @@ from PIL import Image
 from head_tracking.ros.other_services import Hold, Outcome
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
-from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.notify import by_person, follow, notify, small
 from head_tracking.viewer.other_topics import OtherTopics, Picture
+from head_tracking.viewer.recording_panel import RecordingPanel
 
 _NONE = "no picture"
 _CONE_PERIODS = 0.2, 2.0  # s
@@ -41,16 +41,6 @@ class Jpeg(NamedTuple):
     data: bytes
 
 
-class Replay(Protocol):
-    """A recording that is shown in place of the robot."""
-
-    def camera(self) -> str:
-        """The topic of its pictures; empty: there are none."""
-
-    def picture(self) -> Picture | None:
-        """What the camera saw."""
-
-
 class CameraPicture:
     """A menu of pictures, and a button for the simulated camera.
 
@@ -65,10 +55,10 @@ class CameraPicture:
         hold: while a recording is shown, what the camera sees now is not.
 
     Attributes:
-        replay: the camera of a recording that is shown, if it has one.
+        replay: what is shown in place of the robot, if anything is.
     """
 
-    replay: Replay | None = None
+    replay: RecordingPanel | None = None
 
     def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
@@ -151,10 +141,7 @@ class CameraPicture:
     def refresh(self) -> None:
         """Follows pictures that come and go."""
         topics = self._topics.images()
-        if self._menu.options != (_NONE, *topics):
-            chosen = self._menu.value
-            self._menu.options = (_NONE, *topics)
-            self._menu.value = chosen if chosen in topics else _NONE
+        follow(self._menu, (_NONE, *topics), _NONE)
         can_start = self._modes.can_start(CAMERA)
         self._start.visible = can_start
         if topics and not self._person_chose:
@@ -163,7 +150,7 @@ class CameraPicture:
             self._started = threading.Thread(target=self._start_camera, daemon=True)
             self._started.start()
         nothing = self.chosen and self._is_looked_at and self.newest() is None
-        self._line.content = _small(_NOTHING if nothing else self._start_failed)
+        self._line.content = small(_NOTHING if nothing else self._start_failed)
 
     @property
     def _is_looked_at(self) -> bool:
@@ -186,12 +173,6 @@ def _fitting(picture: Picture, widest: int) -> Image.Image:
     """A picture that is no wider than so many pixels."""
     every = -(-picture.pixels.shape[1] // widest)
     return Image.fromarray(np.ascontiguousarray(picture.pixels)).reduce(max(1, every))
-
-
-def _small(text: str) -> str:
-    return (
-        f'<div style="padding:0 0.8em;font-size:0.85em">{html.escape(text)}</div>' if text else ""
-    )
 
 
 def _rank(topic: str) -> tuple[bool, bool, str]:

@@ -9,7 +9,7 @@ import viser
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.other_services import Outcome
-from head_tracking.transforms import LookupException, RobotModel, Transform, Vector3
+from head_tracking.transforms import LookupException, RobotModel, Transform
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.notify import notify
 from head_tracking.viewer.reachable_field import with_axis_forward
@@ -46,11 +46,10 @@ class CameraView:
         button.on_click(self._on_click)
         server.on_client_disconnect(lambda client: self._before.pop(client.client_id, None))
 
-    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
-        """Whose camera it is, and in which direction of its frame it looks."""
-        place = Transform(
-            (_AHEAD * axis[0], _AHEAD * axis[1], _AHEAD * axis[2]), with_axis_forward(axis)
-        )
+    def set_head(self, model: RobotModel, head: PanTiltHead) -> None:
+        """Whose camera it is."""
+        x, y, z = axis = head.pointing_axis
+        place = Transform((_AHEAD * x, _AHEAD * y, _AHEAD * z), with_axis_forward(axis))
         self._camera = (model, head.pointing_frame, place)
 
     def show(self, shown: Observation) -> None:

@@ -25,19 +25,12 @@ _SIGHT_COLOUR = (40, 160, 80)
 _FIELD_COLOUR = (120, 150, 220)
 
 _CONE = 0.36  # m: from the camera to the picture in its view cone
-_MEANINGS = {
-    "target": "target",
-    "trail": "where it was",
-    "prediction": "where the tracker expects it",
-    "line of sight": "what the camera looks along",
-    "reachable field": "what the head can reach",
-}
-_COLOURS = {
-    "target": _TARGET_COLOUR,
-    "trail": _TRAIL_COLOUR,
-    "prediction": _PREDICTION_COLOUR,
-    "line of sight": _SIGHT_COLOUR,
-    "reachable field": _FIELD_COLOUR,
+_LEGEND = {
+    "target": (_TARGET_COLOUR, "target"),
+    "trail": (_TRAIL_COLOUR, "where it was"),
+    "prediction": (_PREDICTION_COLOUR, "where the tracker expects it"),
+    "line of sight": (_SIGHT_COLOUR, "what the camera looks along"),
+    "reachable field": (_FIELD_COLOUR, "what the head can reach"),
 }
 
 
@@ -96,13 +89,8 @@ class GazeScene:
         self._picture: Any = None
         self._drawn: dict[str, bool] = {}
 
-    def set_head(self, head: PanTiltHead, axis: Vector3) -> None:
-        """Draws what belongs to this head.
-
-        Args:
-            head: the head.
-            axis: the direction in its pointing frame that it points, of length 1.
-        """
+    def set_head(self, head: PanTiltHead) -> None:
+        """Draws what belongs to this head."""
         for node in self._of_head.values():
             node.remove()
         model = self._robot.model
@@ -110,7 +98,7 @@ class GazeScene:
         self._path = self._new_path(
             model.transform(model.root, head.base_frame, anywhere).translation
         )
-        camera = self._robot.path(head.pointing_frame)
+        camera, axis = self._robot.path(head.pointing_frame), head.pointing_axis
         p = self._p
         self._of_head = {
             "line of sight": self._scene.add_line_segments(
@@ -128,7 +116,7 @@ class GazeScene:
             ),
         }
         self._picture = self._add_cone(f"{camera}/view")
-        field = reachable_field(self._robot.model, head, axis, p.field_radius)
+        field = reachable_field(self._robot.model, head, p.field_radius)
         self._of_head["reachable field"].points = field.astype(np.float32)
         for part, node in self._of_head.items():
             node.visible = self.wanted(part)
@@ -182,8 +170,8 @@ class GazeScene:
     def legend(self) -> tuple[tuple[str, str], ...]:
         """What the colours mean that are drawn now: the meaning, and the colour as in CSS."""
         return tuple(
-            (meaning, "#{:02x}{:02x}{:02x}".format(*_COLOURS[part]))
-            for part, meaning in _MEANINGS.items()
+            (meaning, "#{:02x}{:02x}{:02x}".format(*colour))
+            for part, (colour, meaning) in _LEGEND.items()
             if part in self.parts and self.wanted(part) and self._drawn.get(part, True)
         )
 

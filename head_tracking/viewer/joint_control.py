@@ -168,14 +168,10 @@ class JointControl:
 
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Lets a servo hold or go; all of them for an empty name."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         return self._services.switch(f"{controller}{_TORQUE}" if controller else _TORQUE[1:], on)
 
     def recover(self) -> Outcome:
         """Clears the faults of servos, where the bus can."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         return self._services.trigger("recover")
 
     def _say_positions(self) -> None:

@@ -14,7 +14,7 @@ from head_tracking.recording.recording import Observation
 from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import Joint, JointType, RobotModel
 from head_tracking.viewer.joint_control import JointControl, Servo
-from head_tracking.viewer.notify import by_person, notify
+from head_tracking.viewer.notify import by_person, notify, small
 
 _HELD = 1.5
 """A slider that a person moved stays put for so long [s], then follows the joint again."""
@@ -86,9 +86,7 @@ class JointsPanel:
             text = f"Relaxed: {loose}. The sliders follow the hand." if loose else ""
             if len(movable) < len(servos):
                 text += " Switch torque on to move joints from here."
-        self._hint.content = (
-            f'<div style="padding:0 0.8em;font-size:0.85em">{text}</div>' if text else ""
-        )
+        self._hint.content = small(text)
 
     def _refresh_switches(self, servos: tuple[Servo, ...], now: float) -> None:
         self._switches_box.visible = bool(servos)

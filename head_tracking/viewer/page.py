@@ -20,7 +20,6 @@ from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.images import frame_pose
 from head_tracking.ros.other_services import Outcome
-from head_tracking.transforms import Vector3
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.camera_picture import CameraPicture
 from head_tracking.viewer.frames_scene import FramesScene
@@ -28,7 +27,6 @@ from head_tracking.viewer.framing import Framing
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
 from head_tracking.viewer.picking import point_in_picture
-from head_tracking.viewer.reachable_field import pointing_axis
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
 from head_tracking.viewer.robot_scene import RobotScene
@@ -82,7 +80,6 @@ class Page:
         robot: shown and steered.
         parameters: where and how often.
         view: what is drawn around the head.
-        axis: the direction that the head points in its frame; None: by REP 103.
         find_package: for meshes at package:// addresses.
         complain: told of errors of the page itself.
 
@@ -95,14 +92,12 @@ class Page:
         robot: Robot,
         parameters: PageParameters,
         view: ViewParameters,
-        axis: Vector3 | None,
         find_package: FindPackage,
         complain: Callable[[str], None],
     ) -> None:
         self._robot = robot
         self._period = 1.0 / parameters.rate
         self._view = view
-        self._axis = axis
         self._find_package = find_package
         self._complain = complain
         self._live = Observation(0)
@@ -293,7 +288,7 @@ class Page:
     def _legend(self) -> tuple[tuple[str, str], ...]:
         """What the colours of the scene mean, each with the colour."""
         drawn = () if self._gaze is None else self._gaze.legend()
-        return (*drawn, *self._steering.legend())
+        return (*drawn, *self._steering.path.legend())
 
     def _picture_now(self, query: Query) -> File:
         """What the camera sees, if that is another picture than the one that a browser has."""
@@ -308,21 +303,21 @@ class Page:
         """Looks where a person points in the camera's picture."""
         model, picture = self._robot.model(), self._picture.newest()
         if model is None or picture is None:
-            return _told(Outcome(False, "there is no picture now"))
+            return Outcome(False, "there is no picture now")._asdict()
         try:
             share = float(query["u"]), float(query["v"])
             stamp = int(query["stamp"])
         except (KeyError, ValueError):
-            return _told(Outcome(False, "u, v and stamp say where in which picture"))
+            return Outcome(False, "u, v and stamp say where in which picture")._asdict()
         camera = frame_pose(self._robot.buffer, model.root, picture.frame_id, stamp)
         if camera is None:
-            return _told(
-                Outcome(False, f"the picture is of the frame {picture.frame_id!r}: where is that?")
-            )
+            return Outcome(
+                False, f"the picture is of the frame {picture.frame_id!r}: where is that?"
+            )._asdict()
         target = self._live.target
         distance = _AHEAD if target is None else math.dist(camera.translation, target)
         point = point_in_picture(picture, share, camera, distance, self._view.horizontal_view)
-        return _told(self._robot.modes.look_at(model.root, point))
+        return self._robot.modes.look_at(model.root, point)._asdict()
 
     def _refuse_upload(self, number: int, text: str) -> None:
         client = self._server.get_clients().get(number)
@@ -356,15 +351,10 @@ class Page:
         head = self._robot.head() if model is live else None
         if head is not None and head is not self._head and self._gaze and self._scene:
             self._head = head
-            axis = pointing_axis(head.pointing_frame, self._axis)
-            self._gaze.set_head(head, axis)
-            self._views.set_head(self._scene.model, head, axis)
-            self._steering.set_head(self._scene.model, head, axis)
+            self._gaze.set_head(head)
+            self._views.set_head(self._scene.model, head)
+            self._steering.path.set_head(self._scene.model, head)
             self._framing.show_first(self._in_view(self._live))
-
-
-def _told(outcome: Outcome) -> dict[str, Any]:
-    return {"done": outcome.done, "text": outcome.text}
 
 
 def _box(points: Any) -> Any:

@@ -60,11 +60,11 @@ class PathPanel:
         self._add.on_click(self._on_add)
         self._clear.on_click(self._on_clear)
 
-    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
+    def set_head(self, model: RobotModel, head: PanTiltHead) -> None:
         """Puts shapes before the camera as it is with all joints at 0."""
         standing = dict.fromkeys(model.independent_joints, 0.0)
         camera = model.transform(model.root, head.pointing_frame, standing)
-        ahead: Vector3 = camera.rotation @ axis
+        ahead: Vector3 = camera.rotation @ head.pointing_axis
         turn = Rotation.from_rpy(0.0, 0.0, math.atan2(ahead[1], ahead[0]))
         x, y, z = (c + _AWAY * a for c, a in zip(camera.translation, ahead, strict=True))
         self._place = ((x, y, z), turn @ (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))

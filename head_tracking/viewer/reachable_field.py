@@ -14,29 +14,14 @@ from head_tracking.transforms import RobotModel, Rotation, Vector3
 _MERIDIANS, _PARALLELS, _SMOOTH = 9, 5, 25
 
 
-def pointing_axis(frame: str, given: Vector3 | None) -> Vector3:
-    """The direction in a frame that it points, of length 1; z of an optical frame, else x.
-
-    Args:
-        frame: the frame's name.
-        given: a direction, or None for the rule of REP 103.
-    """
-    if given is None or not any(given):
-        return (0.0, 0.0, 1.0) if "optical" in frame else (1.0, 0.0, 0.0)
-    length = math.hypot(*given)
-    return given[0] / length, given[1] / length, given[2] / length
-
-
-def reachable_field(
-    model: RobotModel, head: PanTiltHead, axis: Vector3, radius: float
-) -> npt.NDArray[np.float64]:
+def reachable_field(model: RobotModel, head: PanTiltHead, radius: float) -> npt.NDArray[np.float64]:
     """Line segments at `radius` [m] from the camera, in the head's base frame; shape (N, 2, 3)."""
     pan, tilt = (
         (max(limits.lower, -math.pi), min(limits.upper, math.pi))
         for limits in (head.pan_limits, head.tilt_limits)
     )
     chain = model.chain(head.base_frame, head.pointing_frame)
-    point = tuple(radius * a for a in axis)
+    point = tuple(radius * a for a in head.pointing_axis)
 
     def at(pan_position: float, tilt_position: float) -> Vector3:
         positions = {head.pan_joint: pan_position, head.tilt_joint: tilt_position}

@@ -8,10 +8,11 @@ import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
-from head_tracking.transforms import RobotModel, Vector3
+from head_tracking.transforms import RobotModel
 from head_tracking.viewer.camera_view import CameraView
 from head_tracking.viewer.frames_scene import FramesScene
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
+from head_tracking.viewer.notify import follow
 from head_tracking.viewer.robot import Robot
 
 _NONE, _ALL = "none", "all frames"
@@ -38,9 +39,9 @@ class ViewPanel:
         for part, box in self._parts.items():
             gaze.want(part, box.value)
 
-    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
+    def set_head(self, model: RobotModel, head: PanTiltHead) -> None:
         """A head is known, and with it more parts."""
-        self._camera.set_head(model, head, axis)
+        self._camera.set_head(model, head)
         if self._gaze is None:
             return
         for part in self._gaze.parts:
@@ -54,10 +55,7 @@ class ViewPanel:
     def refresh(self) -> None:
         """Follows frames that come and go."""
         frames = (_NONE, _ALL, *self._buffer.frames())
-        if self._frames.options != frames:
-            chosen = self._frames.value
-            self._frames.options = frames
-            self._frames.value = chosen if chosen in frames else _NONE
+        follow(self._frames, frames, _NONE)
         if self._frames_scene is not None:
             self._frames_scene.want(_chosen(self._frames.value, frames[2:]))
 

@@ -6,7 +6,18 @@ import math
 from dataclasses import replace
 
 import pytest
-from dynamixel_fakes import GOAL, PAN, TILT, TORQUE, FakeClock, FakePort, Packet, goal_bytes, writes
+from dynamixel_fakes import (
+    GOAL,
+    PAN,
+    TILT,
+    TORQUE,
+    FakeClock,
+    FakePort,
+    Packet,
+    goal_bytes,
+    speed_ticks,
+    writes,
+)
 
 from head_tracking.dynamixel import (
     ErrorBits,
@@ -57,7 +68,7 @@ def test_first_command_pins_the_servo_before_it_moves() -> None:
         ("read", 1, 36, 8),
         ("read", 2, 36, 8),
         *pin(1, 450),
-        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0))}),
+        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), speed_ticks(PAN, 1.0))}),
     ]
     assert bus.torque("head_pan_joint") is Torque.ON
     assert bus.torque("head_tilt_joint") is Torque.OFF_UNTIL_COMMANDED
@@ -235,8 +246,8 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
         "sync",
         GOAL,
         {
-            1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0)),
-            2: goal_bytes(TILT.ticks(-0.2), TILT.speed_ticks(0.5)),
+            1: goal_bytes(PAN.ticks(0.5), speed_ticks(PAN, 1.0)),
+            2: goal_bytes(TILT.ticks(-0.2), speed_ticks(TILT, 0.5)),
         },
     )
     assert writes(port.take_log())[-1] == expected
@@ -260,11 +271,11 @@ def test_goal_without_speed_uses_the_joints_speed() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
-    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(2.0)
+    assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 2.0)
     bus.set_speed("head_pan_joint", 0.5)
     assert bus.speed("head_pan_joint") == 0.5
     bus.step()
-    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(0.5)
+    assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 0.5)
 
 
 @pytest.mark.parametrize("speed", [1e-12, 1e-3, 5e-3])
@@ -445,7 +456,7 @@ def test_hold_makes_the_present_position_the_goal() -> None:
     bus.hold()
     assert port.log == [
         ("read", 1, 36, 2),
-        ("sync", GOAL, {1: goal_bytes(550, PAN.speed_ticks(2.0))}),
+        ("sync", GOAL, {1: goal_bytes(550, speed_ticks(PAN, 2.0))}),
     ]
     bus.step()
     assert port.servos[2]["Torque Enable"] == 0
@@ -472,7 +483,7 @@ def test_close_holds_then_relaxes_then_closes() -> None:
     port.take_log()
     assert bus.close() == ()
     assert writes(port.log) == [
-        ("sync", GOAL, {1: goal_bytes(530, PAN.speed_ticks(2.0))}),
+        ("sync", GOAL, {1: goal_bytes(530, speed_ticks(PAN, 2.0))}),
         ("sync", TORQUE, {1: OFF, 2: OFF}),
     ]
     assert not port.opened

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, writes
+from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, speed_ticks, writes
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -333,13 +333,13 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
     rig.steps()
     assert rig.pan["Goal Position"] == 600
     assert rig.bus.speed("head_pan_joint") == 0.5
-    assert rig.pan["Moving Speed"] == PAN.speed_ticks(0.5)
+    assert rig.pan["Moving Speed"] == speed_ticks(PAN, 0.5)
     with pytest.raises(GoalError):
         rig.bus.command({"head_pan_joint": Goal(0.9)})
     rig.bus.set_limits("head_pan_joint", max_speed=0.0)
     rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
     rig.steps()
-    assert rig.pan["Moving Speed"] == PAN.speed_ticks(3.0)
+    assert rig.pan["Moving Speed"] == speed_ticks(PAN, 3.0)
 
 
 def test_impossible_limits_change_nothing() -> None:

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
+from dynamixel_fakes import speed_ticks
+
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand, PanTiltHead
@@ -144,7 +146,7 @@ class SimulatedHead:
         """Sends both servos their goals, in one packet."""
         block = PAN.model.goal
         ticks = PAN.ticks(command.pan), TILT.ticks(command.tilt)
-        speeds = PAN.speed_ticks(command.pan_speed), TILT.speed_ticks(command.tilt_speed)
+        speeds = speed_ticks(PAN, command.pan_speed), speed_ticks(TILT, command.tilt_speed)
         shares: Mapping[int, bytes] = {
             joint.id: block.encode(tick, speed)
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)

@@ -141,7 +141,7 @@ def show(monkeypatch) -> Iterator[Callable[[FakeRobot], Page]]:
     def open_page(robot: FakeRobot, complaints: list[str] | None = None, **given: Any) -> Page:
         said: list[str] = [] if complaints is None else complaints
         parameters = PageParameters(rate=1000.0, **given)  # a minute's work in seconds
-        page = Page(robot, parameters, ViewParameters(), None, lambda _: None, said.append)
+        page = Page(robot, parameters, ViewParameters(), lambda _: None, said.append)
         pages.append(page)
         return page
 
@@ -409,7 +409,6 @@ def test_an_address_of_another_machine_is_refused(kinectbot, host):
             FakeRobot(kinectbot),
             PageParameters(host=host),
             ViewParameters(),
-            None,
             lambda _: None,
             print,
         )
