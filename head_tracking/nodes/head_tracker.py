@@ -35,7 +35,8 @@ from head_tracking.tracking import (
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _ARRIVED = 0.03  # rad
-_SLOW_TIME, _FAST = 2.0, 3.0  # s, rad/s: so long a head that has a target is slow after a stop; that is not slow
+_SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
+_FAST = 3.0  # rad/s; as fast a head is not slow
 
 
 @dataclass(frozen=True, slots=True)
