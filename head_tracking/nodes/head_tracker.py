@@ -35,7 +35,8 @@ from head_tracking.tracking import (
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _ARRIVED = 0.03  # rad
-_SLOW_TIME, _FAST = 2.0, 3.0  # s, rad/s: so long a head is slow after a stop; that is not slow
+_SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
+_FAST = 3.0  # rad/s; as fast a head is not slow
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ class HeadTrackerNode(Node):
         self._law = self._own.value.law
         self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
         self._at_most = math.inf  # rad/s
-        self._slow_since: float | None = None
+        self._slow_for = 0.0  # s, with a target
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
         self._states = self.create_publisher(String, "~/state", LATCHED)
@@ -120,13 +121,13 @@ class HeadTrackerNode(Node):
             self.interface.send(self._tracker.reset(reason, self.interface.now))
             self.report()
 
-    def _speed_up(self, error: float | None, now: float) -> None:
+    def _speed_up(self, error: float | None) -> None:
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
-        if self._slow_since is None:
-            self._slow_since = now
-        waited = now - self._slow_since
-        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, waited - _SLOW_TIME)
-        if (error is not None and error < _ARRIVED) or self._at_most > _FAST or waited < 0.0:
+        if error is None:
+            return
+        self._slow_for += self._pace.period
+        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
+        if error < _ARRIVED or self._at_most > _FAST:
             self.interface.slow = False
             self._at_most = math.inf
         if self._tracker is not None:
@@ -179,7 +180,7 @@ class HeadTrackerNode(Node):
         step = tracker.step(now)
         self.interface.tell_error(step.error)
         if self.interface.slow:
-            self._speed_up(step.error, now)
+            self._speed_up(step.error)
         return step.command
 
     def switched(self) -> None:
@@ -188,7 +189,7 @@ class HeadTrackerNode(Node):
             return
         off = self.interface.off
         self._at_most = CAUTIOUS_SPEED if self.interface.slow else math.inf
-        self._slow_since = None
+        self._slow_for = 0.0
         self._tracker.law.at_most = self._at_most
         self._tracker.machine.off = off
         self._tracker.enable(not off, self.interface.now)
