@@ -9,7 +9,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead
@@ -88,7 +87,6 @@ class HeadTrackerNode(Node):
         self.interface = HeadInterface(
             self, self._own.value.camera_link, "~/tracking_error", buffer, loop, self
         )
-        self.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.interface.begin()
 
@@ -183,6 +181,12 @@ class HeadTrackerNode(Node):
             self._speed_up(step.error)
         return step.command
 
+    def recenter(self, reading: HeadReading) -> str:
+        """See `HeadTurner`."""
+        assert self._tracker is not None
+        self._tracker.recenter()
+        return "recentring; the next target is followed again"
+
     def switched(self) -> None:
         """See `HeadTurner`."""
         if self._tracker is None:
@@ -246,22 +250,6 @@ class HeadTrackerNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(in_namespace(self, message))
-
-    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self.interface.lock:
-            if self.interface.reading() is None or self._tracker is None:
-                response.message = (
-                    "the head cannot be recentred: there is no model or no joint state"
-                )
-                return response
-            if self.interface.off:
-                response.message = f"the head cannot be recentred: {self.interface.off}"
-                return response
-            self.interface.forget_targets()
-            self._tracker.recenter()
-        response.success = True
-        response.message = "recentring; the next target is followed again"
-        return response
 
 
 def main() -> int:
