@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import threading
 import time
 from typing import Any, NamedTuple
@@ -12,11 +13,13 @@ import viser
 from PIL import Image
 
 from head_tracking.ros.other_services import Hold, Outcome
+from head_tracking.transforms import Transform, Vector3
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
 from head_tracking.viewer.notify import by_person, follow, notify, small
 from head_tracking.viewer.other_topics import OtherTopics, Picture
 from head_tracking.viewer.recording_panel import RecordingPanel
+from head_tracking.vision.camera import camera_with_view
 
 _NONE = "no picture"
 _CONE_PERIODS = 0.2, 2.0  # s
@@ -167,6 +170,29 @@ class CameraPicture:
         outcome = self._modes.start(CAMERA)
         self._start_failed = "" if outcome.done else outcome.text
         return outcome
+
+
+def point_in_picture(
+    picture: Picture,
+    share: tuple[float, float],
+    T_root_camera: Transform,
+    distance: float,
+    horizontal_view: float,
+) -> Vector3:
+    """The point that a place in a picture shows, in the robot's root [m].
+
+    Args:
+        picture: with the calibration of its camera, if there is one.
+        share: of its width and of its height, from the upper left corner.
+        T_root_camera: where the camera's optical frame was when it took the picture.
+        distance: of the point from the camera [m], which a picture does not tell.
+        horizontal_view: of a camera without calibration, from side to side [rad].
+    """
+    height, width = picture.pixels.shape[:2]
+    camera = picture.camera or camera_with_view(width, height, horizontal_view)
+    x, y = camera.ray((share[0] * width - 0.5, share[1] * height - 0.5))
+    depth = distance / math.hypot(x, y, 1.0)
+    return T_root_camera @ (x * depth, y * depth, depth)
 
 
 def _fitting(picture: Picture, widest: int) -> Image.Image:

@@ -21,18 +21,15 @@ from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.images import frame_pose
 from head_tracking.ros.other_services import Outcome
 from head_tracking.viewer.badge import Badge, Word
-from head_tracking.viewer.camera_picture import CameraPicture
-from head_tracking.viewer.frames_scene import FramesScene
+from head_tracking.viewer.camera_picture import CameraPicture, point_in_picture
 from head_tracking.viewer.framing import Framing
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
-from head_tracking.viewer.picking import point_in_picture
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
-from head_tracking.viewer.robot_scene import RobotScene
+from head_tracking.viewer.robot_scene import FramesScene, RobotScene
 from head_tracking.viewer.server import Action, Door, File, Query, guarded, limit_uploads
-from head_tracking.viewer.shadow import add_shadow
-from head_tracking.viewer.shapes import FindPackage, robot_look, triangles
+from head_tracking.viewer.shapes import FindPackage, robot_look
 from head_tracking.viewer.status_panel import StatusPanel
 from head_tracking.viewer.steering_panel import SteeringPanel
 from head_tracking.viewer.tuning_panel import TuningPanel
@@ -123,9 +120,7 @@ class Page:
         self._scene: RobotScene | None = None
         self._gaze: GazeScene | None = None
         self._frames: FramesScene | None = None
-        self._shadow: Any = None
         self._framing = Framing(self._server)
-        self._corners = np.empty((0, 3))
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
         self._last_minute = LastMinute(_RECORDED)
@@ -221,14 +216,13 @@ class Page:
         self._steering.show(shown)
         self._views.show(shown)
         self._picture.show(self._gaze)
-        self._framing.show(self._in_view(shown))
+        self._framing.show(self._in_view(self._scene, shown))
 
-    def _in_view(self, shown: Observation) -> Any:
+    def _in_view(self, scene: RobotScene, shown: Observation) -> Any:
         """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
-        head = self._head
-        if head is None or self._scene is None:
-            return self._corners
-        model = self._scene.model
+        head, model = self._head, scene.model
+        if head is None:
+            return scene.corners
         standing = dict.fromkeys(model.independent_joints, 0.0)
         camera = np.array(model.transform(model.root, head.pointing_frame, standing).translation)
         away = _AHEAD if shown.target is None else math.dist(shown.target, camera)
@@ -239,7 +233,7 @@ class Page:
                 for turn, up in itertools.product((-_TO_THE_SIDE, _TO_THE_SIDE), (-_UP, _UP))
             ]
         )
-        return np.concatenate([self._corners, camera + around])
+        return np.concatenate([scene.corners, camera + around])
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
         notices = [*self._look_notices, *self._robot.notices()]
@@ -332,17 +326,12 @@ class Page:
                 self._frames.remove()
                 self._gaze.remove()
                 self._scene.remove()
-            if self._shadow is not None:
-                self._shadow.remove()
             look = robot_look(model.urdf, self._find_package)
             self._look_notices = look.notices
             self._scene = RobotScene(self._server.scene, model, look)
             self._gaze = GazeScene(self._server.scene, self._scene, self._view)
             self._frames = FramesScene(self._server.scene, self._scene)
             self._head = None
-            solid = triangles(model, look)
-            self._corners = _box(solid.reshape(-1, 3))
-            self._shadow = add_shadow(self._server.scene, "/shadow", solid, 0.0)
             self._server.gui.set_panel_label(model.name)
             if model is live:
                 self._joints.set_model(model)
@@ -354,15 +343,7 @@ class Page:
             self._gaze.set_head(head)
             self._views.set_head(self._scene.model, head)
             self._steering.path.set_head(self._scene.model, head)
-            self._framing.show_first(self._in_view(self._live))
-
-
-def _box(points: Any) -> Any:
-    """The corners of the box around points, shape (8, 3) [m]; of a small one if there are none."""
-    points = points if len(points) else np.array([(-0.2, -0.2, 0.0), (0.2, 0.2, 0.4)])
-    return np.array(
-        list(itertools.product(*zip(points.min(axis=0), points.max(axis=0), strict=True)))
-    )
+            self._framing.show_first(self._in_view(self._scene, self._live))
 
 
 def _whole(text: str) -> int:

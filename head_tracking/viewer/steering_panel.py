@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import viser
@@ -12,11 +13,11 @@ from head_tracking.transforms import TransformBuffer, TransformException, Vector
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, follow, notify, refusal
 from head_tracking.viewer.path_panel import PathPanel
-from head_tracking.viewer.picking import point_on_ground
 from head_tracking.viewer.stop import Stop
 
 _NOT_YET = "(no frame yet)"
 _DRAG_PERIOD = 0.05  # s
+_FARTHEST = 20.0  # m: beyond that the ground is the horizon
 _AFTER_DRAG = 1.0
 """So long after a drag the gizmo stays where it was put, before it follows the target."""
 
@@ -139,3 +140,13 @@ class SteeringPanel:
     def _tell(self, event: viser.GuiEvent, outcome: Outcome, title: str) -> None:
         self._refusal.content = "" if outcome.done else refusal(outcome.text)
         notify(event, outcome, title)
+
+
+def point_on_ground(origin: Vector3, direction: Vector3) -> Vector3 | None:
+    """Where a line of sight from an origin [m] meets the floor; None: nowhere, or too far."""
+    down = direction[2]
+    along = -origin[2] / down if abs(down) > 1e-9 else -1.0
+    if along <= 0.0 or along * math.hypot(*direction) > _FARTHEST:
+        return None
+    x, y, z = (a + along * b for a, b in zip(origin, direction, strict=True))
+    return x, y, z

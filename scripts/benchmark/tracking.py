@@ -26,10 +26,10 @@ from head_tracking.simulation import SimulatedServo
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    Recording,
     SpeedLimits,
     TargetEstimate,
     TargetStateParameters,
+    Trace,
     Tracker,
     Verdict,
     picture,
@@ -852,4 +852,4 @@ def timed_gazes() -> list[float]:
     return costs
 
 
-__all__ = ["Recording", "tracking"]
+__all__ = ["Trace", "tracking"]

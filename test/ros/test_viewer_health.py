@@ -23,8 +23,8 @@ from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.diagnostics import Health as PageHealth
 from head_tracking.ros.diagnostics import Level
 from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.health_table import ROWS, health_table
 from head_tracking.viewer.robot import JointWatch
+from head_tracking.viewer.status_panel import ROWS, health_table
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,

@@ -23,7 +23,7 @@ from head_tracking.dynamixel.protocol import find_status, read_packet, sync_writ
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
-from head_tracking.tracking import Recording, Sample, Target, TargetPlacer, TrackingStep
+from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
 from head_tracking.transforms import RobotModel, TransformBuffer, Vector3, load_robot_model
 
 Path = Callable[[float], Vector3]
@@ -299,7 +299,7 @@ class Outcome:
         point_costs: of taking each point [s].
     """
 
-    recording: Recording
+    recording: Trace
     commands: list[tuple[float, HeadCommand]] = field(default_factory=list)
     goals: list[tuple[int, int]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
@@ -336,7 +336,7 @@ class ClosedLoop:
 
     def run(self, controller: Controller) -> Outcome:
         """One run from the start to the end: in each cycle read, update, write."""
-        outcome = Outcome(Recording())
+        outcome = Outcome(Trace())
         seen: deque[tuple[float, Target]] = deque()
         stepped = -math.inf
         for event in self._events():
@@ -434,7 +434,7 @@ class ClosedLoop:
             return None
         return Target(_ns(_START + at + c.stamp_error + late), frame, point)
 
-    def _judge(self, now: float, recording: Recording) -> None:
+    def _judge(self, now: float, recording: Trace) -> None:
         pan, tilt = self._servos.true_positions(_ns(now))
         point = self._path(now)
         gaze = self._head.gaze(point, pan, tilt)

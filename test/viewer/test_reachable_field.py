@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.viewer.reachable_field import reachable_field, with_axis_forward
+from head_tracking.viewer.gaze_scene import reachable_field, with_axis_forward
 
 
 @pytest.fixture
