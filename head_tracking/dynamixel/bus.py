@@ -263,16 +263,9 @@ class ServoBus:
         """
         return self._joint(joint).limits
 
-    def check_limits(
-        self,
-        joint: str,
-        *,
-        lowest: int | None = None,
-        highest: int | None = None,
-        max_speed: float | None = None,
-    ) -> None:
+    def check_limits(self, joint: str, lowest: int, highest: int) -> None:
         """Refuse what `set_limits` would refuse; changes nothing."""
-        self._joint(joint).check(lowest, highest, max_speed)
+        self._joint(joint).check(lowest, highest)
 
     @property
     def port_name(self) -> str:

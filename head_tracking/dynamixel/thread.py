@@ -450,10 +450,11 @@ class Buses:
         shares: dict[BusThread, list[str]] = {}
         for name in names:
             shares.setdefault(self._find(name)[1], []).append(name)
-        return [
-            thread.call(partial(_swapped, function, tuple(share)))
-            for thread, share in shares.items()
-        ]
+
+        def on(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
+            return thread.call(lambda bus: function(bus, share))
+
+        return [on(thread, tuple(share)) for thread, share in shares.items()]
 
     def relax_at_once(self, timeout: float = 0.4) -> dict[str, str]:
         """Relax all joints of all buses, whatever their threads do; for any thread.
@@ -492,11 +493,3 @@ class Buses:
 
 def _relaxing(bus: ServoBus) -> Any:
     return bus.switching_torque(None, False)
-
-
-def _swapped(
-    function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
-    joints: tuple[str, ...],
-    bus: ServoBus,
-) -> Steps[_T] | _T:
-    return function(bus, joints)

@@ -391,8 +391,7 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        bus = self._buses.bus_of(joint)
-        bus.check_limits(joint, lowest=changed.min, highest=changed.max)
+        self._buses.bus_of(joint).check_limits(joint, changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:
