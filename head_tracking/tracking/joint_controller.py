@@ -324,7 +324,7 @@ class JointController:
     def _push(
         self, reference: Reference, now: float, limits: MotionLimits, lead: float
     ) -> tuple[float, float]:
-        """The goal and the speed for a shaft that is stuck: let go, it goes no farther than there."""
+        """The goal and the speed for a stuck shaft: let go, it turns no farther than there."""
         _, position = self.servo.reading
         way = min(max(self._joint.clamp(reference.position) - position, -lead), lead)
         speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
