@@ -47,6 +47,7 @@ _ROUGH = 0.01  # rad; a path as smooth as this is well explained
 _NOISE = 0.002  # rad; smoother than this no path needs to be
 _WRONG = (30.0, 8.0)  # times smoother than as measured, by line and parabola: mounted that way
 _RIGHT = (20.0, 5.0)  # times rougher: not mounted that way
+_SURE = 20  # judgements: after more of them proportionally more must be smoother; see `evidence`
 _ALIKE = 2.0  # times; ways that differ by less explain alike
 _PAUSE = 1.0  # s without readings, in which somebody may have mounted the head anew
 
@@ -60,7 +61,8 @@ class Mounting:
         head: that is turned, and carries the camera.
 
     Attributes:
-        evidence: the strongest until now that it is mounted wrong; from 1 on that is said.
+        evidence: the strongest until now that it is mounted wrong; from 1 on that is said. The
+            first motions show it, so that later ones have to show it more clearly.
     """
 
     def __init__(self, head: PanTiltHead) -> None:
@@ -69,7 +71,7 @@ class Mounting:
         self._times: deque[float] = deque()
         self._readings: deque[tuple[float, float]] = deque()
         self._points: deque[tuple[float, Sight]] = deque()
-        self._judged = -math.inf
+        self._judged, self._judgements = -math.inf, 0
         self._possible = np.ones(len(_WAYS), dtype=bool)
 
     def reset(self) -> None:
@@ -120,6 +122,7 @@ class Mounting:
         elsewhere = np.abs(_WAYS[self._possible] - _WAYS[0]).max(axis=2) @ np.ptp(head, axis=1)
         if elsewhere.max() < _TURNED:
             return ""
+        self._judgements += 1
         possible = np.flatnonzero(self._possible)
         sights = np.array([(sight.pan, sight.tilt) for _, sight in window]).T
         at = (stamps[:, None] - _ERRORS).ravel()
@@ -132,10 +135,10 @@ class Mounting:
         smoother = rough[:, :1] / rough[:, 1:]
         if rough[0, 0] > floor + len(stamps) * _ROUGH**2:
             evidence = (smoother / np.array(_WRONG)[:, None]).min(axis=0)
-            strongest = float(evidence.max())
+            strongest = float(evidence.max()) / max(1.0, self._judgements / _SURE)
             self.evidence = max(self.evidence, strongest)
             if strongest > 1.0:
-                alike = evidence > strongest / _ALIKE
+                alike = evidence > evidence.max() / _ALIKE
                 return self._named(int(possible[1 + int(alike.argmax())]))
         self._possible[possible[1:]] = (smoother * np.array(_RIGHT)[:, None] > 1.0).any(axis=0)
         return ""
