@@ -137,6 +137,12 @@ class PanTiltHead:
         self._geometry = HeadGeometry.from_model(model, pan, tilt, pointing_frame, pointing_axis)
         self.pointing_axis = _pointing_axis(pointing_frame, pointing_axis)
 
+    @property
+    def slope(self) -> float:
+        """How far down the pointing axis points where the tilt joint is at 0 [rad]."""
+        forwards, down, _ = self._geometry.axis
+        return math.atan2(down, forwards)
+
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
         """The joint positions that look at `target`, or come nearest to it.
 

@@ -177,6 +177,11 @@ class HeadTrackerNode(Node):
             tracker.machine.refused(refused, now)
         step = tracker.step(now)
         self.interface.tell_error(step.error)
+        if tracker.fault and not self.interface.off:
+            self.get_logger().error(f"the head is stopped: {tracker.fault}")
+            self.interface.send(step.command)
+            self.interface.disable(tracker.fault)
+            return None
         if self.interface.slow:
             self._speed_up(step.error)
         return step.command
@@ -240,9 +245,12 @@ class HeadTrackerNode(Node):
             TargetState.STALLED,
             TargetState.CAUTIOUS,
         )
+        level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
+        if self._tracker is not None and self._tracker.fault:
+            level = DiagnosticStatus.ERROR
         status = DiagnosticStatus(
             name="head_tracker: target",
-            level=DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK,
+            level=level,
             message=self._text,
             hardware_id="head",
             values=[KeyValue(key=key, value=value) for key, value in values.items()],

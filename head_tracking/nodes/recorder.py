@@ -31,7 +31,8 @@ class RecorderNode(Node):
         if find_spec("mcap_ros2") is None:
             raise HeadTrackingError(
                 "recordings need mcap-ros2-support, which is not installed here: "
-                "pip install 'head_tracking[viewer]', or pip install mcap-ros2-support"
+                "`ros2 run head_tracking head_setup viewer` in a workspace, "
+                "pip install 'head_tracking[viewer]' elsewhere"
             )
         from head_tracking.recording.recorder import Recorder, RecorderParameters
 

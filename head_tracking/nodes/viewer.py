@@ -20,7 +20,8 @@ from head_tracking.tf import Buffer, listening_buffer
 
 MISSING = (
     "the viewer needs viser and mcap-ros2-support, which are not installed here: "
-    "pip install 'head_tracking[viewer]', or pip install viser mcap-ros2-support"
+    "`ros2 run head_tracking head_setup viewer` in a workspace, "
+    "pip install 'head_tracking[viewer]' elsewhere"
 )
 
 

@@ -68,7 +68,9 @@ class JointsRead(NamedTuple):
 class Servos(Protocol):
     """Pan and tilt; times in ns."""
 
-    goals: tuple[int, int] | None
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """What was written last, in steps of the servos."""
 
     def read(self, now: int) -> JointsRead:
         """Asks both servos where they are."""
@@ -162,6 +164,31 @@ Make: TypeAlias = Callable[[tuple[float, float]], Servos]
 def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
     """Simulated AX-12 servos, down to the bytes on the wire."""
     return lambda start: SimulatedHead(start, modify)
+
+
+class Mounted:
+    """Servos that turn the head otherwise than their angles say; they themselves notice nothing.
+
+    Args:
+        servos: as they would be.
+        turns: how far pan and tilt of the head turn for each radian of the pan servo, and of the
+            tilt servo: ((1, 0), (0, 1)) if they are mounted as they should be.
+    """
+
+    def __init__(self, servos: Servos, turns: tuple[tuple[float, float], ...]) -> None:
+        self._servos, self._turns = servos, turns
+        self.read, self.write = servos.read, servos.write
+
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """See `Servos`."""
+        return self._servos.goals
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """See `Servos`."""
+        by_pan, by_tilt = self._turns
+        pan, tilt = self._servos.true_positions(now)
+        return by_pan[0] * pan + by_tilt[0] * tilt, by_pan[1] * pan + by_tilt[1] * tilt
 
 
 @dataclass(frozen=True)
