@@ -3,7 +3,7 @@
     ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/benchmark/target_path.py
 
 A head_tracker node that has followed a moving target for two seconds is handed one more message,
-and then asked for its part in the cycle, as the loop does. Only functions of this package are counted.
+and then asked for its part in the cycle, as the loop does. Only functions of this package count.
 """
 
 from __future__ import annotations
