@@ -71,6 +71,7 @@ class Run:
         enclave: by which its processes know each other; see `GraphWatch`.
         allow_others: other heads in the graph keep it from nothing, and the last command wins.
         keeps_to_itself: no other machine hears of it.
+        reversed: joints whose simulated servos are mounted the wrong way round.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -83,6 +84,7 @@ class Run:
     enclave: str
     allow_others: bool
     keeps_to_itself: bool
+    reversed: tuple[str, ...]
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -146,6 +148,13 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--network", action="store_true", help="let other machines hear a simulated run, too"
     )
+    parser.add_argument(
+        "--reverse",
+        action="append",
+        default=[],
+        metavar="JOINT",
+        help="with --sim: mount this joint's servo the wrong way round, to see what is said of it",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
@@ -153,6 +162,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     options = parser.parse_args(with_points(without_ros_arguments([parser.prog, *arguments])[1:]))
     if options.viewer and not installed():
         parser.error(MISSING)
+    if options.reverse and not options.sim:
+        parser.error("--reverse is for simulated servos: add --sim")
     if options.target is None:
         options.target = _target(
             "fictitious" if options.sim and options.mode == "track" else "none"
@@ -187,6 +198,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         _said_enclave(arguments) or own_enclave(),
         options.allow_others,
         options.sim and not options.network,
+        tuple(options.reverse),
     )
 
 
@@ -250,8 +262,9 @@ def compose(
 
     def true_position(joint: str) -> float | None:
         servos = simulated[0] if simulated else nodes["servo_bus"]
+        way = -1.0 if joint in plan.reversed else 1.0
         try:
-            return float(servos.true_position(joint))
+            return way * float(servos.true_position(joint))
         except KeyError:  # no servo turns it, and it will not be measured
             return None
 

@@ -245,7 +245,7 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> N
     node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make: Callable[[], Node]) -> int:
     """Runs one node as a program until somebody asks it to end; see `StopSignal`.
 
     Returns:
@@ -253,7 +253,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         were not confirmed relaxed); the reason is printed.
     """
     with output_may_get_lost(), StopSignal() as stop:
-        return run_until(stop, make, args)
+        return run_until(stop, make)
 
 
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:

@@ -162,7 +162,7 @@ def test_every_node_runs_alone(start, port, tmp_path):
         assert program.end(signal.SIGINT) == 0, program.output
     assert torque(port) == [0, 0]
     if find_spec("mcap_ros2") is not None:
-        from head_tracking.viewer.recording_file import read_recording
+        from head_tracking.recording.recording_file import read_recording
 
         (file,) = folder.iterdir()
         with file.open("rb") as stream:
