@@ -197,18 +197,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for what, (why, _) in _LIBRARIES.items():
         commands.add_parser(what, help=f"{why.rstrip(',')}, beside ROS on Ubuntu")
     commands.add_parser("udev", help="rights and latency of USB adapters")
-    service = commands.add_parser("service", help="start the head with the machine (systemd)")
-    service.add_argument(
-        "arguments", nargs=argparse.REMAINDER, help="of head_tracking, such as --port /dev/ttyUSB0"
+    commands.add_parser(
+        "service",
+        help="start the head with the machine (systemd); arguments of head_tracking follow",
+        usage="%(prog)s [argument of head_tracking, such as --port /dev/ttyUSB0] ...",
     )
-    options = parser.parse_args(arguments)
+    options, rest = parser.parse_known_args(arguments)
+    if rest and options.what != "service":
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
     try:
         if options.what in _LIBRARIES:
             steps = library_steps(options.what)
         elif options.what == "udev":
             steps = udev_steps(share_directory())
         else:
-            steps = service_steps(share_directory(), options.arguments)
+            steps = service_steps(share_directory(), rest)
     except (SetupError, FileNotFoundError) as error:
         print(f"head_setup: {error}", file=sys.stderr)
         return FAILED

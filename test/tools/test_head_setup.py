@@ -108,6 +108,19 @@ def test_what_it_installs_is_what_the_requirements_say() -> None:
         assert set(packages) <= set(lines)
 
 
+def test_what_follows_service_is_for_the_head(
+    workspace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--port", "/dev/ttyUSB0", "--sim", "--params", "a b.yaml"]
+    assert head_setup.main(["--dry-run", "service", *words]) == DONE
+    said = capsys.readouterr().out.split()
+    unit = Path(said[said.index("0644") + 1]).read_text()
+    assert "--port /dev/ttyUSB0 --sim --params \\'a b.yaml\\'" in unit
+    with pytest.raises(SystemExit):
+        head_setup.main(["udev", "--port", "/dev/ttyUSB0"])
+    assert "unrecognized arguments: --port /dev/ttyUSB0" in capsys.readouterr().err
+
+
 def test_without_a_workspace_it_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
