@@ -30,7 +30,7 @@ from head_tracking.tracking.target_state import (
     TargetStateParameters,
 )
 from head_tracking.tracking.track_record import TrackRecord
-from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
+from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, StallWatch, Tracker, TrackingStep
 from head_tracking.tracking.trajectory import (
     JointPoint,
     JointTrajectory,
@@ -67,6 +67,7 @@ __all__ = [
     "SpeedLaw",
     "SpeedLawParameters",
     "SpeedLimits",
+    "StallWatch",
     "Target",
     "TargetEstimate",
     "TargetEstimator",
