@@ -1245,9 +1245,10 @@ class ServoBus:
         with self._lock:
             self._inbox.pop(joint.name, None)
 
-    def _note(self, kind: EventKind, joint: Joint, text: str) -> None:
-        servo_id = joint.servos[0].id
-        self._events.append(BusEvent(kind, joint.name, f"{joint.name} (id {servo_id}): {text}"))
+    def _note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
+        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
+        stuck = stuck or kind in (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
+        self._events.append(BusEvent(kind, joint.name, text, stuck))
 
     def _note_port(self, kind: EventKind, text: str) -> None:
         self._events.append(BusEvent(kind, "", text))

@@ -91,7 +91,7 @@ class Diagnosis:
     """Looks at all servos once a cycle, after they were read.
 
     Args:
-        note: Takes an event: its kind, the joint, a text.
+        note: Takes an event: its kind, the joint, a text, whether the joint is stuck.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         enqueue: Takes steps before goals are written, in this cycle and the next ones.
         settings: Temperatures.
@@ -99,7 +99,7 @@ class Diagnosis:
 
     def __init__(
         self,
-        note: Callable[[EventKind, Joint, str], None],
+        note: Callable[[EventKind, Joint, str, bool], None],
         cut: Callable[[Joint], None],
         enqueue: Callable[[Steps[None]], object],
         settings: BusSettings,
@@ -421,7 +421,7 @@ class Diagnosis:
             return
         watch.symptoms[symptom] = text
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
-        self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}")
+        self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}", symptom.stuck)
         if watch.outcome == "under way" and symptom is not Symptom.WARM:
             goal = joint.goal_position
             watch.outcome = f"missed by {abs(goal - servo.position):.3f} rad: {symptom.value}"
@@ -432,7 +432,8 @@ class Diagnosis:
                 del watch.symptoms[symptom]
                 if symptom is Symptom.WARM and watch.identity is not None:
                     watch.warm = self._limit(watch.identity)
-                self._note(EventKind.CLEARED, joint, f"servo {servo.id}: no longer {symptom.value}")
+                text = f"servo {servo.id}: no longer {symptom.value}"
+                self._note(EventKind.CLEARED, joint, text, False)
 
     def _end(self, joint: Joint, watch: _Watch, why: str) -> None:
         """A goal has been dropped."""

@@ -236,6 +236,7 @@ class ServoBusNode(Node):
     def _update(self, bus: ServoBus, reading: BusReading) -> None:
         """Between reading and writing, in the bus's thread."""
         states = reading.states
+        self._loop.stuck.update({e.joint_name: e.text for e in reading.events if e.stuck})
         self._states[bus] = states
         complete: Mapping[str, Any] = {}
         if states:

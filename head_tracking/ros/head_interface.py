@@ -481,6 +481,16 @@ class HeadInterface:
         return self.trouble
 
     @property
+    def stuck(self) -> str:
+        """Why a joint cannot go where it is told, as this process's servo bus has found out."""
+        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints)))
+
+    def set_out(self) -> None:
+        """Begins a motion: what was found out about joints until now counts no more."""
+        for joint in self.joints:
+            self._loop.stuck.pop(joint, None)
+
+    @property
     def period(self) -> float:
         """Of the loop [s]; 0: not known."""
         return self._loop.period

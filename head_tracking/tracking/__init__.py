@@ -29,7 +29,13 @@ from head_tracking.tracking.target_state import (
     TargetStateParameters,
 )
 from head_tracking.tracking.trace import Sample, Trace, TrackRecord
-from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
+from head_tracking.tracking.tracker import (
+    CAUTIOUS_SPEED,
+    Delays,
+    StallWatch,
+    Tracker,
+    TrackingStep,
+)
 from head_tracking.tracking.trajectory import (
     JointPoint,
     JointTrajectory,
@@ -65,6 +71,7 @@ __all__ = [
     "SpeedLaw",
     "SpeedLawParameters",
     "SpeedLimits",
+    "StallWatch",
     "Target",
     "TargetEstimate",
     "TargetEstimator",

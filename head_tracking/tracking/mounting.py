@@ -40,7 +40,7 @@ _ERRORS: Array = np.arange(-0.15, 0.151, 0.025)
 
 _WINDOW = 1.0  # s; over which a path is compared with a line and a parabola
 _FEWEST, _LEAST, _MOST = 9, 6, 20  # points in it: if it takes longer; to begin with; of more some
-_HISTORY = 3.0  # s of readings and points
+_HISTORY = 2.0  # s of readings and points
 _EVERY = 0.03  # s; no judgement more often
 _TURNED = 0.1  # rad; less motion of the placed target tells nothing
 _ROUGH = 0.01  # rad; a path as smooth as this is well explained
@@ -72,7 +72,7 @@ class Mounting:
         self._readings: deque[tuple[float, float]] = deque()
         self._points: deque[tuple[float, Sight]] = deque()
         self._judged, self._judgements = -math.inf, 0
-        self._possible = np.ones(len(_WAYS), dtype=bool)
+        self._allow(np.arange(len(_WAYS)))
 
     def reset(self) -> None:
         """Nothing is known any more."""
@@ -95,14 +95,12 @@ class Mounting:
             stamp: of the point [s].
             sight: as it was placed.
         """
-        if not self._possible[1:].any():
-            return ""
-        if self._points and stamp <= self._points[-1][0]:
+        if not self._turns or (self._points and stamp <= self._points[-1][0]):
             return ""
         self._points.append((stamp, sight))
         while self._points[0][0] < stamp - _HISTORY:
             self._points.popleft()
-        if not self._times:
+        if len(self._points) < _LEAST or not self._tells():
             return ""
         oldest, newest = self._times[0], self._times[-1]
         known = [point for point in self._points if oldest < point[0] <= newest]
@@ -110,20 +108,23 @@ class Mounting:
             return ""
         start = min(known[-1][0] - _WINDOW, known[-_FEWEST:][0][0])
         window = [point for point in known if point[0] >= start]
-        thinned = window[:: -math.ceil(len(window) / _MOST)][::-1]
         self._judged = known[-1][0]
-        return self._judge(thinned)
+        return self._judge(window[:: -math.ceil(len(window) / _MOST)][::-1])
+
+    def _tells(self) -> bool:
+        """Whether the head has turned so that it makes a difference how it is mounted."""
+        if not self._readings:
+            return False
+        pan, tilt = (max(angles) - min(angles) for angles in zip(*self._readings, strict=True))
+        return any(a * pan + b * tilt > _TURNED for a, b in self._turns)
 
     def _judge(self, window: list[tuple[float, Sight]]) -> str:
         """What is wrong by these points, if anything is."""
         stamps = np.array([stamp for stamp, _ in window])
         times, readings = np.array(self._times), np.array(self._readings).T
         head = np.array([np.interp(stamps, times, angles) for angles in readings])
-        elsewhere = np.abs(_WAYS[self._possible] - _WAYS[0]).max(axis=2) @ np.ptp(head, axis=1)
-        if elsewhere.max() < _TURNED:
-            return ""
         self._judgements += 1
-        possible = np.flatnonzero(self._possible)
+        possible = self._possible
         sights = np.array([(sight.pan, sight.tilt) for _, sight in window]).T
         at = (stamps[:, None] - _ERRORS).ravel()
         turned = np.array([np.interp(at, times, angles) for angles in readings])
@@ -140,8 +141,16 @@ class Mounting:
             if strongest > 1.0:
                 alike = evidence > evidence.max() / _ALIKE
                 return self._named(int(possible[1 + int(alike.argmax())]))
-        self._possible[possible[1:]] = (smoother * np.array(_RIGHT)[:, None] > 1.0).any(axis=0)
+        still = (smoother * np.array(_RIGHT)[:, None] > 1.0).any(axis=0)
+        if not still.all():
+            self._allow(np.concatenate([[0], possible[1:][still]]))
         return ""
+
+    def _allow(self, possible: npt.NDArray[np.int_]) -> None:
+        """Only these ways are possible from now on, by their places in `_WAYS`."""
+        self._possible = possible
+        elsewhere = np.abs(_WAYS[possible[1:]] - _WAYS[0]).max(axis=2)
+        self._turns: list[tuple[float, float]] = [tuple(row) for row in elsewhere.tolist()]
 
     def _placed(self, sights: Array, head: Array, camera: Array) -> Array:
         """Pan and tilt to points, had the camera stood otherwise than the joints say.

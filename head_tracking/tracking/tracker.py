@@ -106,8 +106,8 @@ class Tracker:
         self.fault = ""
         self._base = base
         self._stall_watches = (
-            _StallWatch(head.pan_joint),
-            _StallWatch(head.tilt_joint),
+            StallWatch(head.pan_joint),
+            StallWatch(head.tilt_joint),
         )
         self._readings: deque[JointReading] = deque()
         self.stamp_error = StampError()
@@ -377,15 +377,21 @@ class TargetFromBase(TargetEstimate):
         return pan, tilt
 
 
-class _StallWatch:
+class StallWatch:
     """Notices a joint that does not do what it is told.
 
     Args:
         joint: its name.
+        patience: how long it must not have moved [s].
+
+    Attributes:
+        joint: as given.
+        patience: as given.
     """
 
-    def __init__(self, joint: str) -> None:
+    def __init__(self, joint: str, patience: float = _STALL_TIME) -> None:
         self.joint = joint
+        self.patience = patience
         self._stalls = False
         self._side = 0.0
         self.restart()
@@ -417,7 +423,7 @@ class _StallWatch:
         moved = self._highest - self._lowest
         if moved > _AT_GOAL:
             self._stalls = False
-        if now - self._since > _STALL_TIME and self._commanded > _AT_GOAL:
+        if now - self._since > self.patience and self._commanded > _AT_GOAL:
             self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
             self._since = math.nan
         return self._stalls
