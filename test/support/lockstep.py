@@ -207,7 +207,11 @@ def _stepped(kind: type[Node], world: World) -> type[Node]:
         ) -> Any:
             name = self.resolve_topic_name(topic)
             world.listen(name, callback)
-            return SimpleNamespace(topic_name=name)
+            return SimpleNamespace(topic_name=name, callback=callback)
+
+        def destroy_subscription(self, subscription: Any) -> bool:
+            world._listeners[subscription.topic_name].remove(subscription.callback)
+            return True
 
         def create_timer(self, period: float, callback: Callable[[], object], **_: Any) -> Any:
             world.every(round(period * 1e9), callback)
