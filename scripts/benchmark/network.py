@@ -169,6 +169,7 @@ def measured(link: Link, cut_for: float = 0.0) -> dict[str, Any]:
             _wait_for(place / "swinging")
             report = _start("page", link, sys.executable, "-m", "head_tracking.tools.track_report",
                             "--duration", _SWING - 5.0, "--output", place / "report.svg",
+                            "--markdown",
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
             said, _ = report.communicate(timeout=90.0)
         camera.wait(120.0)
