@@ -137,6 +137,12 @@ class ControlLoop:
             if controller.joints[0] in joints:
                 controller.publish()
 
+    def heard(self, joints: Iterable[str]) -> None:
+        """Runs the cycle for joints of another process, unless something else runs it."""
+        if not self.driven:
+            self.update(joints)
+            self.publish(joints, 0, {})
+
     def take_over(self, controller: Controller) -> None:
         """Gives a controller its joints, whoever had them; what is in this process is disabled."""
         for other in self._controllers:

@@ -121,8 +121,8 @@ class SimulatedCameraNode(Node):
         self._shown = p.scene
         self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
         self.renderer = Renderer(self.scene, self._camera)
-        self._target = NewestTarget(self, self._buffer)
-        self._target.place_in(p.scene_frame)
+        self._target: NewestTarget | None = None
+        self._listen_for(p.scene)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._image = self.create_publisher(Image, "image", 5)
         self._depth = self.create_publisher(Image, "depth", 5)
@@ -139,6 +139,7 @@ class SimulatedCameraNode(Node):
         if changed.scene == self._shown:
             return
         self._shown = changed.scene
+        self._listen_for(changed.scene)
         scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
         renderer = Renderer(scene, self._camera)
 
@@ -146,6 +147,15 @@ class SimulatedCameraNode(Node):
             self.scene, self.renderer = scene, renderer
 
         self._drawing.do(take)
+
+    def _listen_for(self, scene: str) -> None:
+        """Listens to targets if the scene shows them."""
+        if scene in _WITH_TARGET and self._target is None:
+            self._target = NewestTarget(self, self._buffer)
+            self._target.place_in(self._settings.value.scene_frame)
+        elif scene not in _WITH_TARGET and self._target is not None:
+            self._target.close()
+            self._target = None
 
     def _take(self) -> None:
         publishers = (self._image, self._depth, self._info)
@@ -160,7 +170,7 @@ class SimulatedCameraNode(Node):
         except TransformException as error:
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
-        target = self._target.newest() if self._shown in _WITH_TARGET else None
+        target = None if self._target is None else self._target.newest()
         # what was found in pictures would be hidden by a ball where it was found
         is_own = target is not None and target.target.frame_id == self._settings.value.frame_id
         point = None if target is None or is_own else target.point

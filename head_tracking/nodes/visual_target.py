@@ -11,6 +11,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
 from head_tracking.control import ControlLoop
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.images import depth_of, image_message, picture_of
 from head_tracking.ros.parameters import NodeParameters
@@ -25,6 +26,7 @@ from head_tracking.vision import (
     Detector,
     FaceDetector,
     Frame,
+    GivenDetector,
     ImageError,
     Pairing,
     Sighting,
@@ -34,6 +36,8 @@ from head_tracking.vision import (
 )
 
 AnyImage: TypeAlias = Image | CompressedImage
+
+_ASKED_EVERY = 0.2  # s: whether somebody wants to know what is found
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,8 @@ class _Shot(NamedTuple):
 class VisualTargetNode(Node):
     """Publishes `target_point` from `image`, `depth` and `camera_info`.
 
-    Looking has a thread of its own, which takes the newest image.
+    Looking has a thread of its own, which takes the newest image. While the node is switched off
+    and nobody listens to what it finds, it subscribes to no images: nobody has to make them.
     """
 
     def __init__(
@@ -100,6 +105,8 @@ class VisualTargetNode(Node):
         self._settings = p = NodeParameters(
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
+        self._declare(p.follow)
+        self._found = p.follow  # for the thread that looks
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
         self._target = SightedTarget(
             self,
@@ -115,7 +122,8 @@ class VisualTargetNode(Node):
         self._annotated = self.create_publisher(Image, "~/image", 2)
         self._image: Subscription | None = None
         self._depth: Subscription | None = None
-        self._subscribe_for(p.follow)
+        self._subscribe_as_needed()
+        self.create_timer(_ASKED_EVERY, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
 
     def destroy_node(self) -> None:
@@ -124,11 +132,8 @@ class VisualTargetNode(Node):
         super().destroy_node()
 
     def _detector(self, follow: str) -> Detector:
-        """What finds one kind of thing; its parameters are declared the first time."""
-        make, kind = DETECTORS[follow]
-        if follow not in self._kinds:
-            self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
-        detector = make(self._kinds[follow].value)
+        """What finds one kind of thing; takes its time."""
+        detector = DETECTORS[follow][0](self._kinds[follow].value)
         if isinstance(detector, FaceDetector) and detector.shortcoming:
             self.get_logger().warning(detector.shortcoming)
         return detector
@@ -136,16 +141,37 @@ class VisualTargetNode(Node):
     def _on_follow(self, changed: VisualTargetParameters) -> None:
         if changed.follow == self._settings.follow:
             return
-        detector = self._detector(changed.follow)
+        self._declare(changed.follow)
         self._settings = changed
-        self._subscribe_for(changed.follow)
-        self._looking.do(lambda: self._target.find_by(detector))
-        self.get_logger().info(f"the target is what is found now: {changed.follow}")
+        self._looking.do(lambda: self._find_by(changed.follow))
+        self._subscribe_as_needed()
 
-    def _subscribe_for(self, follow: str) -> None:
+    def _declare(self, follow: str) -> None:
+        """Declares the parameters of one kind of thing, the first time."""
+        if follow not in self._kinds:
+            kind = DETECTORS[follow][1]
+            self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
+
+    def _find_by(self, follow: str) -> None:
+        """Looks for another kind of thing, if nobody has changed their mind meanwhile."""
+        if follow != self._settings.follow:
+            return
+        self._found = follow
+        try:
+            self._target.find_by(self._detector(follow))
+        except HeadTrackingError as error:
+            self._target.find_by(GivenDetector())
+            self.get_logger().error(f"nothing is found, {follow} cannot be looked for: {error}")
+        else:
+            self.get_logger().info(f"the target is what is found now: {follow}")
+
+    def _subscribe_as_needed(self) -> None:
         """Listens to the pictures and depths that are needed to find something."""
         p = self._settings
-        wants_image, wants_depth = follow != "nearest", p.use_depth or follow == "nearest"
+        outputs = (self._region, self._annotated)
+        wanted = self._target.wanted or any(one.get_subscription_count() for one in outputs)
+        wants_image = wanted and p.follow != "nearest"
+        wants_depth = wanted and (p.use_depth or p.follow == "nearest")
         if wants_image and self._image is None:
             self._image = self._subscribe("image", p.image_transport, self._on_image)
         elif not wants_image and self._image is not None:
@@ -161,7 +187,7 @@ class VisualTargetNode(Node):
         self._looking.do(self._take_parameters)
 
     def _take_parameters(self) -> None:
-        self._target.tracker.detector.parameters = self._kinds[self._settings.follow].value
+        self._target.tracker.detector.parameters = self._kinds[self._found].value
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
@@ -195,9 +221,6 @@ class VisualTargetNode(Node):
 
     def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
-        outputs = (self._region, self._annotated)
-        if not self._target.wanted and not any(one.get_subscription_count() for one in outputs):
-            return
         stamped, image, depth = shot
         camera = self._target.camera
         if camera is None:

@@ -47,7 +47,13 @@ class NewestTarget:
         self._buffer = buffer
         self._placer: TargetPlacer | None = None
         self._newest: PlacedTarget | None = None
-        node.create_subscription(PointStamped, "target_point", self._on_target, 10)
+        self._subscription = node.create_subscription(
+            PointStamped, "target_point", self._on_target, 10
+        )
+
+    def close(self) -> None:
+        """Listens no more."""
+        self._node.destroy_subscription(self._subscription)
 
     def place_in(self, frame: str) -> None:
         """Places targets in this frame from now on."""

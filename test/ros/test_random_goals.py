@@ -165,7 +165,7 @@ class Driven:
 
     def recenter(self, _):
         request, response = None, type("Response", (), {"success": False, "message": ""})()
-        self.node._on_recenter(request, response)
+        self.interface._on_recenter(request, response)
         if response.success:
             assert not self.under_way()
 

@@ -18,13 +18,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
+from std_srvs.srv import SetBool
 from visual_pursuit import head_yaml, pursue, tutorial_law
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
 from head_tracking.ros.images import camera_info, image_message
 from head_tracking.tf.messages import header
-from head_tracking.vision import DETECTORS, camera_with_view
+from head_tracking.vision import DETECTORS, GivenDetector, camera_with_view
 
 DEGREE = math.radians(1)
 SMALL = {"width": 320, "height": 240}
@@ -279,6 +280,38 @@ def test_what_is_followed_can_be_changed_while_it_looks(world, look):
     assert targets[-1][1].header.frame_id == "camera_optical_frame"
 
 
+def test_what_cannot_be_looked_for_is_told_and_nothing_is_found(world, look):
+    node = look(follow="colour", net="/nowhere/net.onnx")
+    targets = world.record("/target_point")
+    assert node.set_parameters([Parameter("follow", value="face")])[0].successful
+    show(world)
+    assert not targets
+    assert node.set_parameters([Parameter("follow", value="colour")])[0].successful
+    show(world)
+    assert targets
+
+
+def test_images_are_subscribed_to_while_somebody_wants_what_is_found(world, look):
+    node = look(follow="colour")
+
+    def images(on=None):
+        if on is not None:
+            node._target._switch._on_enable(SetBool.Request(data=on), SetBool.Response())
+        world.run(0.3)
+        return world.listeners("/image"), world.listeners("/depth")
+
+    assert images() == (1, 1)
+    assert images(on=False) == (0, 0)
+    assert images(on=True) == (1, 1)
+    assert images(on=False) == (0, 0)
+    assert node.set_parameters([Parameter("follow", value="nearest")])[0].successful
+    assert images() == (0, 0)
+    world.record("/visual_target/confidence")
+    assert images() == (0, 1)
+    assert node.set_parameters([Parameter("follow", value="marker")])[0].successful
+    assert images() == (1, 1)
+
+
 def test_a_rectangle_is_followed_and_an_impossible_one_is_told(world, look):
     node = look(follow="features", distance=1.0)
     targets = world.record("/target_point")
@@ -378,9 +411,12 @@ def test_a_ball_shows_the_target_but_not_where_the_camera_itself_has_found_it(wo
         return np.count_nonzero((red > green + 60) & (blue > green + 60))
 
     assert magenta("base_link", (1.0, 0.0, 0.5)) < 150, "nothing but a face is asked for"
+    assert world.listeners("/target_point") == 0
     assert eye.set_parameters([Parameter("scene", value="everything")])[0].successful
     assert magenta("base_link", (1.0, 0.0, 0.5)) > 300
     assert magenta("camera_optical_frame", (0.0, 0.0, 1.0)) < 150
+    assert eye.set_parameters([Parameter("scene", value="ball")])[0].successful
+    assert world.listeners("/target_point") == 0
 
 
 @pytest.mark.parametrize("follow", DETECTORS)
@@ -393,8 +429,15 @@ def test_every_parameter_is_described(look, follow):
 # in one process with everything else
 
 
-def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(kinectbot):
+def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(monkeypatch):
     """All nodes share one executor: what takes long is done beside it."""
+    made_in = []
+
+    def made(parameters):
+        made_in.append(threading.current_thread().name)
+        return GivenDetector()
+
+    monkeypatch.setitem(DETECTORS, "marker", (made, DETECTORS["marker"][1]))
     rclpy.init()
     look = VisualTargetNode(parameter_overrides=[Parameter("follow", value="colour")])
     executor = SingleThreadedExecutor()
@@ -421,6 +464,10 @@ def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(ki
     assert ticks == [1] * 5, "the executor goes on while an image is looked at"
     go.set()
     wait_for(lambda: looked == [1, 3])
+    for follow in ["marker", "colour"] * 25 + ["marker"]:
+        assert look.set_parameters([Parameter("follow", value=follow)])[0].successful
+    wait_for(lambda: isinstance(look._target.tracker.detector, GivenDetector))
+    assert set(made_in) == {"visual target"}
     executor.remove_node(look)
     look.destroy_node()
     rclpy.try_shutdown()

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
+from dynamixel_fakes import speed_ticks
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -155,7 +156,7 @@ class World:
             servo.advance(self.now)
             servo.set_register("Torque Enable", 1)
             servo.set_register("Goal Position", joint.ticks(goal.position))
-            servo.set_register("Moving Speed", joint.speed_ticks(goal.speed))
+            servo.set_register("Moving Speed", speed_ticks(joint, goal.speed))
 
     def _cycle(self) -> None:
         measured = {}
@@ -206,7 +207,11 @@ def _stepped(kind: type[Node], world: World) -> type[Node]:
         ) -> Any:
             name = self.resolve_topic_name(topic)
             world.listen(name, callback)
-            return SimpleNamespace(topic_name=name)
+            return SimpleNamespace(topic_name=name, callback=callback)
+
+        def destroy_subscription(self, subscription: Any) -> bool:
+            world._listeners[subscription.topic_name].remove(subscription.callback)
+            return True
 
         def create_timer(self, period: float, callback: Callable[[], object], **_: Any) -> Any:
             world.every(round(period * 1e9), callback)

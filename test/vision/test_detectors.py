@@ -8,6 +8,7 @@ from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 
 from head_tracking.scene import Ball, Board, Scene, Swing, make_scene
+from head_tracking.scene.drawings import marker
 from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, face, marker_board, room
 from head_tracking.vision import (
     DETECTORS,
@@ -202,6 +203,16 @@ def test_the_marker_with_the_right_number_is_followed(kinectbot, dictionary):
     assert len(seen.misses) == 4
     assert max(seen.misses) < 10 * MM
     assert seen.sightings[-1].candidate.label == "3"
+
+
+def test_a_tag_with_a_narrow_border_and_a_wrong_module_is_found():
+    tag = marker("APRILTAG_36h11", 3)  # ten modules of 32 pixels, the outer ones white
+    tag[64:96, 64:96, :3] ^= 255
+    picture = np.full((480, 640, 3), 140, np.uint8)
+    picture[80:400, 100:420] = tag[..., :3]
+    detector = DETECTORS["marker"][0](MarkerParameters(dictionary="APRILTAG_36h11"))
+    found = detector.detect(Frame(0, KINECT, Picture(picture)), [])
+    assert [candidate.label for candidate in found] == ["3"]
 
 
 def test_a_rectangle_chooses_a_marker(kinectbot):
