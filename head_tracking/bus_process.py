@@ -43,8 +43,9 @@ class _Program:
 
     def run(self, parent: Connection[Any, Any], stop: StopSignal) -> int:
         threading.Thread(target=self._answer, args=(parent, stop), daemon=True).start()
-        # ROS takes a while to import, and the parent's end is heard from the first moment on
-        from head_tracking.ros.spinning import run_until
+        with stop.while_importing():
+            from head_tracking.nodes import servo_bus  # noqa: F401
+            from head_tracking.ros.spinning import run_until
 
         with ExitStack() as resources:
             return run_until(stop, lambda: self._make(resources), sys.argv)

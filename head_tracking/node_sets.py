@@ -21,7 +21,7 @@ class NodeSpec:
             "loop", its controllers; "connect", the port of simulated servos, or None;
             "true_position", where a simulated joint really is [rad], or None; "start", to start
             more nodes; "startable", their names; "simulated", whether the servos are;
-            "arguments", ROS's own.
+            "arguments", ROS's own; "stop", who asks to stop.
         parameters: values that this run gives it, over those of the parameter files.
     """
 
@@ -59,7 +59,9 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """What a robot may have already, so that a run can do without."""
 
 
-BUS_PROCESS = NodeSpec("servo_bus", "bus_process.BusProcessNode", takes=("simulated", "arguments"))
+BUS_PROCESS = NodeSpec(
+    "servo_bus", "bus_process.BusProcessNode", takes=("simulated", "arguments", "stop")
+)
 """In the place of servo_bus: it runs in a process of its own."""
 
 MODES: Mapping[str, NodeSpec] = {

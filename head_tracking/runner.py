@@ -42,7 +42,7 @@ from head_tracking.ros.joint_owners import stop_report
 from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.start import start_ros, without_ros_arguments
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StoppedError, StopSignal
 from head_tracking.run_monitor import RunMonitor, RunSources
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
@@ -53,6 +53,7 @@ from head_tracking.viewer_process import viewer_process
 
 _LOOKING = "looking for other heads"
 _LOOK_PERIOD = 0.1  # s
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +70,8 @@ class Run:
         arguments: the command line, ROS's own arguments among it.
         enclave: by which its processes know each other; see `GraphWatch`.
         allow_others: other heads in the graph keep it from nothing, and the last command wins.
+        keeps_to_itself: no other machine hears of it.
+        reversed: joints whose simulated servos are mounted the wrong way round.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -80,6 +83,8 @@ class Run:
     arguments: tuple[str, ...]
     enclave: str
     allow_others: bool
+    keeps_to_itself: bool
+    reversed: tuple[str, ...]
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -140,6 +145,16 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="start, and go on, although another head, or another publisher of joint_commands, is "
         "in the graph",
     )
+    parser.add_argument(
+        "--network", action="store_true", help="let other machines hear a simulated run, too"
+    )
+    parser.add_argument(
+        "--reverse",
+        action="append",
+        default=[],
+        metavar="JOINT",
+        help="with --sim: mount this joint's servo the wrong way round, to see what is said of it",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="show the head in a browser, and steer it there"
@@ -147,6 +162,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     options = parser.parse_args(with_points(without_ros_arguments([parser.prog, *arguments])[1:]))
     if options.viewer and not installed():
         parser.error(MISSING)
+    if options.reverse and not options.sim:
+        parser.error("--reverse is for simulated servos: add --sim")
     if options.target is None:
         options.target = _target(
             "fictitious" if options.sim and options.mode == "track" else "none"
@@ -180,6 +197,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         tuple(arguments),
         _said_enclave(arguments) or own_enclave(),
         options.allow_others,
+        options.sim and not options.network,
+        tuple(options.reverse),
     )
 
 
@@ -216,16 +235,20 @@ class Composition:
         return ["commands are taken again; what was on goes on, slowly at first"]
 
 
-def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "") -> Composition:
+def compose(
+    plan: Run, threads: NodeThreads, resources: ExitStack, stop: StopSignal, held: str = ""
+) -> Composition:
     """Makes the nodes of a run and starts them.
 
     Args:
         plan: which nodes.
         threads: spins them; must be closed before `resources`.
         resources: gets the simulated servos, if there are any.
+        stop: asks to stop while there are nodes to make.
         held: why nothing may move yet; see `ControlLoop.hold`.
 
     Raises:
+        StoppedError: somebody asked to stop.
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
@@ -239,8 +262,9 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
 
     def true_position(joint: str) -> float | None:
         servos = simulated[0] if simulated else nodes["servo_bus"]
+        way = -1.0 if joint in plan.reversed else 1.0
         try:
-            return float(servos.true_position(joint))
+            return way * float(servos.true_position(joint))
         except KeyError:  # no servo turns it, and it will not be measured
             return None
 
@@ -266,8 +290,10 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
         "true_position": true_position if plan.simulated else None,
         "simulated": plan.simulated,
         "arguments": ros_arguments(plan),
+        "stop": stop,
     }
     for spec in plan.nodes:
+        stop.check()
         start(spec)
         if spec is plan.nodes[0] and all(other.name != FEEDS_BUFFER for other in plan.nodes):
             listen_for(loop, buffer, nodes[spec.name])
@@ -276,25 +302,23 @@ def compose(plan: Run, threads: NodeThreads, resources: ExitStack, held: str = "
     )
 
 
-def _alone(plan: Run, stop: StopSignal, line: StatusLine) -> bool:
+def _look_around(plan: Run, stop: StopSignal, line: StatusLine) -> None:
     """Looks for other heads before there is anything to hear of this one.
 
     A real head would take a simulated one's target and joints for its own.
 
-    Returns:
-        False: somebody stopped it while it looked.
-
     Raises:
         RefusedError: there is another head.
+        StoppedError: somebody asked to stop.
     """
     node = Node("head_tracking")
     try:
         watch = GraphWatch(node, plan.enclave, lambda _: None, simulated=True)
-        while watch.looking and not stop():
+        while watch.looking:
+            stop.check()
             watch.look()
             line.show([_LOOKING])
             stop.wait(_LOOK_PERIOD)
-        return not watch.looking
     finally:
         node.destroy_node()
 
@@ -309,46 +333,58 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
         NodeDied: a node ended with an error.
         Exception: a node could not start.
     """
-    alone = plan.simulated and not plan.allow_others
-    if alone and not _alone(plan, stop, line):
-        return 0
-    with ExitStack() as resources, closing(NodeThreads()) as threads:
-        held = "" if alone or plan.allow_others else _LOOKING
-        head = compose(plan, threads, resources, held)
-        if plan.viewer:
-            resources.enter_context(viewer_process(ros_arguments(plan)))
-        parameter_files.check(head.nodes.values())
-        watch = GraphWatch(
-            head.nodes["servo_bus"],
-            plan.enclave,
-            head.loop.hold,
-            simulated=plan.simulated,
-            allow_others=plan.allow_others,
-            alone=alone,
-        )
-        get_logger("head_tracking").info(threads.executor)
-        head_node = head.nodes.get(plan.head_node)
-        monitor = RunMonitor(
-            RunSources(
-                head=head_node.interface if head_node else None,
-                bus_status=head.nodes["servo_bus"].status,
-                true_position=head.true_position,
-                held=lambda: head.loop.held,
-                stopped=lambda: head.loop.owners.stopped,
-            )
-        )
-
-        def look() -> None:
-            watch.look()
-            parts, mood = monitor.look()
-            line.show([*parts, HINT] if key.works else parts, mood)
-
-        key = resources.enter_context(StopKey(head.stop, head.resume, line.say))
-        try:
-            threads.wait(stop, plan.duration, look)
-        finally:
-            line.end(monitor.summary())
+    threads = NodeThreads()
+    try:
+        with ExitStack() as resources, closing(threads):
+            _run(plan, threads, resources, stop, line)
+    except StoppedError:
+        line.end("stopped before everything had started")
     return threads.exit_code()
+
+
+def _run(
+    plan: Run, threads: NodeThreads, resources: ExitStack, stop: StopSignal, line: StatusLine
+) -> None:
+    alone = plan.simulated and not plan.allow_others
+    if alone:
+        _look_around(plan, stop, line)
+    held = "" if alone or plan.allow_others else _LOOKING
+    head = compose(plan, threads, resources, stop, held)
+    if plan.viewer:
+        resources.enter_context(viewer_process(ros_arguments(plan)))
+    parameter_files.check(head.nodes.values())
+    watch = GraphWatch(
+        head.nodes["servo_bus"],
+        plan.enclave,
+        head.loop.hold,
+        simulated=plan.simulated,
+        allow_others=plan.allow_others,
+        alone=alone,
+    )
+    get_logger("head_tracking").info(threads.executor)
+    head_node = head.nodes.get(plan.head_node)
+    monitor = RunMonitor(
+        RunSources(
+            head=head_node.interface if head_node else None,
+            bus_status=head.nodes["servo_bus"].status,
+            true_position=head.true_position,
+            held=lambda: head.loop.held,
+            stopped=lambda: head.loop.owners.stopped,
+        )
+    )
+
+    def look() -> None:
+        watch.look()
+        parts, mood = monitor.look()
+        line.show([*parts, HINT] if key.works else parts, mood)
+
+    key = resources.enter_context(StopKey(head.stop, head.resume, line.say))
+    try:
+        threads.wait(stop, plan.duration, look)
+    finally:
+        summary = monitor.summary()
+        threads.close()  # what the nodes say at the end stands above
+        line.end(summary)
 
 
 def main(arguments: Sequence[str], stop: StopSignal) -> int:
@@ -357,8 +393,9 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
     line.prepare_logging()
     try:
         plan = parse_arguments(arguments)
-        if plan.simulated:  # a colleague's head is not this run's to turn
-            os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        # A colleague's head is not this run's to turn, and ROS's own setup.bash says SUBNET.
+        if plan.keeps_to_itself and os.environ.get(_RANGE, "SUBNET") in ("", "SUBNET"):
+            os.environ[_RANGE] = "LOCALHOST"
         start_ros(ros_arguments(plan))
         return run(plan, stop, line)
     except Exception as error:

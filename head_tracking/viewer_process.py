@@ -49,9 +49,9 @@ def main() -> int:
     lifeline = int(sys.argv[1])
     with StopSignal() as stop:
         threading.Thread(target=_watch, args=(lifeline, stop), daemon=True).start()
-        # these take a while to import, and the end is heard from the first moment on
-        from head_tracking.nodes.viewer import ViewerNode
-        from head_tracking.ros.spinning import run_until
+        with stop.while_importing():
+            from head_tracking.nodes.viewer import ViewerNode
+            from head_tracking.ros.spinning import run_until
 
         return run_until(stop, ViewerNode, sys.argv)
 

@@ -53,7 +53,8 @@ print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
       "Ubuntu 24.04), or start from a terminal where ROS is not sourced."
   elif [[ $(uname -sm) != "Linux x86_64" ]]; then
     die "No ROS 2 Jazzy is sourced, and its wheels exist only for Linux on x86-64 (this is" \
-      "$(uname -sm)). Install ROS 2 Jazzy from its own packages, source it and start again."
+      "$(uname -sm)). Install ROS 2 Jazzy from its own packages, which are for Ubuntu 24.04 on" \
+      "64-bit Arm and x86-64, source it and start again."
   fi
 }
 

@@ -36,8 +36,10 @@ ALLOWED: dict[str, set[str]] = {
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
     | {"output"},
-    "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"},
-    "nodes": CORE | {"tf", "share", "viewer", "ros", "status_line"},
+    "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
+    "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
+    | {"recording"},
+    "nodes": CORE | {"tf", "share", "recording", "viewer", "ros", "status_line"},
     "tools": CORE | {"output", "status_line", "tf", "share", "ros", "command_line"},
     "status_line": set(),
     "stop_key": set(),

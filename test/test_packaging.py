@@ -276,6 +276,7 @@ def start(tmp_path):
         ({"ROS_DISTRO": "humble"}, "ROS 2 Humble is sourced, but head_tracking needs Jazzy"),
         ({"ROS_DISTRO": "jazzy"}, "(ImportError: no rclpy here)"),
         ({"machine": "Linux aarch64"}, "Install ROS 2 Jazzy from its own packages"),
+        ({"machine": "Linux armv7l"}, "for Ubuntu 24.04 on 64-bit Arm and x86-64"),
         ({"has_venv": False}, "apt install python3-venv"),
     ],
 )

@@ -68,6 +68,8 @@ class ControlLoop:
         period: of a cycle [s]; 0: not known.
         driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
         held: why the controllers may move nothing now; empty: they may.
+        stuck: joints that cannot go where they are told, and why, as the servo bus of this process
+            has found out; who begins a motion takes its joints out.
         target_takers: called by whoever sends targets in this process; each has a subscription,
             too, for those of others.
         after: called after the goals were written, with the stamp [ns] and the complete states.
@@ -83,6 +85,7 @@ class ControlLoop:
         self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
         self.held = ""
+        self.stuck: dict[str, str] = {}
         self.period = 0.0
         self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
         self._controllers: tuple[Controller, ...] = ()
@@ -133,6 +136,12 @@ class ControlLoop:
         for controller in self._controllers:
             if controller.joints[0] in joints:
                 controller.publish()
+
+    def heard(self, joints: Iterable[str]) -> None:
+        """Runs the cycle for joints of another process, unless something else runs it."""
+        if not self.driven:
+            self.update(joints)
+            self.publish(joints, 0, {})
 
     def take_over(self, controller: Controller) -> None:
         """Gives a controller its joints, whoever had them; what is in this process is disabled."""

@@ -49,27 +49,29 @@ class JointOwners:
             OwnershipError: one belongs to somebody else, or the head is stopped.
         """
         joints = tuple(joints)
-        changed = False
         with self._lock:
-            if self.stopped:
-                raise OwnershipError(
-                    "the head is stopped; call resume, or enable what shall turn it"
-                )
-            now = self._clock()
+            self.check(owner, joints)
+            changed = any(not self.owns(owner, joint) for joint in joints)
+            until = self._clock() + lease
             for joint in joints:
-                other, until = self._owners.get(joint, ("", 0.0))
-                if self._exclusive and other not in ("", owner) and now < until:
-                    raise OwnershipError(
-                        f"{joint} belongs to {other}; switch that off first ({other}/enable "
-                        "false), or let its commands end"
-                        if math.isinf(until)
-                        else f"{joint} belongs to {other} as long as that sends commands"
-                    )
-                changed = changed or other != owner
-            for joint in joints:
-                self._owners[joint] = (owner, now + lease)
+                self._owners[joint] = (owner, until)
         if changed:
             self.on_change()
+
+    def check(self, owner: str, joints: Iterable[str]) -> None:
+        """Refuses what `claim` would refuse; changes nothing."""
+        if self.stopped:
+            raise OwnershipError("the head is stopped; call resume, or enable what shall turn it")
+        now = self._clock()
+        for joint in joints:
+            other, until = self._owners.get(joint, ("", 0.0))
+            if self._exclusive and other not in ("", owner) and now < until:
+                raise OwnershipError(
+                    f"{joint} belongs to {other}; switch that off first ({other}/enable "
+                    "false), or let its commands end"
+                    if math.isinf(until)
+                    else f"{joint} belongs to {other} as long as that sends commands"
+                )
 
     def take_over(self, owner: str, joints: Iterable[str]) -> None:
         """Makes joints somebody's, whoever had them, and ends a stop."""

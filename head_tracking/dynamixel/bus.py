@@ -109,14 +109,15 @@ class ServoBus:
     looks.
 
     Servos start relaxed. The first command to a joint switches its torque on; after
-    `set_torque(..., False)` commands are refused until `set_torque(..., True)`. Goals outside the
-    limits never reach the wire, nor does a moving speed of 0, nor a goal for a relaxed servo.
+    `switching_torque(..., False)` commands are refused until `switching_torque(..., True)`. Goals
+    outside the limits never reach the wire, nor does a moving speed of 0, nor a goal for a relaxed
+    servo.
 
     Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
     with what is there and looks for the rest.
 
-    What takes several transactions exists twice: `recover` does it at once, `recovering` returns
-    the steps for `submit`, which spreads them over the cycles.
+    What takes several transactions, such as `recovering`, comes as steps: `submit` spreads them
+    over the cycles, `run` takes them at once.
 
     Args:
         port: Where the servos are.
@@ -177,7 +178,13 @@ class ServoBus:
 
     # Any thread
 
-    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+    def command(
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        clamp: bool = False,
+        claim: Callable[[Iterable[str]], object] | None = None,
+    ) -> CommandResult:
         """Set the goals of some joints, all or none; the newest goal of a joint wins.
 
         The goals are written in the owner's next cycle. Speeds above a joint's `speed_limit` are
@@ -187,6 +194,7 @@ class ServoBus:
             goals: Goal by joint name.
             clamp: Move positions outside the limits to the limit instead of refusing them. One
                 tick of excess always counts as being on the limit.
+            claim: Gets the joints that shall move before they do; it may refuse, by raising.
 
         Raises:
             GoalError: A joint is unknown or takes no commands now, a position is not finite or
@@ -222,6 +230,8 @@ class ServoBus:
         except GoalError:
             self._refused += 1
             raise
+        if claim is not None:
+            claim(positions)
         with self._lock:
             self._inbox.update(admitted)
         if clamped:
@@ -253,16 +263,9 @@ class ServoBus:
         """
         return self._joint(joint).limits
 
-    def check_limits(
-        self,
-        joint: str,
-        *,
-        lowest: int | None = None,
-        highest: int | None = None,
-        max_speed: float | None = None,
-    ) -> None:
+    def check_limits(self, joint: str, lowest: int, highest: int) -> None:
         """Refuse what `set_limits` would refuse; changes nothing."""
-        self._joint(joint).check(lowest, highest, max_speed)
+        self._joint(joint).check(lowest, highest)
 
     @property
     def port_name(self) -> str:
@@ -820,8 +823,8 @@ class ServoBus:
         finally:
             joint.busy = False
 
-    def _now(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
-        """Take steps at once, after those that are under way."""
+    def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
+        """Take steps at once, after those that are under way; raises what they raise."""
         while self._tasks:
             self._waiting.clear()
             self._advance(self._tasks[0])
@@ -831,22 +834,19 @@ class ServoBus:
 
     # Owner's thread: requests
 
-    def set_torque(self, joints: Iterable[str] | None, on: bool) -> None:
-        """Switch the torque of some joints, or of all (None).
+    def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
+        """Return the steps that switch the torque of some joints, or of all (None).
 
         Torque on holds the present position. Torque off drops the goal; commands are refused until
-        torque is switched on again. Of the other facts, it changes none: a servo that has shut
-        itself down needs `recover`, a stopped joint `start`, before and after.
+        torque is switched on again. The first step switches torque off, the others confirm. Of the
+        other facts, it changes none: a servo that has shut itself down needs `recovering`, a
+        stopped joint `starting`, before and after.
 
         Raises:
             GoalError: A joint is unknown; nothing was switched.
             TorqueError: Some joints did not confirm; the others were switched.
             NotConnectedError: `connect` has not been called.
         """
-        self._now(self.switching_torque(joints, on))
-
-    def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
-        """Return the steps of `set_torque`. The first switches torque off, the others confirm."""
         return self._switching_on(joints) if on else self._relaxing(joints, stop=False)
 
     def _relaxing(self, joints: Iterable[str] | None, stop: bool) -> Steps[None]:
@@ -937,11 +937,17 @@ class ServoBus:
         if problems:
             raise TorqueError(True, problems)
 
-    def recover(self, joints: Iterable[str] | None = None) -> tuple[str, ...]:
-        """Clear the faults of some joints, or of all (None), and leave them relaxed.
+    def recovering(
+        self, joints: Iterable[str] | None = None, patience: float = 0.0
+    ) -> Steps[tuple[str, ...]]:
+        """Return the steps that clear the faults of joints, and leave them relaxed.
 
         Protocol 1.0 servos are ready at once; others restart and are found again some cycles
         later, which `torque` tells.
+
+        Args:
+            joints: The joints; None for all.
+            patience: How long to wait for servos that restart, s.
 
         Returns:
             The joints that had a fault.
@@ -950,17 +956,6 @@ class ServoBus:
             GoalError: A joint is unknown; nothing was done.
             ServoError: A servo does not recover.
             NotConnectedError: `connect` has not been called.
-        """
-        return self._now(self.recovering(joints))
-
-    def recovering(
-        self, joints: Iterable[str] | None = None, patience: float = 0.0
-    ) -> Steps[tuple[str, ...]]:
-        """Return the steps of `recover`.
-
-        Args:
-            joints: The joints; None for all.
-            patience: How long to wait for servos that restart, s.
         """
         chosen = [joint for joint in self._require_connection(joints) if joint.faulted]
         problems: dict[str, object] = {}
@@ -986,32 +981,24 @@ class ServoBus:
             yield 0.02
         return tuple(joint.name for joint in chosen)
 
-    def stop(self, joints: Iterable[str] | None) -> None:
-        """Relax some joints, or all (None), and take them out of the cycle until `start`.
+    def stopping(self, joints: Iterable[str] | None) -> Steps[None]:
+        """Return the steps that relax joints, or all (None), out of the cycle until `starting`.
 
         Raises:
             GoalError: A joint is unknown; nothing was done.
             TorqueError: Some did not confirm that they are relaxed; they are stopped all the same.
             NotConnectedError: `connect` has not been called.
         """
-        self._now(self.stopping(joints))
-
-    def stopping(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Return the steps of `stop`."""
         return self._relaxing(joints, stop=True)
 
-    def start(self, joints: Iterable[str] | None) -> None:
-        """Take stopped joints, or all (None), back into the cycle, relaxed; find them anew.
+    def starting(self, joints: Iterable[str] | None) -> Steps[None]:
+        """Return the steps that take stopped joints, or all (None), back, relaxed and found anew.
 
         Raises:
             GoalError: A joint is unknown; nothing was done.
             ServoError: A servo is missing, or cannot be used; it is looked for from now on.
             NotConnectedError: `connect` has not been called.
         """
-        self._now(self.starting(joints))
-
-    def starting(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Return the steps of `start`."""
         problems: dict[str, object] = {}
         for joint in self._require_connection(joints):
             if not joint.stopped:
@@ -1054,18 +1041,16 @@ class ServoBus:
         """
         self._joint(joint).reconfigure(lowest, highest, max_speed)
 
-    def write_eeprom(
-        self,
-        joint: str,
-        settings: EepromSettings,
-        pause: Callable[[float], object] = time.sleep,
-    ) -> dict[int, dict[str, tuple[int, int]]]:
-        """Write settings into the memory of a relaxed joint's servos; takes some 0.1 s for each.
+    def writing_eeprom(
+        self, joint: str, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        """Return the steps that write settings into the memory of a relaxed joint's servos.
+
+        They take some 0.1 s for each.
 
         Args:
             joint: The joint.
             settings: What they shall keep.
-            pause: Waits so many seconds.
 
         Returns:
             Old and new values of what was changed, by servo id and register name.
@@ -1077,12 +1062,6 @@ class ServoBus:
             CommunicationError: A servo does not answer.
             NotConnectedError: `connect` has not been called.
         """
-        return self._now(self.writing_eeprom(joint, settings), pause)
-
-    def writing_eeprom(
-        self, joint: str, settings: EepromSettings
-    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
-        """Return the steps of `write_eeprom`."""
         (chosen,) = self._require_connection((joint,))
         return self._exclusively(chosen, self._writing_eeprom(chosen, settings))
 
@@ -1266,9 +1245,10 @@ class ServoBus:
         with self._lock:
             self._inbox.pop(joint.name, None)
 
-    def _note(self, kind: EventKind, joint: Joint, text: str) -> None:
-        servo_id = joint.servos[0].id
-        self._events.append(BusEvent(kind, joint.name, f"{joint.name} (id {servo_id}): {text}"))
+    def _note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
+        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
+        stuck = stuck or kind in (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
+        self._events.append(BusEvent(kind, joint.name, text, stuck))
 
     def _note_port(self, kind: EventKind, text: str) -> None:
         self._events.append(BusEvent(kind, "", text))

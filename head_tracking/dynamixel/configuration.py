@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import IntFlag
 
-from head_tracking.dynamixel.control_table import decode_sign_magnitude
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import AX_12, ServoModel
 from head_tracking.dynamixel.protocol import MAX_ID
@@ -16,8 +15,6 @@ from head_tracking.dynamixel.protocol import MAX_ID
 @dataclass(frozen=True, slots=True)
 class ServoCalibration:
     """Where a servo's joint has its zero and which way round it turns.
-
-    Converts between the servo's registers and the joint's SI units.
 
     The convention is dynamixel_motor's: position 0 rad is at tick `init`; `min` above `max` says
     that the servo is mounted the other way round, which turns the sign of position, velocity and
@@ -130,37 +127,6 @@ class ServoCalibration:
             )
         return tick
 
-    def velocity(self, present_speed: int) -> float:
-        """Return the joint's velocity, rad/s, from the Present Speed or Velocity register."""
-        if self.model.sign_magnitude:
-            present_speed = decode_sign_magnitude(present_speed)
-        return self._sign * present_speed * self.model.speed_unit
-
-    def load(self, present_load: int) -> float:
-        """Return the servo's output, -1 to 1 of its full torque, from its load or current register.
-
-        Positive when the servo drives towards higher positions.
-        """
-        if self.model.sign_magnitude:
-            present_load = decode_sign_magnitude(present_load)
-        return self._sign * present_load / self.model.load_maximum
-
-    def speed_ticks(self, speed: float, limit: float) -> int:
-        """Return the goal speed register for a speed, capped at a limit, both rad/s.
-
-        Never 0, which would be full speed.
-
-        Raises:
-            RangeError: The speed is not a finite number above 0.
-        """
-        if not (math.isfinite(speed) and speed > 0.0):
-            raise RangeError(
-                f"a speed of {speed} rad/s is not possible; it must be finite and above 0"
-            )
-        unit = self.model.speed_unit
-        maximum = min(self.model.speed_maximum, max(1, math.floor(limit / unit)))
-        return max(1, min(maximum, round(speed / unit)))
-
 
 @dataclass(frozen=True, slots=True)
 class JointConfiguration:
@@ -232,11 +198,6 @@ class JointConfiguration:
         return (self.calibration,) if self.second is None else (self.calibration, self.second)
 
     @property
-    def reversed(self) -> bool:
-        """Whether rising ticks are falling positions."""
-        return self.calibration.reversed
-
-    @property
     def tick_range(self) -> tuple[int, int]:
         """Lowest and highest tick, whichever way round the servo is mounted."""
         return self.calibration.tick_range
@@ -269,18 +230,6 @@ class JointConfiguration:
     def ticks(self, position: float) -> int:
         """Return the tick next to a position in rad; see `ServoCalibration.ticks`."""
         return self.calibration.ticks(position)
-
-    def velocity(self, present_speed: int) -> float:
-        """Return the joint's velocity, rad/s; see `ServoCalibration.velocity`."""
-        return self.calibration.velocity(present_speed)
-
-    def load(self, present_load: int) -> float:
-        """Return the servo's output, -1 to 1 of its full torque; see `ServoCalibration.load`."""
-        return self.calibration.load(present_load)
-
-    def speed_ticks(self, speed: float) -> int:
-        """Return the goal speed register, capped at `speed_limit`."""
-        return self.calibration.speed_ticks(speed, self.speed_limit)
 
 
 def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConfiguration, ...]:

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
 
-SIGN_BIT = 10
+SIGN_BIT: Final = 10
 """AX, MX (protocol 1.0) and XL-320 mark clockwise speed and load by this bit."""
+
+_LARGEST: Final = (1 << SIGN_BIT) - 1
 
 
 def encode_unsigned(value: int, size: int) -> bytes:
@@ -33,32 +35,30 @@ def encode_unsigned(value: int, size: int) -> bytes:
         ) from None
 
 
-def encode_sign_magnitude(value: int, sign_bit: int = SIGN_BIT) -> int:
-    """Return a register value: magnitude in the low bits, `sign_bit` set when negative (clockwise).
+def encode_sign_magnitude(value: int) -> int:
+    """Return a register value: magnitude in the low bits, sign bit set when negative (clockwise).
 
     Raises:
-        RangeError: The magnitude needs more than `sign_bit` bits.
+        RangeError: The magnitude needs more bits.
     """
     magnitude = abs(value)
-    if magnitude >= 1 << sign_bit:
-        limit = (1 << sign_bit) - 1
-        raise RangeError(f"{value} does not fit; allowed are {-limit} to {limit}")
-    return magnitude | (1 << sign_bit) if value < 0 else magnitude
+    if magnitude > _LARGEST:
+        raise RangeError(f"{value} does not fit; allowed are {-_LARGEST} to {_LARGEST}")
+    return magnitude | 1 << SIGN_BIT if value < 0 else magnitude
 
 
-def decode_sign_magnitude(raw: int, sign_bit: int = SIGN_BIT) -> int:
+def decode_sign_magnitude(raw: int) -> int:
     """Return the signed number in a sign-magnitude register; inverse of the encoder.
 
     Raises:
         RangeError: A bit above the sign bit is set, or the value is negative.
     """
-    if not 0 <= raw < 2 << sign_bit:
+    if not 0 <= raw < 2 << SIGN_BIT:
         raise RangeError(
-            f"register value {raw} is no {sign_bit} bit sign-magnitude number; "
-            f"allowed are 0 to {(2 << sign_bit) - 1}"
+            f"register value {raw} is no {SIGN_BIT} bit sign-magnitude number; "
+            f"allowed are 0 to {(2 << SIGN_BIT) - 1}"
         )
-    magnitude = raw & ((1 << sign_bit) - 1)
-    return -magnitude if raw >> sign_bit else magnitude
+    return -(raw & _LARGEST) if raw >> SIGN_BIT else raw
 
 
 class Access(Enum):
@@ -347,12 +347,23 @@ class ControlTable:
         """Return the block of these registers, named in rising order of address."""
         return Block(tuple(self[name] for name in names))
 
-    def runs(self, longest: int) -> Iterator[Block]:
-        """Yield blocks of adjacent registers, of at most so many bytes, that make up the table."""
-        run: list[Register] = []
+    def spans(
+        self, longest: int, names: Collection[str] | None = None, *, gaps: bool = True
+    ) -> Iterator[Block]:
+        """Yield blocks, of at most so many bytes, of the registers of these names that there are.
+
+        Args:
+            longest: Bytes of a block.
+            names: In any order; None for all registers.
+            gaps: Whether a block may have bytes between its registers.
+        """
+        span: list[Register] = []
         for register in self._registers:
-            if run and (register.address != run[-1].end or register.end - run[0].address > longest):
-                yield Block(tuple(run))
-                run = []
-            run.append(register)
-        yield Block(tuple(run))
+            if names is not None and register.name not in names:
+                continue
+            apart = bool(span) and not gaps and register.address != span[-1].end
+            if span and (apart or register.end - span[0].address > longest):
+                yield Block(tuple(span))
+                span = []
+            span.append(register)
+        yield Block(tuple(span))

@@ -14,10 +14,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.control_table import Block, Register
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.servo import Servo, ServoIdentity, Steps
 from head_tracking.dynamixel.state import EventKind, Symptom
 
@@ -49,22 +47,11 @@ _LONGEST_READ: Final = 64  # bytes
 _WARM: Final = 8.0  # °C below the limit at which a servo shuts itself down
 _FAILURES: Final = (4, 300_000_000)  # failed transactions with a servo, within ns
 _ARRIVED: Final = 5.0  # ticks
-
-
-def _cause_blocks(model: ServoModel) -> tuple[Block, ...]:
-    """The registers that tell why a servo does not follow, in as few reads as possible."""
-    table = model.control_table
-    wanted = {
-        "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Operating Mode",
-        "Bus Watchdog", "Control Mode", *model.position_limits,
-    }  # fmt: skip
-    spans: list[list[Register]] = []
-    for register in sorted((table[n] for n in wanted if n in table), key=lambda r: r.address):
-        if spans and register.end - spans[-1][0].address <= _LONGEST_READ:
-            spans[-1].append(register)
-        else:
-            spans.append([register])
-    return tuple(Block(tuple(span)) for span in spans)
+_CAUSES: Final = (
+    "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Operating Mode",
+    "Bus Watchdog", "Control Mode",
+)  # fmt: skip
+"""Registers that tell why a servo does not follow, besides its position limits."""
 
 
 class _Watch:
@@ -104,7 +91,7 @@ class Diagnosis:
     """Looks at all servos once a cycle, after they were read.
 
     Args:
-        note: Takes an event: its kind, the joint, a text.
+        note: Takes an event: its kind, the joint, a text, whether the joint is stuck.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         enqueue: Takes steps before goals are written, in this cycle and the next ones.
         settings: Temperatures.
@@ -112,7 +99,7 @@ class Diagnosis:
 
     def __init__(
         self,
-        note: Callable[[EventKind, Joint, str], None],
+        note: Callable[[EventKind, Joint, str, bool], None],
         cut: Callable[[Joint], None],
         enqueue: Callable[[Steps[None]], object],
         settings: BusSettings,
@@ -285,7 +272,8 @@ class Diagnosis:
         for last in (False, True):
             values: dict[str, int] = {}
             try:
-                for block in _cause_blocks(servo.model):
+                wanted = (*_CAUSES, *servo.model.position_limits)
+                for block in servo.model.control_table.spans(_LONGEST_READ, wanted):
                     names = [register.name for register in block.registers]
                     values.update(zip(names, servo.read(block, 2), strict=True))
                     yield 0.0
@@ -433,7 +421,7 @@ class Diagnosis:
             return
         watch.symptoms[symptom] = text
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
-        self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}")
+        self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}", symptom.stuck)
         if watch.outcome == "under way" and symptom is not Symptom.WARM:
             goal = joint.goal_position
             watch.outcome = f"missed by {abs(goal - servo.position):.3f} rad: {symptom.value}"
@@ -444,7 +432,8 @@ class Diagnosis:
                 del watch.symptoms[symptom]
                 if symptom is Symptom.WARM and watch.identity is not None:
                     watch.warm = self._limit(watch.identity)
-                self._note(EventKind.CLEARED, joint, f"servo {servo.id}: no longer {symptom.value}")
+                text = f"servo {servo.id}: no longer {symptom.value}"
+                self._note(EventKind.CLEARED, joint, text, False)
 
     def _end(self, joint: Joint, watch: _Watch, why: str) -> None:
         """A goal has been dropped."""

@@ -78,10 +78,13 @@ class PortPermissionError(PortError):
     """The user may not open the device."""
 
     def __init__(self, port_name: str, group: str) -> None:
+        cure = (
+            "A udev rule has to give it to dialout: `head_setup udev` has one for most adapters"
+            if group == "root"
+            else f"Join it with `sudo usermod -a -G {group} $USER`, then log out and in again"
+        )
         super().__init__(
-            port_name,
-            f"you have no permission; the device belongs to group {group}. "
-            f"Join it with `sudo usermod -a -G {group} $USER`, then log out and in again",
+            port_name, f"you have no permission; the device belongs to group {group}. {cure}"
         )
 
 

@@ -375,9 +375,9 @@ class Joint:
             return str(cause)
         return ""
 
-    def check(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+    def check(self, lowest: int, highest: int) -> None:
         """Refuse limits that cannot be set; raises as `reconfigure` does. Changes nothing."""
-        self._reconfigured(lowest, highest, max_speed)
+        self._reconfigured(lowest, highest, None)
 
     def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
         """Take over other limits; None leaves one as it is. A goal outside moves inside.

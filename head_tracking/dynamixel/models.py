@@ -6,7 +6,7 @@ Speeds and torques are those of the e-manual pages, at the voltage in bold there
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntFlag
 from types import MappingProxyType
 from typing import Final
@@ -119,152 +119,62 @@ X330_BAUD_RATES: Final = MappingProxyType(
 )
 X_BAUD_RATES: Final = MappingProxyType({**X330_BAUD_RATES, 7: 4_500_000})
 
-_FEEDBACK_1 = (
-    "Present Position",
-    "Present Speed",
-    "Present Load",
-    "Present Voltage",
-    "Present Temperature",
-)
 _X_ORDER = (2, 1, 0, 3, 4)
 _FIRST_WATCHDOG: Final = 38  # firmware
 
-AX_12 = ServoModel(
-    name="AX-12",
-    model_number=12,
-    protocol=1,
-    control_table=tables.AX_12,
-    feedback=tables.AX_12.block(*_FEEDBACK_1),
-    goal=tables.AX_12.block("Goal Position", "Moving Speed"),
-    ticks=AX_TICKS,
-    angle_range=AX_ANGLE,
-    center=512,
-    speed_unit=AX_SPEED,
-    speed_maximum=1023,
-    load_maximum=1023,
-    no_load_speed=59.0 * RPM,
-    stall_torque=1.5,
-    nominal_voltage=12.0,
-    baud_rates=AX_BAUD_RATES,
-    errors=ErrorBits,
-    aliases=("AX-12A", "AX-12+"),
-)
 
-AX_12W = replace(
-    AX_12,
-    name="AX-12W",
-    model_number=300,
-    control_table=tables.AX_12W,
-    no_load_speed=54.0 * RPM,  # in joint mode
-    stall_torque=0.2,
-    aliases=(),
-)
-AX_18 = replace(
-    AX_12,
-    name="AX-18A",
-    model_number=18,
-    control_table=tables.AX_18,
-    no_load_speed=97.0 * RPM,
-    stall_torque=1.8,
-    aliases=("AX-18",),
-)
+def _joint_mode(
+    table: ControlTable,
+    rpm: float,
+    stall_torque: float,
+    volts: float,
+    *aliases: str,
+    speed_unit: float | None = None,
+    baud_rates: Mapping[int, int] | None = None,
+    errors: type[IntFlag] = ErrorBits,
+) -> ServoModel:
+    """Return a model with a moving speed: AX, RX, MX with protocol 1.0, and XL-320.
 
-RX_10 = replace(
-    AX_12,
-    name="RX-10",
-    model_number=10,
-    control_table=tables.RX_10,
-    no_load_speed=54.0 * RPM,
-    stall_torque=1.3,
-    aliases=(),
-)
-RX_24F = replace(
-    RX_10,
-    name="RX-24F",
-    model_number=24,
-    control_table=tables.RX_24F,
-    no_load_speed=126.0 * RPM,
-    stall_torque=2.6,
-)
-RX_28 = replace(
-    RX_10,
-    name="RX-28",
-    model_number=28,
-    control_table=tables.RX_28,
-    no_load_speed=85.0 * RPM,
-    stall_torque=3.7,
-    nominal_voltage=18.5,
-)
-RX_64 = replace(
-    RX_28,
-    name="RX-64",
-    model_number=64,
-    control_table=tables.RX_64,
-    no_load_speed=64.0 * RPM,
-    stall_torque=5.3,
-)
-
-XL_320 = replace(
-    AX_12,
-    name="XL-320",
-    model_number=350,
-    protocol=2,
-    control_table=tables.XL_320,
-    feedback=tables.XL_320.block(*_FEEDBACK_1),
-    goal=tables.XL_320.block("Goal Position", "Moving Speed"),
-    no_load_speed=114.0 * RPM,
-    stall_torque=0.39,
-    nominal_voltage=7.4,
-    baud_rates=XL320_BAUD_RATES,
-    errors=XL320Errors,
-    aliases=("XL320",),
-)
-
-MX_28 = replace(
-    AX_12,
-    name="MX-28",
-    model_number=29,
-    control_table=tables.MX_28,
-    feedback=tables.MX_28.block(*_FEEDBACK_1),
-    goal=tables.MX_28.block("Goal Position", "Moving Speed"),
-    ticks=MX_TICKS,
-    angle_range=MX_ANGLE,
-    center=2048,
-    speed_unit=MX_SPEED,
-    no_load_speed=55.0 * RPM,
-    stall_torque=2.5,
-    baud_rates=MX_BAUD_RATES,
-    bulk_read=True,
-    aliases=("MX-28T", "MX-28R"),
-)
-MX_12W = replace(
-    MX_28,
-    name="MX-12W",
-    model_number=360,
-    control_table=tables.MX_12W,
-    speed_unit=MX_12W_SPEED,
-    no_load_speed=470.0 * RPM,
-    stall_torque=0.2,
-    aliases=(),
-)
-MX_64 = replace(
-    MX_28,
-    name="MX-64",
-    model_number=310,
-    control_table=tables.MX_64,
-    no_load_speed=63.0 * RPM,
-    stall_torque=6.0,
-    aliases=("MX-64T", "MX-64R"),
-)
-MX_106 = replace(
-    MX_28,
-    name="MX-106",
-    model_number=320,
-    control_table=tables.MX_106,
-    no_load_speed=45.0 * RPM,
-    stall_torque=8.4,
-    aliases=("MX-106T", "MX-106R"),
-)
+    Args:
+        table: Its control table.
+        rpm: No-load speed, revolutions per minute.
+        stall_torque: N m.
+        volts: Supply at which it reaches both.
+        aliases: Other names of it.
+        speed_unit: One count of speed, rad/s; None: that of its series.
+        baud_rates: By the value of Baud Rate; None: those of its series.
+        errors: Bits of its error state.
+    """
+    number = table["Model Number"].initial
+    assert number is not None
+    mx = table.name.startswith("MX")
+    return ServoModel(
+        name=table.name,
+        model_number=number,
+        protocol=2 if errors is XL320Errors else 1,
+        control_table=table,
+        feedback=table.block(
+            "Present Position",
+            "Present Speed",
+            "Present Load",
+            "Present Voltage",
+            "Present Temperature",
+        ),
+        goal=table.block("Goal Position", "Moving Speed"),
+        ticks=MX_TICKS if mx else AX_TICKS,
+        angle_range=MX_ANGLE if mx else AX_ANGLE,
+        center=2048 if mx else 512,
+        speed_unit=speed_unit or (MX_SPEED if mx else AX_SPEED),
+        speed_maximum=1023,
+        load_maximum=1023,
+        no_load_speed=rpm * RPM,
+        stall_torque=stall_torque,
+        nominal_voltage=volts,
+        baud_rates=baud_rates or (MX_BAUD_RATES if mx else AX_BAUD_RATES),
+        errors=errors,
+        bulk_read=mx,
+        aliases=aliases,
+    )
 
 
 def _x(
@@ -326,22 +236,26 @@ def _x(
     )
 
 
+AX_12 = _joint_mode(tables.AX_12, 59.0, 1.5, 12.0, "AX-12A", "AX-12+")
+
 MODELS: Final[tuple[ServoModel, ...]] = (
     AX_12,
-    AX_12W,
-    AX_18,
-    RX_10,
-    RX_24F,
-    RX_28,
-    RX_64,
-    MX_12W,
-    MX_28,
-    MX_64,
-    MX_106,
+    _joint_mode(tables.AX_12W, 54.0, 0.2, 12.0),  # its speed in joint mode
+    _joint_mode(tables.AX_18, 97.0, 1.8, 12.0, "AX-18"),
+    _joint_mode(tables.RX_10, 54.0, 1.3, 12.0),
+    _joint_mode(tables.RX_24F, 126.0, 2.6, 12.0),
+    _joint_mode(tables.RX_28, 85.0, 3.7, 18.5),
+    _joint_mode(tables.RX_64, 64.0, 5.3, 18.5),
+    _joint_mode(tables.MX_12W, 470.0, 0.2, 12.0, speed_unit=MX_12W_SPEED),
+    _joint_mode(tables.MX_28, 55.0, 2.5, 12.0, "MX-28T", "MX-28R"),
+    _joint_mode(tables.MX_64, 63.0, 6.0, 12.0, "MX-64T", "MX-64R"),
+    _joint_mode(tables.MX_106, 45.0, 8.4, 12.0, "MX-106T", "MX-106R"),
     _x(tables.MX_28_2, 55.0, 2.5, 12.0),
     _x(tables.MX_64_2, 63.0, 6.0, 12.0, stall_current=4100.0),
     _x(tables.MX_106_2, 45.0, 8.4, 12.0, stall_current=5200.0),
-    XL_320,
+    _joint_mode(
+        tables.XL_320, 114.0, 0.39, 7.4, "XL320", baud_rates=XL320_BAUD_RATES, errors=XL320Errors
+    ),
     _x(tables.XL430_W250, 57.0, 1.4, 11.1, fast_sync_read=45),
     _x(tables.XL330_M077, 383.0, 0.215, 5.0, stall_current=1470.0, fast_sync_read=46),
     _x(tables.XL330_M288, 103.0, 0.52, 5.0, stall_current=1470.0, fast_sync_read=46),

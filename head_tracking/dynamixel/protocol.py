@@ -152,14 +152,9 @@ _CRC_TABLE: Final = _crc_table()
 _STUFFED: Final = b"\xff\xff\xfd"
 
 
-def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
-    """Return the CRC-16 (polynomial 0x8005, not reflected, initially 0) of bytes.
-
-    Args:
-        data: The bytes, from the first header byte on.
-        crc: CRC of what came before.
-    """
-    table = _CRC_TABLE
+def crc16(data: bytes | bytearray | memoryview) -> int:
+    """Return the CRC-16 (polynomial 0x8005, not reflected, initially 0) of bytes."""
+    crc, table = 0, _CRC_TABLE
     for byte in data:
         crc = ((crc << 8) & 0xFFFF) ^ table[(crc >> 8) ^ byte]
     return crc

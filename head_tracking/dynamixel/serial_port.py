@@ -17,6 +17,7 @@ import termios
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Final, Protocol
 
 import serial
@@ -214,7 +215,7 @@ def port_error(port_name: str, cause: Exception, existing: Sequence[str]) -> Por
         return PortMissingError(port_name, existing)
     if number in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(port_name)
-    if number in (errno.EACCES, errno.EPERM):
+    if number in (errno.EACCES, errno.EPERM) and not Path(port_name).is_file():
         return PortPermissionError(port_name, _group_of(port_name))
     return PortError(port_name, f"{cause}; it must be a serial device")
 

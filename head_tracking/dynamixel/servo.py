@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
+from functools import cache
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeVar
 
@@ -26,7 +27,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoModeError,
     WrongModelError,
 )
-from head_tracking.dynamixel.models import MODELS, ServoModel, servo_model_by_number
+from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort, Reply
 from head_tracking.dynamixel.protocol import (
     ALERT,
@@ -231,7 +232,7 @@ class Servo:
         """Read all registers."""
         return [
             (register, value)
-            for block in self.model.control_table.runs(_LONGEST_READ)
+            for block in self.model.control_table.spans(_LONGEST_READ, gaps=False)
             for register, value in zip(block.registers, self.read(block), strict=True)
         ]
 
@@ -353,9 +354,9 @@ class Servo:
         """
         memory: dict[str, int] = {}
         joint_name, model = self.calibration.joint_name, self.model
-        for address, names, length in _spans(model):
+        for span in _spans(model.control_table, model.position_limits):
             try:
-                data = self._read(address, length)
+                values = self.read(span)
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoModeError(
@@ -363,10 +364,7 @@ class Servo:
                     f"Level (register {level}) is probably 0; set it to 2, for example with "
                     f"`servo set {self.id} 'Status Return Level' 2`"
                 ) from cause
-            for name in names:
-                register = model.control_table[name]
-                start = register.address - address
-                memory[name] = register.decode(data[start : start + register.size])
+            memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
             number = memory.get("Model Number", model.model_number)
             if number != model.model_number:
                 raise WrongModelError(
@@ -725,37 +723,19 @@ def model_name(number: int) -> str:
 # What a servo is asked about itself
 
 
-def _wanted_registers(table: ControlTable, limits: tuple[str, str]) -> list[Register]:
-    names = (
-        "Model Number", "Firmware Version", "Status Return Level", "Torque Enable", *limits,
-        "Temperature Limit", "Min Voltage Limit", "Shutdown", "Operating Mode", "Drive Mode",
-        "Control Mode", "Max Torque", "Torque Limit", "Hardware Error Status",
+@cache
+def _spans(table: ControlTable, limits: tuple[str, str]) -> tuple[Block, ...]:
+    """Return the reads that tell what a servo is."""
+    wanted = (
+        "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
+        *limits, "Temperature Limit", "Min Voltage Limit", "Shutdown",
+        "Operating Mode", "Drive Mode", "Control Mode", "Max Torque", "Torque Limit",
+        "Hardware Error Status",
     )  # fmt: skip
-    return sorted((table[n] for n in names if n in table), key=lambda register: register.address)
-
-
-def _spans_of(model: ServoModel) -> list[tuple[int, list[str], int]]:
-    spans: list[list[Register]] = []
-    for register in _wanted_registers(model.control_table, model.position_limits):
-        if spans and register.end - spans[-1][0].address <= _LONGEST_SPAN:
-            spans[-1].append(register)
-        else:
-            spans.append([register])
-    found = [
-        (span[0].address, [register.name for register in span], span[-1].end - span[0].address)
-        for span in spans
-    ]
+    found = tuple(table.spans(_LONGEST_SPAN, wanted))
     # Of different lengths, so that no reply is taken for the next one.
-    assert all(one[2] != other[2] for one, other in pairwise(found)), model.name
+    assert all(one.length != other.length for one, other in pairwise(found)), table.name
     return found
-
-
-_SPANS: Final = {model.name: _spans_of(model) for model in MODELS}
-
-
-def _spans(model: ServoModel) -> list[tuple[int, list[str], int]]:
-    """Return the reads that tell what a servo is: address, registers and length of each."""
-    return _SPANS.get(model.name) or _spans_of(model)
 
 
 def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:

@@ -170,6 +170,11 @@ class Symptom(Enum):
     LINE = "line disturbed"
 
     @property
+    def stuck(self) -> bool:
+        """Whether the joint cannot go where it is told."""
+        return self in (Symptom.TORQUE_LOST, Symptom.BLOCKED, Symptom.IDLE, Symptom.MODE)
+
+    @property
     def serious(self) -> bool:
         """Whether the servo does not do what it is told, or cannot be believed."""
         return self not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE)
@@ -183,11 +188,13 @@ class BusEvent:
         kind: What it is.
         joint_name: The joint it happened to; empty for what happened to the port.
         text: One sentence for a log.
+        stuck: Whether the joint cannot go where it is told any more.
     """
 
     kind: EventKind
     joint_name: str
     text: str
+    stuck: bool = False
 
 
 class BusReading(NamedTuple):

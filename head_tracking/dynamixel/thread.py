@@ -400,7 +400,13 @@ class Buses:
         """Joints that did not confirm at the end that they are relaxed."""
         return tuple(joint for _, thread in self._threads for joint in thread.unconfirmed)
 
-    def command(self, goals: Mapping[str, Goal], *, clamp: bool = False) -> CommandResult:
+    def command(
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        clamp: bool = False,
+        claim: Callable[[Iterable[str]], object] | None = None,
+    ) -> CommandResult:
         """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
 
         Raises:
@@ -415,7 +421,7 @@ class Buses:
         refusals: list[str] = []
         for bus, share in shares.items():
             try:
-                results.append(bus.command(share, clamp=clamp))
+                results.append(bus.command(share, clamp=clamp, claim=claim))
             except GoalError as refusal:
                 refusals.append(str(refusal))
         if refusals:
@@ -444,10 +450,11 @@ class Buses:
         shares: dict[BusThread, list[str]] = {}
         for name in names:
             shares.setdefault(self._find(name)[1], []).append(name)
-        return [
-            thread.call(partial(_swapped, function, tuple(share)))
-            for thread, share in shares.items()
-        ]
+
+        def on(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
+            return thread.call(lambda bus: function(bus, share))
+
+        return [on(thread, tuple(share)) for thread, share in shares.items()]
 
     def relax_at_once(self, timeout: float = 0.4) -> dict[str, str]:
         """Relax all joints of all buses, whatever their threads do; for any thread.
@@ -486,11 +493,3 @@ class Buses:
 
 def _relaxing(bus: ServoBus) -> Any:
     return bus.switching_torque(None, False)
-
-
-def _swapped(
-    function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
-    joints: tuple[str, ...],
-    bus: ServoBus,
-) -> Steps[_T] | _T:
-    return function(bus, joints)

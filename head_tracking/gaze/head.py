@@ -111,6 +111,7 @@ class PanTiltHead:
     Attributes:
         base_frame: the link that carries the pan joint. It stands still while the head turns;
             targets are given in it.
+        pointing_axis: the direction in `pointing_frame` that is pointed, of length 1.
     """
 
     def __init__(
@@ -134,6 +135,13 @@ class PanTiltHead:
         except ValueError as error:
             raise RobotModelError(f"{pan_joint}, {tilt_joint}: {error}") from error
         self._geometry = HeadGeometry.from_model(model, pan, tilt, pointing_frame, pointing_axis)
+        self.pointing_axis = _pointing_axis(pointing_frame, pointing_axis)
+
+    @property
+    def slope(self) -> float:
+        """How far down the pointing axis points where the tilt joint is at 0 [rad]."""
+        forwards, down, _ = self._geometry.axis
+        return math.atan2(down, forwards)
 
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
         """The joint positions that look at `target`, or come nearest to it.

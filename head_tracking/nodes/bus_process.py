@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.ros.spinning import steady_timer
-from head_tracking.ros.stop_signal import ENDING
+from head_tracking.ros.stop_signal import ENDING, StopSignal
 
 _REPLY_TIMEOUT = 0.5  # s
 _START_TIMEOUT = 20.0  # s, on a busy machine with servos that have to be waited for
@@ -52,16 +52,19 @@ class BusProcessNode(Node):
     Args:
         simulated: whether the child simulates the servos.
         arguments: ROS's arguments for the child.
+        stop: asks to stop while the child starts.
         parameter_overrides: for the node servo_bus.
 
     Raises:
         BusProcessError: the bus could not start; the child has said why.
+        StoppedError: somebody asked to stop meanwhile; the child has ended.
     """
 
     def __init__(
         self,
         simulated: bool,
         arguments: Sequence[str],
+        stop: StopSignal,
         parameter_overrides: Sequence[Parameter] = (),
         **options: Any,
     ) -> None:
@@ -84,7 +87,7 @@ class BusProcessNode(Node):
             theirs.close()
         self._asking = threading.Lock()
         self._problems: list[str] | None = None
-        self._report = self._started()
+        self._report = self._started(stop)
         steady_timer(self, _WATCH_PERIOD, self._watch)
 
     @property
@@ -137,7 +140,7 @@ class BusProcessNode(Node):
         self.make_safe()
         super().destroy_node()
 
-    def _started(self) -> Report:
+    def _started(self, stop: StopSignal) -> Report:
         """The first report, when the nodes of this process can hear the child."""
         deadline = time.monotonic() + _START_TIMEOUT
         topic = self.resolve_topic_name("servo_states")
@@ -145,9 +148,9 @@ class BusProcessNode(Node):
         try:
             while report is None or not self.count_publishers(topic):
                 report = self._ask() or report
-                if self._process.poll() is not None:
-                    if report is not None and self._process.returncode == 0:
-                        break  # by the Ctrl-C that has reached this process, too
+                ended = self._process.poll() is not None
+                stop.check()  # Ctrl-C reaches the child, too
+                if ended:
                     raise BusProcessError(
                         "the servo bus's process could not start (exit code "
                         f"{self._process.returncode}); what it said stands above"

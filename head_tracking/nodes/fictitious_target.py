@@ -52,9 +52,7 @@ class FictitiousTargetNode(Node):
         self._output = TargetOutput(self, loop)
         self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._sent: Time | None = None
-        self._switch = Switch(
-            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
-        )
+        self._switch = Switch(self)
         steady_timer(self, 1.0 / p.rate, self._publish)
 
     def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:

@@ -42,9 +42,7 @@ class FrameTargetNode(Node):
             self._buffer,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
-        self._switch = Switch(
-            self, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
-        )
+        self._switch = Switch(self)
         self._output = TargetOutput(self, loop)
         steady_timer(self, 1.0 / rate, self._publish)
 

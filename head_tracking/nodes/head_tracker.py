@@ -9,7 +9,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead
@@ -35,7 +34,8 @@ from head_tracking.tracking import (
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _ARRIVED = 0.03  # rad
-_SLOW_TIME, _FAST = 2.0, 3.0  # s, rad/s: so long a head is slow after a stop; that is not slow
+_SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
+_FAST = 3.0  # rad/s; as fast a head is not slow
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class HeadTrackerNode(Node):
         self._law = self._own.value.law
         self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
         self._at_most = math.inf  # rad/s
-        self._slow_since: float | None = None
+        self._slow_for = 0.0  # s, with a target
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
         self._states = self.create_publisher(String, "~/state", LATCHED)
@@ -87,7 +87,6 @@ class HeadTrackerNode(Node):
         self.interface = HeadInterface(
             self, self._own.value.camera_link, "~/tracking_error", buffer, loop, self
         )
-        self.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.interface.begin()
 
@@ -120,13 +119,13 @@ class HeadTrackerNode(Node):
             self.interface.send(self._tracker.reset(reason, self.interface.now))
             self.report()
 
-    def _speed_up(self, error: float | None, now: float) -> None:
+    def _speed_up(self, error: float | None) -> None:
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
-        if self._slow_since is None:
-            self._slow_since = now
-        waited = now - self._slow_since
-        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, waited - _SLOW_TIME)
-        if (error is not None and error < _ARRIVED) or self._at_most > _FAST or waited < 0.0:
+        if error is None:
+            return
+        self._slow_for += self._pace.period
+        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
+        if error < _ARRIVED or self._at_most > _FAST:
             self.interface.slow = False
             self._at_most = math.inf
         if self._tracker is not None:
@@ -178,9 +177,20 @@ class HeadTrackerNode(Node):
             tracker.machine.refused(refused, now)
         step = tracker.step(now)
         self.interface.tell_error(step.error)
+        if tracker.fault and not self.interface.off:
+            self.get_logger().error(f"the head is stopped: {tracker.fault}")
+            self.interface.send(step.command)
+            self.interface.disable(tracker.fault)
+            return None
         if self.interface.slow:
-            self._speed_up(step.error, now)
+            self._speed_up(step.error)
         return step.command
+
+    def recenter(self, reading: HeadReading) -> str:
+        """See `HeadTurner`."""
+        assert self._tracker is not None
+        self._tracker.recenter()
+        return "recentring; the next target is followed again"
 
     def switched(self) -> None:
         """See `HeadTurner`."""
@@ -188,7 +198,7 @@ class HeadTrackerNode(Node):
             return
         off = self.interface.off
         self._at_most = CAUTIOUS_SPEED if self.interface.slow else math.inf
-        self._slow_since = None
+        self._slow_for = 0.0
         self._tracker.law.at_most = self._at_most
         self._tracker.machine.off = off
         self._tracker.enable(not off, self.interface.now)
@@ -235,9 +245,12 @@ class HeadTrackerNode(Node):
             TargetState.STALLED,
             TargetState.CAUTIOUS,
         )
+        level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
+        if self._tracker is not None and self._tracker.fault:
+            level = DiagnosticStatus.ERROR
         status = DiagnosticStatus(
             name="head_tracker: target",
-            level=DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK,
+            level=level,
             message=self._text,
             hardware_id="head",
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
@@ -245,22 +258,6 @@ class HeadTrackerNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(in_namespace(self, message))
-
-    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self.interface.lock:
-            if self.interface.reading() is None or self._tracker is None:
-                response.message = (
-                    "the head cannot be recentred: there is no model or no joint state"
-                )
-                return response
-            if self.interface.off:
-                response.message = f"the head cannot be recentred: {self.interface.off}"
-                return response
-            self.interface.forget_targets()
-            self._tracker.recenter()
-        response.success = True
-        response.message = "recentring; the next target is followed again"
-        return response
 
 
 def main() -> int:

@@ -7,7 +7,6 @@ from typing import Any
 
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead, Pointing, PointingParameters
@@ -63,7 +62,6 @@ class PointHeadNode(Node):
         self.actions = HeadActions(
             self, p.controller_name or "~", self.interface, lambda: self._tuned, self._said
         )
-        self.create_service(Trigger, "~/recenter", self._on_recenter)
         self.interface.begin()
 
     def destroy_node(self) -> None:
@@ -105,6 +103,14 @@ class PointHeadNode(Node):
     def _tune(self) -> None:
         if self._pointing is not None:
             self._pointing.parameters = self._tuned
+
+    def recenter(self, reading: HeadReading) -> str:
+        """See `HeadTurner`."""
+        assert self._pointing is not None
+        self.actions.end("the head is recentred")
+        self._said("recentring")
+        self.interface.send(self._pointing.recenter(reading.positions, reading.now))
+        return "recentring"
 
     def switched(self) -> None:
         """See `HeadTurner`."""
@@ -183,24 +189,6 @@ class PointHeadNode(Node):
         elif not gaze.reached:
             self.get_logger().warning(f"target {target}: {gaze.reason}", throttle_duration_sec=1.0)
         return command
-
-    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self.interface.lock:
-            reading = self.interface.reading()
-            if reading is None or self._pointing is None:
-                response.message = (
-                    "the head cannot be recentred: there is no model or no joint state"
-                )
-                return response
-            if self.interface.off:
-                response.message = f"the head cannot be recentred: {self.interface.off}"
-                return response
-            self.actions.end("the head is recentred")
-            self.interface.forget_targets()
-            self._said("recentring")
-            self.interface.send(self._pointing.recenter(reading.positions, reading.now))
-        response.success, response.message = True, "recentring"
-        return response
 
 
 def main() -> int:

@@ -9,12 +9,12 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import Hold
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
-from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Hold
-from head_tracking.viewer.other_parameters import OtherParameters
+from head_tracking.tf import listening_buffer
 
 _LOOK_PERIOD = 1.0  # s
 _NICENESS = 10
@@ -23,28 +23,29 @@ _NICENESS = 10
 class RecorderNode(Node):
     """Records from its start to its end, or until the file is full.
 
-    Args:
-        buffer: fed by another node of this process; None: this node listens itself.
-
     Raises:
         HeadTrackingError: a library is missing, or the file can't be written; says what to do.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(self, **options: Any) -> None:
         if find_spec("mcap_ros2") is None:
             raise HeadTrackingError(
                 "recordings need mcap-ros2-support, which is not installed here: "
-                "pip install 'head_tracking[viewer]', or pip install mcap-ros2-support"
+                "`ros2 run head_tracking head_setup viewer` in a workspace, "
+                "pip install 'head_tracking[viewer]' elsewhere"
             )
-        from head_tracking.viewer.recorder import Recorder, RecorderParameters
+        from head_tracking.recording.recorder import Recorder, RecorderParameters
 
         super().__init__("recorder", **options)
         parameters = NodeParameters(self, RecorderParameters).value
-        buffer = buffer or listening_buffer(self)
         self._graph = Graph(self)
         self._others = OtherParameters(self, self._graph, (self.get_name(),), Hold())
         self.recorder = Recorder(
-            self, self._graph.is_below, parameters, buffer.core, self._others.values
+            self,
+            self._graph.is_below,
+            parameters,
+            listening_buffer(self).core,
+            self._others.values,
         )
         self._said_end = False
         steady_timer(self, _LOOK_PERIOD, self._look)

@@ -149,9 +149,8 @@ class RobotStatePublisherNode(Node):
 
     def _on_joints(self, message: JointState) -> None:
         self._send_moving(stamp_to_ns(message.header.stamp))
-        if self._loop is not None and not self._loop.driven:
-            self._loop.update(message.name)
-            self._loop.publish(message.name, 0, {})
+        if self._loop is not None:
+            self._loop.heard(message.name)
 
     def _send_moving(self, stamp: int) -> None:
         # (the listener of this node is no reason to send)

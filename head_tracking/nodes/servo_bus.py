@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
@@ -236,6 +236,7 @@ class ServoBusNode(Node):
     def _update(self, bus: ServoBus, reading: BusReading) -> None:
         """Between reading and writing, in the bus's thread."""
         states = reading.states
+        self._loop.stuck.update({e.joint_name: e.text for e in reading.events if e.stuck})
         self._states[bus] = states
         complete: Mapping[str, Any] = {}
         if states:
@@ -318,18 +319,26 @@ class ServoBusNode(Node):
             goals = goals_from_message(message)
             for name in goals:
                 self._buses.torque(name)
-            self._loop.owners.claim(sender, goals, LEASE)
+            self._loop.owners.check(sender, goals)
+            self._write(sender, goals, self._claim(sender))
         except (ValueError, DynamixelError, OwnershipError) as error:
             named = f" of {sender}" if sender != _SOMEBODY else ""
             self._refuse(f"joint_commands{named}", error)
-            return
-        self._write(sender, goals)
+
+    def _claim(self, sender: str) -> Callable[[Iterable[str]], None]:
+        """Claims what a command moves, for as long as commands go on."""
+        return lambda joints: self._loop.owners.claim(sender, joints, LEASE)
 
     def _refuse(self, what: str, error: Exception) -> None:
         self.get_logger().error(f"{what} refused: {error}", throttle_duration_sec=1.0)
 
-    def _write(self, sender: str, goals: Mapping[str, Goal]) -> None:
-        """Goals of whoever owns the joints."""
+    def _write(
+        self,
+        sender: str,
+        goals: Mapping[str, Goal],
+        claim: Callable[[Iterable[str]], object] | None = None,
+    ) -> None:
+        """Goals of whoever owns the joints, or may claim them."""
         waiting = [name for name in goals if self._buses.torque(name).waits]
         if waiting:
             for name in waiting:
@@ -342,7 +351,7 @@ class ServoBusNode(Node):
             if not goals:
                 return
         try:
-            result = self._buses.command(goals, clamp=True)
+            result = self._buses.command(goals, clamp=True, claim=claim)
         except DynamixelError as error:
             self._refuse("joint_commands", error)
             return
@@ -356,8 +365,8 @@ class ServoBusNode(Node):
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self._loop.owners.claim(_SOMEBODY, [joint], LEASE)
-                self._buses.command({joint: Goal(message.data)})
+                self._loop.owners.check(_SOMEBODY, [joint])
+                self._buses.command({joint: Goal(message.data)}, claim=self._claim(_SOMEBODY))
             except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")
 
@@ -383,8 +392,7 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        bus = self._buses.bus_of(joint)
-        bus.check_limits(joint, lowest=changed.min, highest=changed.max)
+        self._buses.bus_of(joint).check_limits(joint, changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:

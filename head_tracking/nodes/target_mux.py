@@ -114,9 +114,7 @@ class TargetMuxNode(Node):
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
         self._looked_at: tuple[Vector3, float] | None = None
-        self._switch = Switch(
-            self, lambda on: f"targets are {'passed on' if on else 'not passed on any more'}"
-        )
+        self._switch = Switch(self, "targets are", "passed on")
         self._output = TargetOutput(self, loop)
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())

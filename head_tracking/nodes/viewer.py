@@ -20,7 +20,8 @@ from head_tracking.tf import Buffer, listening_buffer
 
 MISSING = (
     "the viewer needs viser and mcap-ros2-support, which are not installed here: "
-    "pip install 'head_tracking[viewer]', or pip install viser mcap-ros2-support"
+    "`ros2 run head_tracking head_setup viewer` in a workspace, "
+    "pip install 'head_tracking[viewer]' elsewhere"
 )
 
 
@@ -44,9 +45,9 @@ class ViewerNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         if not installed():
             raise HeadTrackingError(MISSING)
+        from head_tracking.recording.recorder import RecorderParameters
         from head_tracking.viewer.gaze_scene import ViewParameters
         from head_tracking.viewer.page import Page, PageParameters
-        from head_tracking.viewer.recorder import RecorderParameters
         from head_tracking.viewer.robot import Robot
         from head_tracking.viewer.server import is_loopback
 
@@ -58,9 +59,8 @@ class ViewerNode(Node):
         recorder = NodeParameters(self, RecorderParameters).value
         buffer = buffer or listening_buffer(self)
         self.robot = Robot(self, buffer, head, p.camera_link, recorder)
-        x, y, z = head.pointing_axis
         try:
-            self.page = Page(self.robot, page, view, (x, y, z), find_package, self._complain)
+            self.page = Page(self.robot, page, view, find_package, self._complain)
         except BaseException:
             self.robot.close()
             raise

@@ -1,9 +1,32 @@
-"""Diagnostics that say whose they are: /diagnostics is one topic for all robots."""
+"""What nodes say of themselves on /diagnostics, one topic for all robots."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+
+
+class Level(IntEnum):
+    """How bad it is, as in diagnostic_msgs."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What one part of the robot says of itself on /diagnostics."""
+
+    name: str
+    level: Level
+    message: str
+    values: Mapping[str, str]
 
 
 def in_namespace(node: Node, message: DiagnosticArray) -> DiagnosticArray:

@@ -26,6 +26,7 @@ from head_tracking.tracking import (
     JointTrajectory,
     PredictiveLaw,
     SpeedLimits,
+    StallWatch,
     Target,
     Tolerances,
     TrajectoryCode,
@@ -49,6 +50,7 @@ except ImportError:
 
 _PERIOD = 0.02  # s
 _FEEDBACK_PERIOD = 0.035  # s
+_FOLLOWS = 0.3  # s; so long after it should have moved on a joint may stand still
 _NEAR = 0.03  # rad; a joint so near to where it was sent is meant to be there
 _PAUSE = 0.5  # s between two complaints of a stream
 _FASTEST = 12.0  # rad/s; usually the model's limit is lower
@@ -302,6 +304,7 @@ class HeadActions:
         self._pace = Pace(max(_PERIOD, interface.period))
         self._law: PredictiveLaw | None = None
         self._held: tuple[float, float] | None = None
+        self._watches = [StallWatch(joint, _FOLLOWS) for joint in interface.joints]
         missing = []
         if PointHead is None:
             missing.append("no actions: control_msgs is not installed (ros-jazzy-control-msgs)")
@@ -343,9 +346,37 @@ class HeadActions:
         meant = task.meant(reading.now)
         if meant is not None:
             self._held = meant[0].position, meant[1].position
+            stuck = "" if task.outcome else self._stuck(meant, reading, law)
+            if stuck:
+                task.abort(stuck, TrajectoryCode.PATH_TOLERANCE_VIOLATED)
+                command = self.halt(reading)
         if task.outcome:
             self._over(task)
         return command
+
+    def _stuck(
+        self, meant: tuple[JointPoint, JointPoint], reading: HeadReading, law: PredictiveLaw
+    ) -> str:
+        """Why a joint does not go on its way, by the servo bus or by its position; empty: it does.
+
+        Args:
+            meant: where pan and tilt are meant to be.
+            reading: where they are.
+            law: takes them there.
+        """
+        standing = []
+        for watch, point, position, delay in zip(
+            self._watches, meant, reading.positions, law.delays, strict=True
+        ):
+            watch.patience = _FOLLOWS + delay
+            speed = abs(point.velocity or 0.0)
+            if watch.stalls(point.position, speed, position, reading.now):
+                standing.append(watch.joint)
+        return self._interface.stuck or (
+            f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"
+            if standing
+            else ""
+        )
 
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """The command that stops the head where it is; None if nothing is under way."""
@@ -384,6 +415,10 @@ class HeadActions:
             self.end(f"preempted by a newer goal: {task.title}")
             self._log.info(task.title)
         self.task = task
+        if not streamed:
+            self._interface.set_out()
+            for watch in self._watches:
+                watch.restart()
         if goal is not None:
             goal.on_cancel = lambda: self._cancel(task)
 

@@ -13,7 +13,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop, OwnershipError
 from head_tracking.dynamixel import Goal
@@ -210,6 +210,9 @@ class HeadTurner(Protocol):
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """The command that stops the head because somebody switches the node off."""
 
+    def recenter(self, reading: HeadReading) -> str:
+        """Turns the head to its centre; what follows, for whoever asked."""
+
     def switched(self) -> None:
         """It turns the head from now on, or not any more; the interface's `off` says why not."""
 
@@ -288,6 +291,7 @@ class HeadInterface:
         self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
         node.create_service(SetBool, "~/enable", self._on_enable)
+        node.create_service(Trigger, "~/recenter", self._on_recenter)
         self._owner = ""
         if loop is None:
             buffer = buffer or Buffer(node=node)
@@ -425,6 +429,17 @@ class HeadInterface:
         response.message = f"{what} is off; the head stops"
         return response
 
+    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self.lock:
+            reading = self.reading()
+            if reading is None or self.off:
+                why = self.off if reading else "there is no model or no joint state"
+                response.message = f"the head cannot be recentred: {why}"
+                return response
+            self.forget_targets()
+            response.success, response.message = True, self._turner.recenter(reading)
+        return response
+
     def _on_owners(self, message: String) -> None:
         """Notices that another process's node has taken the head over."""
         owner = owners_from_message(message).get(self.joints[0], "")
@@ -464,6 +479,16 @@ class HeadInterface:
         if owner not in ("", self.name):
             return f"the joints belong to {owner}"
         return self.trouble
+
+    @property
+    def stuck(self) -> str:
+        """Why a joint cannot go where it is told, as this process's servo bus has found out."""
+        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints)))
+
+    def set_out(self) -> None:
+        """Begins a motion: what was found out about joints until now counts no more."""
+        for joint in self.joints:
+            self._loop.stuck.pop(joint, None)
 
     @property
     def period(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from head_tracking.control import ControlLoop
 from head_tracking.tf import Buffer, TransformListener
@@ -17,10 +16,4 @@ def listen_for(loop: ControlLoop, buffer: Buffer, node: Node) -> TransformListen
         buffer: of the same frames as the loop's.
         node: listens.
     """
-
-    def on_joints(message: JointState) -> None:
-        if not loop.driven:
-            loop.update(message.name)
-            loop.publish(message.name, 0, {})
-
-    return TransformListener(buffer, node, on_joints=on_joints)
+    return TransformListener(buffer, node, on_joints=lambda message: loop.heard(message.name))

@@ -36,6 +36,8 @@ class OwnThread:
             start_parameter_services=False,
         )
         self._ending = threading.Event()
+        # At Executor.wake spin_once looks around and waits on.
+        self._end = self.node.create_guard_condition(lambda: None)
         self._executor = SingleThreadedExecutor(context=beside.context)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
@@ -46,8 +48,8 @@ class OwnThread:
     def close(self) -> None:
         """Ends the thread and the node; may be called twice."""
         self._ending.set()
-        self._executor.wake()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._end.trigger()
             self._thread.join(_PATIENCE)
         if not self._thread.is_alive():
             self.node.destroy_node()

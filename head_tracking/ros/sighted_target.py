@@ -70,9 +70,7 @@ class SightedTarget:
         self.find_by(detector)
         self.camera: Camera | None = None
         self._placed = False
-        self._switch = Switch(
-            node, lambda on: f"the target is {'sent' if on else 'not sent any more'}"
-        )
+        self._switch = Switch(node)
         self._output = TargetOutput(node, loop)
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)

@@ -14,13 +14,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.output import output_may_get_lost
 from head_tracking.ros import parameter_files
-from head_tracking.ros.start import start_ros
+from head_tracking.ros.start import in_short, start_ros
 from head_tracking.ros.stop_signal import StopSignal
 
 try:
@@ -58,6 +59,8 @@ def describe(error: Exception) -> str:
         return str(cause)
     if isinstance(cause, EXPLAINED):
         return str(error)
+    if isinstance(cause, rclpy_implementation.RCLError) and "creating node" in str(cause):
+        return in_short(cause)  # such as security that the middleware does not have
     return "".join(traceback.format_exception(cause)) + str(error)
 
 
@@ -242,7 +245,7 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> N
     node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make: Callable[[], Node]) -> int:
     """Runs one node as a program until somebody asks it to end; see `StopSignal`.
 
     Returns:
@@ -250,7 +253,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         were not confirmed relaxed); the reason is printed.
     """
     with output_may_get_lost(), StopSignal() as stop:
-        return run_until(stop, make, args)
+        return run_until(stop, make)
 
 
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:

@@ -43,7 +43,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
-        raise StartError(_in_short(error)) from error
+        raise StartError(in_short(error)) from error
     parameter_files.remember(arguments)
 
 
@@ -56,7 +56,7 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     try:
         return list(remove_ros_args(list(arguments)))
     except rclpy_implementation.RCLError as error:
-        raise StartError(_in_short(error)) from error
+        raise StartError(in_short(error)) from error
 
 
 def program(name: str) -> Callable[[Callable[[], int]], Callable[[], int]]:
@@ -96,8 +96,8 @@ def _why_no_log_file() -> str:
         return f"{folder} (by {name}) cannot be used: {error}; set ROS_LOG_DIR to another folder"
 
 
-def _in_short(error: Exception) -> str:
-    """ROS's message without the places in its own source."""
+def in_short(error: Exception) -> str:
+    """ROS's message in one line, without the places in its own source."""
     text = re.sub(r", at /\S+\.c(pp)?:\d+", "", str(error))
     text = re.sub(r"^failed to initialize \w+: |^Failed to parse ROS arguments: ", "", text)
     return " ".join(text.split())

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Final
 
@@ -11,11 +14,16 @@ ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Ctrl-C, `kill`, a closed terminal or lost connection, and Ctrl-backslash."""
 
 
+class StoppedError(Exception):
+    """Somebody asked to stop before everything had started."""
+
+
 class StopSignal:
     """Waits for a signal to end instead of letting rclpy shut down under the nodes' feet."""
 
     def __init__(self) -> None:
         self._stopped = threading.Event()
+        self._importing = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> StopSignal:
@@ -30,7 +38,16 @@ class StopSignal:
             signal.signal(number, handler)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._stopped.set()
+        self.set()
+
+    @contextmanager
+    def while_importing(self) -> Iterator[None]:
+        """Until the end of the block there is nothing to end: who asks to stop ends the process."""
+        self._importing = True
+        try:
+            yield
+        finally:
+            self._importing = False
 
     def __call__(self) -> bool:
         """Whether it is time to stop."""
@@ -39,6 +56,17 @@ class StopSignal:
     def set(self) -> None:
         """Asks to stop."""
         self._stopped.set()
+        if self._importing:
+            os._exit(0)
+
+    def check(self) -> None:
+        """To be called between the steps of a start.
+
+        Raises:
+            StoppedError: it is time to stop.
+        """
+        if self._stopped.is_set():
+            raise StoppedError
 
     def wait(self, seconds: float) -> bool:
         """Waits for a signal; whether there was one."""

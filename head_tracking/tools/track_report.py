@@ -139,15 +139,15 @@ def record_run(
         )
     line.end(f"recorded {time.monotonic() - began:.1f} s, {node.targets} targets")
     node.place()
-    recording = node.record.recording(node.head)
-    if len(recording) < 10:
+    trace = node.record.trace(node.head)
+    if len(trace) < 10:
         return _fail(
             "there was hardly any moment at which both the joints and a target were known; is "
             "somebody publishing target_point?"
         )
-    text = table(recording, node.record.ages, node.record.target_rate, markdown=options.markdown)
+    text = table(trace, node.record.ages, node.record.target_rate, markdown=options.markdown)
     try:
-        options.output.write_text(picture(recording, f"{node.head.pointing_frame} and its target"))
+        options.output.write_text(picture(trace, f"{node.head.pointing_frame} and its target"))
     except OSError as error:  # what was recorded is not lost
         print(text)
         return _fail(f"the picture cannot be written: {error}")

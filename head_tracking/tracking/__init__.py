@@ -20,7 +20,6 @@ from head_tracking.tracking.laws import (
     SpeedLimits,
     TrackingLaw,
 )
-from head_tracking.tracking.recording import Recording, Sample
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
@@ -29,8 +28,14 @@ from head_tracking.tracking.target_state import (
     TargetStateMachine,
     TargetStateParameters,
 )
-from head_tracking.tracking.track_record import TrackRecord
-from head_tracking.tracking.tracker import CAUTIOUS_SPEED, Delays, Tracker, TrackingStep
+from head_tracking.tracking.trace import Sample, Trace, TrackRecord
+from head_tracking.tracking.tracker import (
+    CAUTIOUS_SPEED,
+    Delays,
+    StallWatch,
+    Tracker,
+    TrackingStep,
+)
 from head_tracking.tracking.trajectory import (
     JointPoint,
     JointTrajectory,
@@ -60,13 +65,13 @@ __all__ = [
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
-    "Recording",
     "Refusal",
     "Sample",
     "SetpointStream",
     "SpeedLaw",
     "SpeedLawParameters",
     "SpeedLimits",
+    "StallWatch",
     "Target",
     "TargetEstimate",
     "TargetEstimator",
@@ -75,6 +80,7 @@ __all__ = [
     "TargetStateMachine",
     "TargetStateParameters",
     "Tolerances",
+    "Trace",
     "TrackRecord",
     "Tracker",
     "TrackingJudge",

@@ -236,6 +236,8 @@ _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
 _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
+_AWAY = 0.1  # rad; a stuck shaft that is nearer to its reference may have come to rest there
+_RELEASED_SPEED = 1.0  # rad/s
 _ADRIFT = 0.1  # rad; a heavy shaft so far from its motion is elsewhere: it goes on from there
 _SHOWN = 0.6  # of the acceleration that a servo has shown
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
@@ -302,6 +304,8 @@ class JointController:
             motion.rest_at(reference.position)
             servo.held(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
+        if servo.stuck and abs(reference.position - servo.reading[1]) > _AWAY:
+            return self._push(reference, now, limits, lead)
         if servo.acceleration < math.inf and abs(setpoint - motion.position) > _ADRIFT:
             motion.position, motion.velocity = setpoint, servo.velocity
         motion.steer(reference.position, reference.velocity, period, limits, self._joint)
@@ -316,6 +320,19 @@ class JointController:
             goal = self._joint.clamp(setpoint + math.copysign(ahead, speed))
         servo.commanded(now, speed, goal)
         return goal, max(abs(speed), _SLOWEST)
+
+    def _push(
+        self, reference: Reference, now: float, limits: MotionLimits, lead: float
+    ) -> tuple[float, float]:
+        """The goal and the speed for a stuck shaft: let go, it turns no farther than there."""
+        _, position = self.servo.reading
+        way = min(max(self._joint.clamp(reference.position) - position, -lead), lead)
+        speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
+        self.motion.rest_at(position)
+        self.motion.velocity = speed
+        self.servo.restart(now)
+        self.servo.commanded(now, speed, position + way)
+        return position + way, abs(speed)
 
     def _arrival(
         self,

@@ -1,4 +1,4 @@
-"""A recording as a table and as a picture."""
+"""A trace as a table and as a picture."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from head_tracking.tracking.recording import Array, Recording
+from head_tracking.tracking.trace import Array, Trace
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _GAP = 900, 180, 70, 150, 40, 36
 _TARGET, _HEAD, _GRID = "#d9480f", "#1864ab", "#dddddd"
@@ -16,27 +16,27 @@ _MOST_POINTS = 1500  # of a curve
 
 
 def table(
-    recording: Recording, ages: Sequence[float], target_rate: float, *, markdown: bool = False
+    trace: Trace, ages: Sequence[float], target_rate: float, *, markdown: bool = False
 ) -> str:
     """The figures of a run.
 
     Args:
-        recording: of the run.
+        trace: of the run.
         ages: of the points when they came [s].
         target_rate: points a second.
         markdown: for a document; else for a terminal.
     """
-    wanted = recording.velocities(recording.wanted)
-    done = recording.velocities(recording.positions)
+    wanted = trace.velocities(trace.wanted)
+    done = trace.velocities(trace.positions)
     rows = [
-        ("recorded", f"{recording.times[-1]:.1f} s, {len(recording)} samples"),
+        ("recorded", f"{trace.times[-1]:.1f} s, {len(trace)} samples"),
         ("target", f"{target_rate:.1f} points/s, {1e3 * float(np.mean(ages)):.0f} ms old"),
-        ("error, rms", _angle(recording.rms)),
-        ("error, median", _angle(float(np.median(recording.errors)))),
-        ("error, max", _angle(recording.maximum)),
-        ("within 1°", f"{100.0 * recording.within(math.radians(1.0)):.0f} % of the time"),
-        ("within 3°", f"{100.0 * recording.within(math.radians(3.0)):.0f} % of the time"),
-        ("head behind its target", _lag(recording)),
+        ("error, rms", _angle(trace.rms)),
+        ("error, median", _angle(float(np.median(trace.errors)))),
+        ("error, max", _angle(trace.maximum)),
+        ("within 1°", f"{100.0 * trace.within(math.radians(1.0)):.0f} % of the time"),
+        ("within 3°", f"{100.0 * trace.within(math.radians(3.0)):.0f} % of the time"),
+        ("head behind its target", _lag(trace)),
         *(
             (
                 f"top speed of {name}",
@@ -44,7 +44,7 @@ def table(
             )
             for joint, name in enumerate(("pan", "tilt"))
         ),
-        ("mean jerk of pan", f"{recording.jerk():.0f} rad/s³"),
+        ("mean jerk of pan", f"{trace.jerk():.0f} rad/s³"),
     ]
     if markdown:
         return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
@@ -52,13 +52,13 @@ def table(
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
-def lag(recording: Recording) -> float | None:
+def lag(trace: Trace) -> float | None:
     """By how much the head is behind its target [s]; None if the target hardly moves."""
-    times, steps = recording.times, np.arange(-0.3, 0.8, 0.005)
-    if len(times) < 10 or times[-1] < 2.0 or float(recording.wanted.std(axis=0).max()) < 0.02:
+    times, steps = trace.times, np.arange(-0.3, 0.8, 0.005)
+    if len(times) < 10 or times[-1] < 2.0 or float(trace.wanted.std(axis=0).max()) < 0.02:
         return None
-    joint = int(np.argmax(recording.wanted.std(axis=0)))
-    wanted, done = recording.wanted[:, joint], recording.positions[:, joint]
+    joint = int(np.argmax(trace.wanted.std(axis=0)))
+    wanted, done = trace.wanted[:, joint], trace.positions[:, joint]
     inner = (times > times[0] + 0.8) & (times < times[-1] - 0.3)
     errors = [
         float(np.mean((np.interp(times[inner] - step, times, wanted) - done[inner]) ** 2))
@@ -67,16 +67,16 @@ def lag(recording: Recording) -> float | None:
     return float(steps[int(np.argmin(errors))])
 
 
-def picture(recording: Recording, title: str) -> str:
+def picture(trace: Trace, title: str) -> str:
     """Positions, error and speeds over time, as SVG."""
-    times, degrees = recording.times, 180.0 / math.pi
-    wanted, done = recording.wanted * degrees, recording.positions * degrees
-    wanted_speeds = recording.velocities(recording.wanted)
-    speeds = recording.velocities(recording.positions)
+    times, degrees = trace.times, 180.0 / math.pi
+    wanted, done = trace.wanted * degrees, trace.positions * degrees
+    wanted_speeds = trace.velocities(trace.wanted)
+    speeds = trace.velocities(trace.positions)
     panels = [
         ("pan, °", [("target", wanted[:, 0], _TARGET), ("head", done[:, 0], _HEAD)]),
         ("tilt, °", [("target", wanted[:, 1], _TARGET), ("head", done[:, 1], _HEAD)]),
-        ("error, °", [("error", recording.errors * degrees, _HEAD)]),
+        ("error, °", [("error", trace.errors * degrees, _HEAD)]),
         ("pan, rad/s", [("target", wanted_speeds[:, 0], _TARGET), ("head", speeds[:, 0], _HEAD)]),
         ("tilt, rad/s", [("target", wanted_speeds[:, 1], _TARGET), ("head", speeds[:, 1], _HEAD)]),
     ]
@@ -153,8 +153,8 @@ def _angle(angle: float) -> str:
     return f"{math.degrees(angle):.2f}° ({1e3 * angle:.1f} mrad)"
 
 
-def _lag(recording: Recording) -> str:
-    behind = lag(recording)
+def _lag(trace: Trace) -> str:
+    behind = lag(trace)
     return "the target hardly moves" if behind is None else f"{1e3 * behind:.0f} ms"
 
 

@@ -34,6 +34,9 @@ _TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no dela
 _FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
 _AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
 
+_STUCK_TIME = 0.35  # s; longer than the longest delay
+_STUCK_WAY = 0.1  # rad; a shaft that was told to go farther in that time, and stands, is stuck
+
 _SPAN = 0.08  # s; over which speeds are compared to learn the acceleration
 _BEHIND = 0.5  # rad/s; a shaft so much slower than told, twice in a row, gives what it can
 _EXPLAINED = 0.3  # rad/s; a delay with which the shaft is no farther behind explains its speeds
@@ -70,6 +73,7 @@ class ServoModel:
         acceleration: the hardest that it has shown, where it was told more [rad/s^2].
         velocity: of the shaft, from its readings [rad/s].
         learning: whether the delay is learned from the motion.
+        stuck: whether the shaft stands still although it was told to move: no torque, or a block.
     """
 
     def __init__(
@@ -84,13 +88,10 @@ class ServoModel:
         self._first_delay = self.delay
         self._squares = self._expected_squares()
         self._unread = 0
-        self._times = [stamp]
-        self._setpoints = [position]
-        self._speeds = [speed]
-        self._rooms = [math.inf]
-        self._offset = 0.0
-        self._shaft = position
+        self._start(stamp, position, speed)
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
+        self._stood = stamp, position, position
+        self.stuck = False
 
     @property
     def dead_band(self) -> float:
@@ -124,6 +125,18 @@ class ServoModel:
         """The servo is told to go to this position and stay."""
         self._append(now, setpoint - self._offset, 0.0, 0.0)
 
+    def restart(self, now: float) -> None:
+        """The servo's setpoint is where the shaft was read, as when its torque comes on."""
+        reading = self.reading
+        self._start(now, reading[1], 0.0)
+        self._readings = deque([reading])
+
+    def _start(self, time: float, position: float, speed: float) -> None:
+        self._times, self._setpoints = [time], [position]
+        self._speeds, self._rooms = [speed], [math.inf]
+        self._offset = 0.0
+        self._shaft = position
+
     def expected(self, time: float) -> float:
         """Where the shaft is at a time not before the newest reading."""
         return self._follow(self._shaft, self._sum(time - self.delay)) + self._offset
@@ -139,6 +152,7 @@ class ServoModel:
         within = max(-0.5 * self.resolution, min(0.5 * self.resolution, innovation))
         self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (innovation - within)
         self._readings.append((stamp, position))
+        self._see_whether_stuck(stamp, position)
         while self._readings[1][0] <= stamp - 3.0 * _SPAN:
             self._readings.popleft()
         follows = self._learn_acceleration(stamp - last_stamp)
@@ -146,6 +160,14 @@ class ServoModel:
         if self.learning and follows and self._unread >= _LEARNED_EVERY:
             self._unread = 0
             self._learn_delay()
+
+    def _see_whether_stuck(self, stamp: float, position: float) -> None:
+        since, stood, told = self._stood
+        setpoint = self._sum(stamp - self.delay)
+        if abs(position - stood) > 2.0 * self.resolution:
+            self._stood, self.stuck = (stamp, position, setpoint), False
+        elif stamp - since > _STUCK_TIME and abs(setpoint - told) > _STUCK_WAY:
+            self.stuck = True
 
     def _follow(self, shaft: float, setpoint: float) -> float:
         """The shaft is dragged along by the edges of the dead band."""

@@ -15,6 +15,7 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.laws import JointReading, PositionLaw, PredictiveLaw, TrackingLaw
+from head_tracking.tracking.mounting import Mounting
 from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
@@ -85,6 +86,9 @@ class Tracker:
         head: the head that is turned.
         law: may be changed for another one at any time.
         machine: the target state machine.
+        mounting: finds out whether the head is mounted as it should be.
+        fault: how it is not, as its camera sees it; it is switched off then, until it is enabled
+            anew. Empty: nothing is known to be wrong.
     """
 
     def __init__(
@@ -99,13 +103,15 @@ class Tracker:
         self.law = law
         self.estimator = TargetEstimator(estimator)
         self.machine = TargetStateMachine(head, state)
+        self.fault = ""
         self._base = base
         self._stall_watches = (
-            _StallWatch(head.pan_joint),
-            _StallWatch(head.tilt_joint),
+            StallWatch(head.pan_joint),
+            StallWatch(head.tilt_joint),
         )
         self._readings: deque[JointReading] = deque()
         self.stamp_error = StampError()
+        self.mounting = Mounting(head)
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
         self._cautious = PositionLaw(head, 0.02, law.limits)
@@ -138,6 +144,7 @@ class Tracker:
             pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
         readings.append(JointReading(stamp, positions, (pan, tilt)))
         self.stamp_error.joints_read(stamp, positions)
+        self.mounting.joints_read(stamp, positions)
 
     def target_seen(
         self, stamp: float, point: Vector3, now: float, *, moving: bool = False
@@ -167,6 +174,8 @@ class Tracker:
         if sight is None:
             verdict = Verdict.TOO_CLOSE
         else:
+            if moving:
+                self.fault = self.fault or self.mounting.point_seen(stamp, sight)
             sight = self._unerring(stamp, sight, moving)
             stamp -= self.stamp_error.value if moving else 0.0
             verdict = self.estimator.add(stamp, sight, now)
@@ -221,6 +230,9 @@ class Tracker:
         """What to do now; nothing before the joints were read."""
         if not self._readings or not self.machine.enabled:
             return TrackingStep()
+        if self.fault:
+            self.machine.off = self.fault
+            return TrackingStep(self.enable(False, now))
         joints = self._readings[-1]
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
@@ -249,6 +261,9 @@ class Tracker:
         if on and self.machine.enabled:
             return None
         self.estimator.reset()
+        if on:
+            self.fault = ""
+            self.mounting.reset()
         self.machine.enable(on)
         return None if on else self._stop(now)
 
@@ -277,6 +292,7 @@ class Tracker:
         self._came = None
         self._seen.clear()
         self.stamp_error.reset()
+        self.mounting.reset()
         self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
@@ -361,15 +377,21 @@ class TargetFromBase(TargetEstimate):
         return pan, tilt
 
 
-class _StallWatch:
+class StallWatch:
     """Notices a joint that does not do what it is told.
 
     Args:
         joint: its name.
+        patience: how long it must not have moved [s].
+
+    Attributes:
+        joint: as given.
+        patience: as given.
     """
 
-    def __init__(self, joint: str) -> None:
+    def __init__(self, joint: str, patience: float = _STALL_TIME) -> None:
         self.joint = joint
+        self.patience = patience
         self._stalls = False
         self._side = 0.0
         self.restart()
@@ -401,7 +423,7 @@ class _StallWatch:
         moved = self._highest - self._lowest
         if moved > _AT_GOAL:
             self._stalls = False
-        if now - self._since > _STALL_TIME and self._commanded > _AT_GOAL:
+        if now - self._since > self.patience and self._commanded > _AT_GOAL:
             self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
             self._since = math.nan
         return self._stalls

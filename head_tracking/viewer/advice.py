@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from head_tracking.viewer.observation import Health, Level, Observation
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.diagnostics import Health, Level
 
 _CLEAR = "press Clear faults (tab Health) and switch torque on again (tab Joints)."
 _ADVICE = (

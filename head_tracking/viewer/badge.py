@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
-from head_tracking.viewer.observation import Health, Level, Observation, Servo
+from head_tracking.viewer.joint_control import Servo
 
 _ON_TARGET = math.radians(2.0)
 _REFUSED = "refused: "
@@ -48,6 +50,7 @@ _WORDS = {
     TargetState.CAUTIOUS: Word.MOVING,
     TargetState.DISABLED: Word.HOLDING,
 }
+_FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
 
 
 def badge(
@@ -84,7 +87,7 @@ def badge(
     said = live.state.partition(": ")[2]
     word, _, reason = said.partition(": ")
     refusal = complaint if "refused" in complaint else reason.partition(_REFUSED)[2]
-    if refusal and word != TargetState.TRACKING:  # then it was one point among many
+    if refusal and word not in _FOLLOWING:  # then it was one point among many
         return Badge(Word.REFUSED, refusal)
     loose = [servo.joint or servo.controller for servo in servos if servo.torque is False]
     if loose and len(loose) == len(servos):

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import html
 import io
+import math
 import threading
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
 from PIL import Image
 
+from head_tracking.ros.other_services import Hold, Outcome
+from head_tracking.transforms import Transform, Vector3
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes
-from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Hold, Outcome
+from head_tracking.viewer.notify import by_person, follow, notify, small
 from head_tracking.viewer.other_topics import OtherTopics, Picture
+from head_tracking.viewer.recording_panel import RecordingPanel
+from head_tracking.vision.camera import camera_with_view
 
 _NONE = "no picture"
 _CONE_PERIODS = 0.2, 2.0  # s
@@ -41,16 +44,6 @@ class Jpeg(NamedTuple):
     data: bytes
 
 
-class Replay(Protocol):
-    """A recording that is shown in place of the robot."""
-
-    def camera(self) -> str:
-        """The topic of its pictures; empty: there are none."""
-
-    def picture(self) -> Picture | None:
-        """What the camera saw."""
-
-
 class CameraPicture:
     """A menu of pictures, and a button for the simulated camera.
 
@@ -65,10 +58,10 @@ class CameraPicture:
         hold: while a recording is shown, what the camera sees now is not.
 
     Attributes:
-        replay: the camera of a recording that is shown, if it has one.
+        replay: what is shown in place of the robot, if anything is.
     """
 
-    replay: Replay | None = None
+    replay: RecordingPanel | None = None
 
     def __init__(self, gui: Any, topics: OtherTopics, modes: HeadModes, hold: Hold) -> None:
         self._topics = topics
@@ -151,10 +144,7 @@ class CameraPicture:
     def refresh(self) -> None:
         """Follows pictures that come and go."""
         topics = self._topics.images()
-        if self._menu.options != (_NONE, *topics):
-            chosen = self._menu.value
-            self._menu.options = (_NONE, *topics)
-            self._menu.value = chosen if chosen in topics else _NONE
+        follow(self._menu, (_NONE, *topics), _NONE)
         can_start = self._modes.can_start(CAMERA)
         self._start.visible = can_start
         if topics and not self._person_chose:
@@ -163,7 +153,7 @@ class CameraPicture:
             self._started = threading.Thread(target=self._start_camera, daemon=True)
             self._started.start()
         nothing = self.chosen and self._is_looked_at and self.newest() is None
-        self._line.content = _small(_NOTHING if nothing else self._start_failed)
+        self._line.content = small(_NOTHING if nothing else self._start_failed)
 
     @property
     def _is_looked_at(self) -> bool:
@@ -182,16 +172,33 @@ class CameraPicture:
         return outcome
 
 
+def point_in_picture(
+    picture: Picture,
+    share: tuple[float, float],
+    T_root_camera: Transform,
+    distance: float,
+    horizontal_view: float,
+) -> Vector3:
+    """The point that a place in a picture shows, in the robot's root [m].
+
+    Args:
+        picture: with the calibration of its camera, if there is one.
+        share: of its width and of its height, from the upper left corner.
+        T_root_camera: where the camera's optical frame was when it took the picture.
+        distance: of the point from the camera [m], which a picture does not tell.
+        horizontal_view: of a camera without calibration, from side to side [rad].
+    """
+    height, width = picture.pixels.shape[:2]
+    camera = picture.camera or camera_with_view(width, height, horizontal_view)
+    x, y = camera.ray((share[0] * width - 0.5, share[1] * height - 0.5))
+    depth = distance / math.hypot(x, y, 1.0)
+    return T_root_camera @ (x * depth, y * depth, depth)
+
+
 def _fitting(picture: Picture, widest: int) -> Image.Image:
     """A picture that is no wider than so many pixels."""
     every = -(-picture.pixels.shape[1] // widest)
     return Image.fromarray(np.ascontiguousarray(picture.pixels)).reduce(max(1, every))
-
-
-def _small(text: str) -> str:
-    return (
-        f'<div style="padding:0 0.8em;font-size:0.85em">{html.escape(text)}</div>' if text else ""
-    )
 
 
 def _rank(topic: str) -> tuple[bool, bool, str]:

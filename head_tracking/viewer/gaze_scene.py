@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,7 @@ import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.transforms import Vector3
-from head_tracking.viewer.reachable_field import reachable_field, with_axis_forward
+from head_tracking.transforms import RobotModel, Rotation, Vector3
 from head_tracking.viewer.robot_scene import RobotScene, wxyz
 from head_tracking.viewer.target_path import TargetPath
 
@@ -25,19 +25,12 @@ _SIGHT_COLOUR = (40, 160, 80)
 _FIELD_COLOUR = (120, 150, 220)
 
 _CONE = 0.36  # m: from the camera to the picture in its view cone
-_MEANINGS = {
-    "target": "target",
-    "trail": "where it was",
-    "prediction": "where the tracker expects it",
-    "line of sight": "what the camera looks along",
-    "reachable field": "what the head can reach",
-}
-_COLOURS = {
-    "target": _TARGET_COLOUR,
-    "trail": _TRAIL_COLOUR,
-    "prediction": _PREDICTION_COLOUR,
-    "line of sight": _SIGHT_COLOUR,
-    "reachable field": _FIELD_COLOUR,
+_LEGEND = {
+    "target": (_TARGET_COLOUR, "target"),
+    "trail": (_TRAIL_COLOUR, "where it was"),
+    "prediction": (_PREDICTION_COLOUR, "where the tracker expects it"),
+    "line of sight": (_SIGHT_COLOUR, "what the camera looks along"),
+    "reachable field": (_FIELD_COLOUR, "what the head can reach"),
 }
 
 
@@ -96,13 +89,8 @@ class GazeScene:
         self._picture: Any = None
         self._drawn: dict[str, bool] = {}
 
-    def set_head(self, head: PanTiltHead, axis: Vector3) -> None:
-        """Draws what belongs to this head.
-
-        Args:
-            head: the head.
-            axis: the direction in its pointing frame that it points, of length 1.
-        """
+    def set_head(self, head: PanTiltHead) -> None:
+        """Draws what belongs to this head."""
         for node in self._of_head.values():
             node.remove()
         model = self._robot.model
@@ -110,7 +98,7 @@ class GazeScene:
         self._path = self._new_path(
             model.transform(model.root, head.base_frame, anywhere).translation
         )
-        camera = self._robot.path(head.pointing_frame)
+        camera, axis = self._robot.path(head.pointing_frame), head.pointing_axis
         p = self._p
         self._of_head = {
             "line of sight": self._scene.add_line_segments(
@@ -128,7 +116,7 @@ class GazeScene:
             ),
         }
         self._picture = self._add_cone(f"{camera}/view")
-        field = reachable_field(self._robot.model, head, axis, p.field_radius)
+        field = reachable_field(self._robot.model, head, p.field_radius)
         self._of_head["reachable field"].points = field.astype(np.float32)
         for part, node in self._of_head.items():
             node.visible = self.wanted(part)
@@ -182,8 +170,8 @@ class GazeScene:
     def legend(self) -> tuple[tuple[str, str], ...]:
         """What the colours mean that are drawn now: the meaning, and the colour as in CSS."""
         return tuple(
-            (meaning, "#{:02x}{:02x}{:02x}".format(*_COLOURS[part]))
-            for part, meaning in _MEANINGS.items()
+            (meaning, "#{:02x}{:02x}{:02x}".format(*colour))
+            for part, (colour, meaning) in _LEGEND.items()
             if part in self.parts and self.wanted(part) and self._drawn.get(part, True)
         )
 
@@ -240,3 +228,45 @@ def _draw(line: Any, points: Sequence[Vector3]) -> None:
     if len(points) > 1:
         ends = np.asarray(points, np.float32)
         line.points = np.stack([ends[:-1], ends[1:]], axis=1)
+
+
+_MERIDIANS, _PARALLELS, _SMOOTH = 9, 5, 25
+
+
+def reachable_field(model: RobotModel, head: PanTiltHead, radius: float) -> npt.NDArray[np.float64]:
+    """Line segments at `radius` [m] from the camera, in the head's base frame; shape (N, 2, 3)."""
+    pan, tilt = (
+        (max(limits.lower, -math.pi), min(limits.upper, math.pi))
+        for limits in (head.pan_limits, head.tilt_limits)
+    )
+    chain = model.chain(head.base_frame, head.pointing_frame)
+    point = tuple(radius * a for a in head.pointing_axis)
+
+    def at(pan_position: float, tilt_position: float) -> Vector3:
+        positions = {head.pan_joint: pan_position, head.tilt_joint: tilt_position}
+        return chain.transform(*[positions.get(joint, 0.0) for joint in chain.joints]) @ point
+
+    lines = [
+        [at(p, t) for t in np.linspace(*tilt, _SMOOTH).tolist()]
+        for p in np.linspace(*pan, _MERIDIANS).tolist()
+    ] + [
+        [at(p, t) for p in np.linspace(*pan, _SMOOTH).tolist()]
+        for t in np.linspace(*tilt, _PARALLELS).tolist()
+    ]
+    segments = [(a, b) for line in lines for a, b in pairwise(line)]
+    return np.array(segments)
+
+
+def with_axis_forward(axis: Vector3) -> Rotation:
+    """Turns a camera (z forward, y down; REP 103) so that z is `axis` and x is level, if it can.
+
+    For the axis z this changes nothing: that is an optical frame already.
+    """
+    forward = np.asarray(axis, float)
+    if forward[2] > 0.999999:
+        return Rotation.identity()
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else 1.0
+    if not right.any():
+        right = np.array([0.0, -1.0, 0.0])
+    return Rotation.from_matrix(np.column_stack([right, np.cross(forward, right), forward]))

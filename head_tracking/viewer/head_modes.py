@@ -8,16 +8,16 @@ from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Any
 
-from geometry_msgs.msg import Point, PointStamped
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.messages import target_message
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Outcome
-from head_tracking.viewer.other_parameters import OtherParameters
-from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
 from head_tracking.viewer.path import Path
 
@@ -114,7 +114,7 @@ class HeadModes:
             *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)),
         )
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
-        self._kept: Callable[[], PointStamped] | None = None
+        self._kept: Callable[[], Target | None] | None = None
         self._sends = Mode.TRACK
         self.path: Path | None = None
         self._no_path = "there is no path yet"
@@ -186,17 +186,19 @@ class HeadModes:
             if not outcome.done:
                 return outcome
             said = f"; the mode is {wanted} now" if mode is not wanted else ""
-        text = f"target {Target(0, frame, point)} sent{said}"
+        x, y, z = map(float, point)
+        target = Target(0, frame, (x, y, z))
+        text = f"target {target} sent{said}"
         model = self._buffer.model
         if wanted is Mode.POINT or model is None:
             self.stop_sending()
-            refused = self._refusal_of(POINTER, wait, lambda: self._publish(frame, point))
+            refused = self._refusal_of(POINTER, wait, lambda: self._publish(target))
             return Outcome(not refused, refused or text)
         try:
             placed = self._buffer.transform_point(point, model.root, frame)
         except TransformException as error:
             return Outcome(False, f"the target is refused: {error}")
-        kept = self._message(model.root, placed)
+        kept = Target(0, model.root, placed)
         refused = self._refusal_of(
             TRACKER, wait, lambda: self._keep_sending(Mode.TRACK, lambda: kept)
         )
@@ -250,7 +252,7 @@ class HeadModes:
             if not outcome.done:
                 return outcome
         if mode is Mode.FOLLOW:
-            kept = self._message(frame, (0.0, 0.0, 0.0))
+            kept = Target(0, frame, (0.0, 0.0, 0.0))
             self._keep_sending(mode, lambda: kept)
         if mode is Mode.PATH:
             self._along, self._stepped = 0.0, time.monotonic()
@@ -283,8 +285,6 @@ class HeadModes:
 
     def start(self, name: str) -> Outcome:
         """Starts a node of the run, if whoever runs it can."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         if not self._services.offered(f"node_starter/{name}"):
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(f"node_starter/{name}")
@@ -306,8 +306,8 @@ class HeadModes:
             time.sleep(_POLL)
         return ""
 
-    def _publish(self, frame: str, point: Vector3) -> None:
-        self._targets.publish(self._message(frame, point))
+    def _publish(self, target: Target) -> None:
+        self._targets.publish(target_message(target))
 
     def _start(self, name: str) -> Outcome:
         """Starts a node and waits until it can be switched off again: only one turns the head."""
@@ -377,31 +377,21 @@ class HeadModes:
     def _set(self, node: str, name: str, value: Any) -> Outcome:
         return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
-    def _keep_sending(self, mode: Mode, target: Callable[[], PointStamped]) -> None:
+    def _keep_sending(self, mode: Mode, target: Callable[[], Target | None]) -> None:
         self._kept, self._sends = target, mode
         self._send_kept()
         self._timer.reset()
 
-    def _next_of_path(self) -> PointStamped:
+    def _next_of_path(self) -> Target | None:
         now, model, path = time.monotonic(), self._buffer.model, self.path
         self._along += self._speed * min(now - self._stepped, 2.0 * _SEND_PERIOD)
         self._stepped = now
         if path is None or model is None:
-            return PointStamped()
-        message = self._message(model.root, path.at(self._along))
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        return message
+            return None
+        stamp = self._node.get_clock().now().nanoseconds
+        return Target(stamp, model.root, path.at(self._along))
 
     def _send_kept(self) -> None:
-        kept = self._kept
-        if kept is not None:
-            message = kept()
-            if message.header.frame_id:
-                self._targets.publish(message)
-
-    @staticmethod
-    def _message(frame: str, point: Vector3) -> PointStamped:
-        x, y, z = map(float, point)
-        message = PointStamped(point=Point(x=x, y=y, z=z))
-        message.header.frame_id = frame
-        return message
+        target = None if self._kept is None else self._kept()
+        if target is not None:
+            self._publish(target)

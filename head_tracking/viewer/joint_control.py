@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
+from head_tracking.ros.diagnostics import Health
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.transforms import JointState, JointStates, TransformBuffer
-from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.head_modes import HeadModes, Mode
-from head_tracking.viewer.observation import Health, Outcome, Servo
-from head_tracking.viewer.other_parameters import OtherParameters
-from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
 from head_tracking.viewer.stop import Stop
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
 _TORQUE = "/torque_enable"
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """A joint that a servo turns.
+
+    Attributes:
+        controller: its name on the bus.
+        joint: the joint; empty while it is not known.
+        torque: whether it holds; None if that is not known.
+        refuses: whether it takes no commands before its torque is switched on.
+    """
+
+    controller: str
+    joint: str
+    torque: bool | None
+    refuses: bool = False
 
 
 class JointControl:
@@ -150,14 +168,10 @@ class JointControl:
 
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Lets a servo hold or go; all of them for an empty name."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         return self._services.switch(f"{controller}{_TORQUE}" if controller else _TORQUE[1:], on)
 
     def recover(self) -> Outcome:
         """Clears the faults of servos, where the bus can."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         return self._services.trigger("recover")
 
     def _say_positions(self) -> None:

@@ -10,10 +10,11 @@ from typing import Any
 
 import viser
 
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import Joint, JointType, RobotModel
-from head_tracking.viewer.joint_control import JointControl
-from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Observation, Outcome, Servo
+from head_tracking.viewer.joint_control import JointControl, Servo
+from head_tracking.viewer.notify import by_person, notify, small
 
 _HELD = 1.5
 """A slider that a person moved stays put for so long [s], then follows the joint again."""
@@ -25,20 +26,17 @@ _STEP = 0.1  # degrees or mm
 class JointsPanel:
     """Sliders for joints that somebody can move; those of others only show where they are."""
 
-    def __init__(
-        self, server: viser.ViserServer, control: JointControl, rnd: random.Random | None = None
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, control: JointControl) -> None:
         gui = server.gui
         self._gui = gui
         self._control = control
-        self._random = rnd or random.Random()
         self._hint = gui.add_html("")
         centre = gui.add_button("Centre all joints", icon=viser.Icon.FOCUS_CENTERED)
         randomise = gui.add_button("Randomise", icon=viser.Icon.ARROWS_SHUFFLE)
         on = gui.add_button("Torque on, all", hint="Holds where the servos stand; nothing moves.")
         on.on_click(lambda event: notify(event, control.set_torque("", True), "Torque"))
         centre.on_click(lambda event: self._set_all(event, _middle))
-        randomise.on_click(lambda event: self._set_all(event, self._anywhere))
+        randomise.on_click(lambda event: self._set_all(event, _anywhere))
         self._switches_box = gui.add_folder("Torque", visible=False)
         self._sliders_box = gui.add_folder("Positions (degrees or mm)")
         self._sliders: dict[str, Any] = {}
@@ -85,9 +83,7 @@ class JointsPanel:
             text = f"Relaxed: {loose}. The sliders follow the hand." if loose else ""
             if len(movable) < len(servos):
                 text += " Switch torque on to move joints from here."
-        self._hint.content = (
-            f'<div style="padding:0 0.8em;font-size:0.85em">{text}</div>' if text else ""
-        )
+        self._hint.content = small(text)
 
     def _refresh_switches(self, servos: tuple[Servo, ...], now: float) -> None:
         self._switches_box.visible = bool(servos)
@@ -151,9 +147,6 @@ class JointsPanel:
             self._sliders[name].value = round(position / _unit(self._joints[name]), 1)
         notify(event, outcome, "Joints")
 
-    def _anywhere(self, joint: Joint) -> float:
-        return round(self._random.uniform(*_range(joint)), 3)
-
 
 def _unit(joint: Joint) -> float:
     """What a person reads, in radians or metres: degrees, or millimetres."""
@@ -163,6 +156,10 @@ def _unit(joint: Joint) -> float:
 def _range(joint: Joint) -> tuple[float, float]:
     lower, upper = max(joint.limits.lower, -math.pi), min(joint.limits.upper, math.pi)
     return round(math.ceil(lower * 1e3) / 1e3, 3), round(math.floor(upper * 1e3) / 1e3, 3)
+
+
+def _anywhere(joint: Joint) -> float:
+    return round(random.uniform(*_range(joint)), 3)
 
 
 def _middle(joint: Joint) -> float:

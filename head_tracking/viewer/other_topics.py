@@ -19,17 +19,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
+from head_tracking.recording.recording import ERRORS
+from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.graph import Graph
 from head_tracking.ros.images import camera_of, raw_image
+from head_tracking.ros.joint_owners import owners_from_message
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Health, Level
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError
 
-_ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
-_SWITCHED = (*_ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
+_SWITCHED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
 _COMPLAINT_AGE = 5.0  # s
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
@@ -95,7 +96,7 @@ class OtherTopics:
         self._images: tuple[str, ...] = ()
         for name in _SWITCHED:
             self._listen(Bool, f"{name}/enabled", LATCHED)
-        for name, error in _ERRORS.items():
+        for name, error in ERRORS.items():
             self._listen(Float64, error, _NEWEST)
             self._listen(String, f"{name}/state", LATCHED)
         self._listen(String, "joint_owners", LATCHED)
@@ -138,13 +139,12 @@ class OtherTopics:
     def owners(self) -> Mapping[str, str]:
         """The node that each joint obeys, without its namespace; empty for nobody."""
         said = self._heard.get("joint_owners")
-        lines = [] if said is None else said.what.data.splitlines()
-        pairs = (line.partition(":") for line in lines if ":" in line)
-        return {joint.strip(): owner.strip().rpartition("/")[2] for joint, _, owner in pairs}
+        owners = {} if said is None else owners_from_message(said.what)
+        return {joint: owner.rpartition("/")[2] for joint, owner in owners.items()}
 
     def error(self, name: str) -> float | None:
         """By how much the head misses the target of a node that turns it, now [rad]."""
-        heard = self._heard.get(_ERRORS.get(name, ""))
+        heard = self._heard.get(ERRORS.get(name, ""))
         fresh = heard is not None and time.monotonic() - heard.at < _FRESH
         return float(heard.what.data) if heard is not None and fresh else None
 

@@ -17,24 +17,19 @@ import numpy as np
 import viser
 
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.images import frame_pose
-from head_tracking.transforms import Vector3
+from head_tracking.ros.other_services import Outcome
 from head_tracking.viewer.badge import Badge, Word
-from head_tracking.viewer.camera_picture import CameraPicture
-from head_tracking.viewer.frames_scene import FramesScene
+from head_tracking.viewer.camera_picture import CameraPicture, point_in_picture
 from head_tracking.viewer.framing import Framing
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters
 from head_tracking.viewer.joints_panel import JointsPanel
-from head_tracking.viewer.observation import Observation, Outcome
-from head_tracking.viewer.picking import point_in_picture
-from head_tracking.viewer.reachable_field import pointing_axis
-from head_tracking.viewer.recording import LastMinute
 from head_tracking.viewer.recording_panel import RecordingPanel
 from head_tracking.viewer.robot import Robot
-from head_tracking.viewer.robot_scene import RobotScene
+from head_tracking.viewer.robot_scene import FramesScene, RobotScene
 from head_tracking.viewer.server import Action, Door, File, Query, guarded, limit_uploads
-from head_tracking.viewer.shadow import add_shadow
-from head_tracking.viewer.shapes import FindPackage, robot_look, triangles
+from head_tracking.viewer.shapes import FindPackage, robot_look
 from head_tracking.viewer.status_panel import StatusPanel
 from head_tracking.viewer.steering_panel import SteeringPanel
 from head_tracking.viewer.tuning_panel import TuningPanel
@@ -82,7 +77,6 @@ class Page:
         robot: shown and steered.
         parameters: where and how often.
         view: what is drawn around the head.
-        axis: the direction that the head points in its frame; None: by REP 103.
         find_package: for meshes at package:// addresses.
         complain: told of errors of the page itself.
 
@@ -95,14 +89,12 @@ class Page:
         robot: Robot,
         parameters: PageParameters,
         view: ViewParameters,
-        axis: Vector3 | None,
         find_package: FindPackage,
         complain: Callable[[str], None],
     ) -> None:
         self._robot = robot
         self._period = 1.0 / parameters.rate
         self._view = view
-        self._axis = axis
         self._find_package = find_package
         self._complain = complain
         self._live = Observation(0)
@@ -128,9 +120,7 @@ class Page:
         self._scene: RobotScene | None = None
         self._gaze: GazeScene | None = None
         self._frames: FramesScene | None = None
-        self._shadow: Any = None
         self._framing = Framing(self._server)
-        self._corners = np.empty((0, 3))
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
         self._last_minute = LastMinute(_RECORDED)
@@ -226,14 +216,13 @@ class Page:
         self._steering.show(shown)
         self._views.show(shown)
         self._picture.show(self._gaze)
-        self._framing.show(self._in_view(shown))
+        self._framing.show(self._in_view(self._scene, shown))
 
-    def _in_view(self, shown: Observation) -> Any:
+    def _in_view(self, scene: RobotScene, shown: Observation) -> Any:
         """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
-        head = self._head
-        if head is None or self._scene is None:
-            return self._corners
-        model = self._scene.model
+        head, model = self._head, scene.model
+        if head is None:
+            return scene.corners
         standing = dict.fromkeys(model.independent_joints, 0.0)
         camera = np.array(model.transform(model.root, head.pointing_frame, standing).translation)
         away = _AHEAD if shown.target is None else math.dist(shown.target, camera)
@@ -244,7 +233,7 @@ class Page:
                 for turn, up in itertools.product((-_TO_THE_SIDE, _TO_THE_SIDE), (-_UP, _UP))
             ]
         )
-        return np.concatenate([self._corners, camera + around])
+        return np.concatenate([scene.corners, camera + around])
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
         notices = [*self._look_notices, *self._robot.notices()]
@@ -293,7 +282,7 @@ class Page:
     def _legend(self) -> tuple[tuple[str, str], ...]:
         """What the colours of the scene mean, each with the colour."""
         drawn = () if self._gaze is None else self._gaze.legend()
-        return (*drawn, *self._steering.legend())
+        return (*drawn, *self._steering.path.legend())
 
     def _picture_now(self, query: Query) -> File:
         """What the camera sees, if that is another picture than the one that a browser has."""
@@ -308,21 +297,21 @@ class Page:
         """Looks where a person points in the camera's picture."""
         model, picture = self._robot.model(), self._picture.newest()
         if model is None or picture is None:
-            return _told(Outcome(False, "there is no picture now"))
+            return Outcome(False, "there is no picture now")._asdict()
         try:
             share = float(query["u"]), float(query["v"])
             stamp = int(query["stamp"])
         except (KeyError, ValueError):
-            return _told(Outcome(False, "u, v and stamp say where in which picture"))
+            return Outcome(False, "u, v and stamp say where in which picture")._asdict()
         camera = frame_pose(self._robot.buffer, model.root, picture.frame_id, stamp)
         if camera is None:
-            return _told(
-                Outcome(False, f"the picture is of the frame {picture.frame_id!r}: where is that?")
-            )
+            return Outcome(
+                False, f"the picture is of the frame {picture.frame_id!r}: where is that?"
+            )._asdict()
         target = self._live.target
         distance = _AHEAD if target is None else math.dist(camera.translation, target)
         point = point_in_picture(picture, share, camera, distance, self._view.horizontal_view)
-        return _told(self._robot.modes.look_at(model.root, point))
+        return self._robot.modes.look_at(model.root, point)._asdict()
 
     def _refuse_upload(self, number: int, text: str) -> None:
         client = self._server.get_clients().get(number)
@@ -337,17 +326,12 @@ class Page:
                 self._frames.remove()
                 self._gaze.remove()
                 self._scene.remove()
-            if self._shadow is not None:
-                self._shadow.remove()
             look = robot_look(model.urdf, self._find_package)
             self._look_notices = look.notices
             self._scene = RobotScene(self._server.scene, model, look)
             self._gaze = GazeScene(self._server.scene, self._scene, self._view)
             self._frames = FramesScene(self._server.scene, self._scene)
             self._head = None
-            solid = triangles(model, look)
-            self._corners = _box(solid.reshape(-1, 3))
-            self._shadow = add_shadow(self._server.scene, "/shadow", solid, 0.0)
             self._server.gui.set_panel_label(model.name)
             if model is live:
                 self._joints.set_model(model)
@@ -356,23 +340,10 @@ class Page:
         head = self._robot.head() if model is live else None
         if head is not None and head is not self._head and self._gaze and self._scene:
             self._head = head
-            axis = pointing_axis(head.pointing_frame, self._axis)
-            self._gaze.set_head(head, axis)
-            self._views.set_head(self._scene.model, head, axis)
-            self._steering.set_head(self._scene.model, head, axis)
-            self._framing.show_first(self._in_view(self._live))
-
-
-def _told(outcome: Outcome) -> dict[str, Any]:
-    return {"done": outcome.done, "text": outcome.text}
-
-
-def _box(points: Any) -> Any:
-    """The corners of the box around points, shape (8, 3) [m]; of a small one if there are none."""
-    points = points if len(points) else np.array([(-0.2, -0.2, 0.0), (0.2, 0.2, 0.4)])
-    return np.array(
-        list(itertools.product(*zip(points.min(axis=0), points.max(axis=0), strict=True)))
-    )
+            self._gaze.set_head(head)
+            self._views.set_head(self._scene.model, head)
+            self._steering.path.set_head(self._scene.model, head)
+            self._framing.show_first(self._in_view(self._scene, self._live))
 
 
 def _whole(text: str) -> int:

@@ -10,10 +10,10 @@ import numpy as np
 import viser
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import RobotModel, Rotation, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.observation import Outcome
 from head_tracking.viewer.path import SHAPES, Path, shaped
 
 _POINTS = "points of your own"
@@ -60,11 +60,11 @@ class PathPanel:
         self._add.on_click(self._on_add)
         self._clear.on_click(self._on_clear)
 
-    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
+    def set_head(self, model: RobotModel, head: PanTiltHead) -> None:
         """Puts shapes before the camera as it is with all joints at 0."""
         standing = dict.fromkeys(model.independent_joints, 0.0)
         camera = model.transform(model.root, head.pointing_frame, standing)
-        ahead: Vector3 = camera.rotation @ axis
+        ahead: Vector3 = camera.rotation @ head.pointing_axis
         turn = Rotation.from_rpy(0.0, 0.0, math.atan2(ahead[1], ahead[0]))
         x, y, z = (c + _AWAY * a for c, a in zip(camera.translation, ahead, strict=True))
         self._place = ((x, y, z), turn @ (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import math
 import time
@@ -14,13 +13,13 @@ import numpy as np
 import viser
 from PIL import Image
 
+from head_tracking.recording.recorder import Recorder
+from head_tracking.recording.recording import LastMinute, Observation, Recording, RecordingError
+from head_tracking.recording.recording_file import read_recording, write_recording
+from head_tracking.ros.other_services import Hold, Outcome
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
-from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Hold, Observation, Outcome
+from head_tracking.viewer.notify import by_person, follow, notify, small
 from head_tracking.viewer.other_topics import Picture
-from head_tracking.viewer.recorder import Recorder
-from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
-from head_tracking.viewer.recording_file import read_recording, write_recording
 
 _STEP = 0.01  # s
 _MOST_MARKS = 60
@@ -138,12 +137,9 @@ class RecordingPanel:
         runs = self._recorder.file is not None
         self._record.label = "End recording" if runs else "Record everything"
         self._record.color = "red" if runs else None
-        self._status.content = _small(self._recorder.status)
+        self._status.content = small(self._recorder.status)
         names = tuple(file.name for file in self._recorder.files()) or (_NO_FILE,)
-        if self._file.options != names:
-            chosen = self._file.value
-            self._file.options = names
-            self._file.value = chosen if chosen in names else names[0]
+        follow(self._file, names, names[0])
 
     def close(self) -> None:
         """Shows the robot again."""
@@ -241,7 +237,7 @@ class RecordingPanel:
         said = f"{name}, {recording.duration:.1f} s" + (
             f": {recording.notice}" if recording.notice else ""
         )
-        self._about.content = _small(said)
+        self._about.content = small(said)
         self._hold.reason = _HELD
         self._place = 0.0
         self._recording, self._model = recording, model
@@ -280,9 +276,3 @@ class RecordingPanel:
             return
         self._place = 0.0 if now >= recording.duration else now
         self._playing_since = time.monotonic()
-
-
-def _small(text: str) -> str:
-    return (
-        f'<div style="padding:0 0.8em;font-size:0.85em">{html.escape(text)}</div>' if text else ""
-    )

@@ -12,7 +12,13 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recorder import Recorder, RecorderParameters
+from head_tracking.recording.recording import Observation, outer_frames
+from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.graph import Graph
 from head_tracking.ros.head_interface import HeadParameters
+from head_tracking.ros.other_parameters import OtherParameters
+from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.ros.placed_target import NewestTarget
 from head_tracking.tf import Buffer
@@ -22,14 +28,9 @@ from head_tracking.transforms import (
     TransformException,
 )
 from head_tracking.viewer.badge import Badge, badge
-from head_tracking.viewer.graph import Graph
 from head_tracking.viewer.head_modes import POINTER, TRACKER, HeadModes, Mode
 from head_tracking.viewer.joint_control import JointControl
-from head_tracking.viewer.observation import Health, Level, Observation, Outcome, outer_frames
-from head_tracking.viewer.other_parameters import OtherParameters
-from head_tracking.viewer.other_services import OtherServices
 from head_tracking.viewer.other_topics import OtherTopics
-from head_tracking.viewer.recorder import Recorder, RecorderParameters
 from head_tracking.viewer.stop import Stop
 
 _LOOK_PERIOD = 1.0  # s

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+import numpy as np
 import viser
 
+from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.transforms import RobotModel
 from head_tracking.viewer.advice import Trouble, troubles
-from head_tracking.viewer.health_table import health_table
 from head_tracking.viewer.notify import notify
-from head_tracking.viewer.observation import Observation
-from head_tracking.viewer.plots import ERROR, GAZE, Strip, wanted_gaze
 from head_tracking.viewer.robot import Robot
 
 _REPLAY = "a recording"
@@ -116,3 +120,145 @@ def _list(title: str, lines: Sequence[str]) -> str:
         return ""
     items = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
     return f'<div style="padding:0.3em 0.8em;font-size:0.8em"><b>{title}</b>{items}</div>'
+
+
+_SECONDS = 30.0
+_LEAST = 0.09  # s between samples
+_PAN, _TILT = "#1971c2", "#2f9e44"
+
+GAZE: Sequence[Mapping[str, Any]] = (
+    {"label": "pan", "stroke": _PAN, "width": 2},
+    {"label": "pan wanted", "stroke": _PAN, "width": 1, "dash": (4, 4)},
+    {"label": "tilt", "stroke": _TILT, "width": 2},
+    {"label": "tilt wanted", "stroke": _TILT, "width": 1, "dash": (4, 4)},
+)
+ERROR: Sequence[Mapping[str, Any]] = (
+    {"label": "error (degrees)", "stroke": "#c2255c", "width": 2},
+)
+
+
+class Strip:
+    """Some angles in degrees over the last half minute.
+
+    Args:
+        gui: viser's control panel, with the container open that gets the plot.
+        title: what it shows.
+        series: label and looks of each angle.
+    """
+
+    def __init__(self, gui: Any, title: str, series: Sequence[Mapping[str, Any]]) -> None:
+        self._samples: deque[tuple[float, ...]] = deque()
+        nothing = np.array([np.nan, np.nan])
+        self._plot = gui.add_uplot(
+            data=(np.array([-_SECONDS, 0.0]), *(nothing for _ in series)),
+            series=({"label": "seconds"}, *series),
+            # a fixed axis: the client loses one that has to follow negative times
+            scales={"x": {"time": False, "range": (-_SECONDS, 0.0)}, "y": {"auto": True}},
+            title=title,
+            aspect=1.9,
+        )
+
+    def add(self, now: float, angles: Sequence[float | None]) -> None:
+        """Takes angles [rad] at a time [s]; None: there is none."""
+        samples = self._samples
+        if samples and now < samples[-1][0]:
+            samples.clear()  # the clock was set back
+        if samples and now - samples[-1][0] < _LEAST:
+            return
+        samples.append((now, *(math.nan if one is None else math.degrees(one) for one in angles)))
+        while now - samples[0][0] > _SECONDS:
+            samples.popleft()
+
+    def draw(self) -> None:
+        """Shows what it has."""
+        if len(self._samples) > 1:
+            now = self._samples[-1][0]
+            # arrays of their own: viser sends the memory as it lies there
+            times, *angles = (np.array(column) for column in zip(*self._samples, strict=True))
+            self._plot.data = (times - now, *angles)
+
+
+def wanted_gaze(
+    model: RobotModel | None, head: PanTiltHead | None, live: Observation
+) -> tuple[float | None, float | None]:
+    """Pan and tilt [rad] that look at the target, or come nearest to it; None without one."""
+    if model is None or head is None or live.target is None:
+        return None, None
+    standing = dict.fromkeys(model.independent_joints, 0.0)
+    target = model.transform(model.root, head.base_frame, standing).inverse() @ live.target
+    positions = (live.joints.get(joint, 0.0) for joint in (head.pan_joint, head.tilt_joint))
+    gaze = head.gaze(target, *positions)
+    return gaze.pan, gaze.tilt
+
+
+_POSITION = "position (rad)"
+
+ROWS = {
+    "torque": "torque",
+    "°C": "temperature (degrees Celsius)",
+    "V": "voltage (V)",
+    "load": "load (share of full torque)",
+    "position": _POSITION,
+    "errors": "errors",
+    "timeouts": "timeouts",
+    "corrupt": "corrupt replies",
+    "model": "model",
+}
+"""Keys of a servo's diagnostics (ros/bus_status.py)."""
+
+_COLOURS = {
+    Level.OK: "#2b8a3e",
+    Level.WARN: "#e67700",
+    Level.ERROR: "#c92a2a",
+    Level.STALE: "#868e96",
+}
+
+
+def health_table(health: Sequence[Health]) -> str:
+    """Diagnostics as HTML; what is wrong comes first."""
+    servos = [one for one in health if ROWS["torque"] in one.values]
+    lines = []
+    for one in sorted(health, key=lambda one: -one.level):
+        lines.append(f"<div>{_dot(one)} <b>{_name(one)}</b>: {html.escape(one.message)}</div>")
+        if one not in servos:
+            lines += [
+                f'<div style="padding-left:1.2em;opacity:0.8">{html.escape(key)}: '
+                f"{html.escape(value)}</div>"
+                for key, value in one.values.items()
+            ]
+    if not health:
+        lines.append("<div>nothing on /diagnostics</div>")
+    content = (_table(servos) if servos else "") + "".join(lines)
+    return f'<div style="padding:0 0.8em;font-size:0.85em">{content}</div>'
+
+
+def _table(servos: Sequence[Health]) -> str:
+    """A column for each servo: a head has two, and the panel is narrow."""
+    head = "".join(f"<th>{_dot(one)} {_name(one)}</th>" for one in servos)
+    rows = "".join(
+        f"<tr><td>{title}</td>"
+        + "".join(f"<td>{_cell(key, one.values.get(key, '-'))}</td>" for one in servos)
+        + "</tr>"
+        for title, key in ROWS.items()
+    )
+    return (
+        '<div style="overflow-x:auto;white-space:nowrap"><table style="font-size:0.9em;'
+        'border-spacing:8px 0;margin-bottom:0.5em;text-align:left">'
+        f"<tr><th></th>{head}</tr>{rows}</table></div>"
+    )
+
+
+def _cell(key: str, value: str) -> str:
+    if key == ROWS["torque"]:
+        return "on" if value == "torque on" else "off"  # why it is off is in the line below
+    if key == _POSITION and value != "-":
+        return f"{math.degrees(float(value)):.1f}°"
+    return html.escape(value)
+
+
+def _dot(one: Health) -> str:
+    return f'<b style="color:{_COLOURS[one.level]}">&#9679;</b>'
+
+
+def _name(one: Health) -> str:
+    return html.escape(one.name.removeprefix("servo_bus: "))

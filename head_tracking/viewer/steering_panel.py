@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import html
+import math
 import time
 
 import viser
 
-from head_tracking.gaze import PanTiltHead
-from head_tracking.transforms import RobotModel, TransformBuffer, TransformException, Vector3
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.other_services import Outcome
+from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
-from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Observation, Outcome
+from head_tracking.viewer.notify import by_person, follow, notify, refusal
 from head_tracking.viewer.path_panel import PathPanel
-from head_tracking.viewer.picking import point_on_ground
 from head_tracking.viewer.stop import Stop
 
 _NOT_YET = "(no frame yet)"
 _DRAG_PERIOD = 0.05  # s
+_FARTHEST = 20.0  # m: beyond that the ground is the horizon
 _AFTER_DRAG = 1.0
 """So long after a drag the gizmo stays where it was put, before it follows the target."""
 
@@ -30,6 +30,9 @@ class SteeringPanel:
         modes: obeys them.
         stop: its attempts end when a person chooses a mode.
         buffer: has the frames.
+
+    Attributes:
+        path: to look along.
     """
 
     def __init__(
@@ -56,7 +59,7 @@ class SteeringPanel:
             "Drag the target", True, hint="Shows the handles that drag the target in the scene."
         )
         self._refusal = gui.add_html("")
-        self._path = PathPanel(server, modes, self._point_in_root)
+        self.path = PathPanel(server, modes, self._point_in_root)
         self._gizmo = server.scene.add_transform_controls(
             "/gizmo", 0.18, disable_rotations=True, disable_sliders=True, depth_test=False,
             position=(1.0, 0.0, 0.5),
@@ -73,14 +76,6 @@ class SteeringPanel:
         """The frame that the scene is drawn in."""
         self._root = root
 
-    def set_head(self, model: RobotModel, head: PanTiltHead, axis: Vector3) -> None:
-        """The head that looks, and the direction in its frame that it points."""
-        self._path.set_head(model, head, axis)
-
-    def legend(self) -> tuple[tuple[str, str], ...]:
-        """The path's meaning and colour, if it is drawn."""
-        return self._path.legend()
-
     def show(self, shown: Observation) -> None:
         """Lets the gizmo follow the target, unless somebody holds it."""
         if shown.target is not None and time.monotonic() - self._dragged > _AFTER_DRAG:
@@ -89,19 +84,13 @@ class SteeringPanel:
     def refresh(self) -> None:
         """Brings the menus and switches up to date."""
         frames = self._buffer.frames() or (_NOT_YET,)
-        if self._frame.options != frames:
-            chosen = self._frame.value
-            self._frame.options = frames
-            self._frame.value = chosen if chosen in frames else self._first(frames)
+        follow(self._frame, frames, "base_link" if "base_link" in frames else frames[0])
         mode = self._modes.mode()
         options = tuple(map(str, dict.fromkeys((*self._modes.possible(), mode))))
         if self._mode.options != options:
             self._mode.options = options
         self._mode.value = str(mode)
-        self._path.refresh()
-
-    def _first(self, frames: tuple[str, ...]) -> str:
-        return "base_link" if "base_link" in frames else frames[0]
+        self.path.refresh()
 
     def _on_point(self) -> Outcome:
         return self._modes.look_at(self._frame.value, self._point.value, wait=True)
@@ -153,9 +142,11 @@ class SteeringPanel:
         notify(event, outcome, title)
 
 
-def refusal(text: str) -> str:
-    """A refusal as HTML."""
-    return (
-        '<div style="padding:0.2em 0.8em;font-size:0.85em;color:#c92a2a">'
-        f"<b>refused:</b> {html.escape(text)}</div>"
-    )
+def point_on_ground(origin: Vector3, direction: Vector3) -> Vector3 | None:
+    """Where a line of sight from an origin [m] meets the floor; None: nowhere, or too far."""
+    down = direction[2]
+    along = -origin[2] / down if abs(down) > 1e-9 else -1.0
+    if along <= 0.0 or along * math.hypot(*direction) > _FARTHEST:
+        return None
+    x, y, z = (a + along * b for a, b in zip(origin, direction, strict=True))
+    return x, y, z

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.other_services import Outcome, wait_for_answer
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.tf.qos import LATCHED
-from head_tracking.viewer.observation import Outcome
 
 _ANSWER = 0.45  # s within which a person is told
 _HANGS = 0.12  # s without an answer: the other service is asked as well
@@ -76,13 +76,9 @@ class Stop:
         self.cancel()
         if not self._resume.service_is_ready():
             return Outcome(False, f"nobody offers resume {self._where}")
-        answered = threading.Event()
-        future = self._resume.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(2.0):
-            self._resume.remove_pending_request(future)
+        answer = wait_for_answer(self._resume, Trigger.Request(), 2.0)
+        if answer is None:
             return Outcome(False, "resume did not answer within 2 s")
-        answer = future.result()
         return Outcome(bool(answer.success), str(answer.message))
 
     def cancel(self) -> None:

@@ -11,12 +11,11 @@ from typing import Any
 
 import viser
 
+from head_tracking.ros.other_parameters import OtherParameters, Setting
+from head_tracking.ros.other_services import Outcome
 from head_tracking.tracking import LAWS
 from head_tracking.viewer.logarithmic_slider import LogarithmicSlider
-from head_tracking.viewer.notify import by_person, notify
-from head_tracking.viewer.observation import Outcome, Setting
-from head_tracking.viewer.other_parameters import OtherParameters
-from head_tracking.viewer.steering_panel import refusal
+from head_tracking.viewer.notify import by_person, notify, refusal
 
 _HELD = 1.5  # s: an input that a person changes is left alone for so long
 _STEPS = 200

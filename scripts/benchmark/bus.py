@@ -25,6 +25,7 @@ from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 
 from head_tracking.dynamixel import (
     Adapter,
+    BusEvent,
     BusReading,
     BusThread,
     DynamixelError,
@@ -428,7 +429,7 @@ class FaultyRun:
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    driver.recover()
+                    driver.run(driver.recovering())
         except Exception:
             self.exceptions += 1
         if len(self.reading.states) < len(self._joints):
@@ -537,13 +538,18 @@ class TimedBus(ServoBus):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.took: list[float] = []
+        self._began = math.nan
 
-    def step(self) -> BusReading:
-        """One cycle."""
-        start = time.perf_counter()
-        reading = super().step()
-        self.took.append(time.perf_counter() - start)
-        return reading
+    def read(self) -> BusReading:
+        """The first half of a cycle."""
+        self._began = time.perf_counter()
+        return super().read()
+
+    def write(self) -> tuple[BusEvent, ...]:
+        """The other half, after which the cycle counts."""
+        events = super().write()
+        self.took.append(time.perf_counter() - self._began)
+        return events
 
 
 def cycle_times(port_name: str) -> list[float]:

@@ -155,8 +155,8 @@ def measured(link: Link, cut_for: float = 0.0) -> dict[str, Any]:
             start("head", sys.executable, Path(sys.prefix, "tools/fastdds/fastdds.py"),
                   "discovery", "-i", 0, "-l", "10.77.0.1", "-p", 11811, stdout=log)  # fmt: skip
             time.sleep(1.0)
-        start("head", Path(sys.prefix, "bin", "head_tracking"), "--sim", "--target", "none",
-              stdout=log, stderr=log)  # fmt: skip
+        start("head", Path(sys.prefix, "bin", "head_tracking"), "--sim", "--network",
+              "--target", "none", stdout=log, stderr=log)  # fmt: skip
         page = start("page", *_role("page", place / "page.json"))
         camera = start("camera", *_role("camera", place / "camera.json", cut_for))
         if cut_for:

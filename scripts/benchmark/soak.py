@@ -93,7 +93,7 @@ def _drive(driver: ServoBus, thread: BusThread, now: float) -> None:
         driver.command({name: Goal(0.5 * math.sin(now + i)) for i, name in enumerate(names)})
     if any(driver.torque(name) is Torque.OFF_BY_FAULT for name in names):
         with suppress(DynamixelError):
-            thread.call(lambda bus: bus.recover()).result(5.0)
+            thread.call(lambda bus: bus.run(bus.recovering())).result(5.0)
 
 
 def _memory() -> float:

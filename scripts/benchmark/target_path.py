@@ -3,7 +3,7 @@
     ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/benchmark/target_path.py
 
 A head_tracker node that has followed a moving target for two seconds is handed one more message,
-and then asked for its step, as its executor does. Only functions of this package are counted.
+and then asked for its part in the cycle, as the loop does. Only functions of this package count.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def main() -> None:
         message.header.stamp = now.to_msg()
         last = k == 99
         sys.setprofile(on_event if last else None)
-        node._interface._on_message(message)
-        node._step()
+        node.interface._on_message(message)
+        node.interface.update()
         sys.setprofile(None)
     node.destroy_node()
     rclpy.try_shutdown()

@@ -17,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path as File
+from typing import NamedTuple
 
 from closed_loop import ClosedLoop, Conditions, Outcome, Path, PlainServo, ax12, kinectbot
 from perfect_command import PerfectCommand
@@ -26,10 +27,10 @@ from head_tracking.simulation import SimulatedServo
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    Recording,
     SpeedLimits,
     TargetEstimate,
     TargetStateParameters,
+    Trace,
     Tracker,
     Verdict,
     picture,
@@ -289,6 +290,20 @@ SERVOS: dict[str, Callable[[SimulatedServo], object]] = {
 }
 
 
+class Result(NamedTuple):
+    """What came of a run.
+
+    Attributes:
+        error: rms [mrad].
+        swung: whether the head was found to swing by itself.
+        evidence: that it is mounted wrong; see `Mounting`.
+    """
+
+    error: float
+    swung: bool
+    evidence: float
+
+
 @dataclass(frozen=True)
 class Job:
     """One run, as it is handed to a process.
@@ -307,8 +322,8 @@ class Job:
     servos: str | PlainServo = "AX-12"
     judged: tuple[float, float] = (3.0, 99.0)
 
-    def run(self) -> tuple[float, bool]:
-        """The error [mrad rms], and whether the head was found to swing by itself."""
+    def run(self) -> Result:
+        """One run, from its start to its end."""
         servos = self.servos
         made = ax12(SERVOS[servos]) if isinstance(servos, str) else servos
         path = PATHS[self.path] if isinstance(self.path, str) else self.path
@@ -316,7 +331,8 @@ class Job:
         conditions = replace(Conditions(12.0), servos=made, **self.conditions)  # type: ignore[arg-type]
         alarms = _Alarms(tracker)
         outcome = ClosedLoop(HEAD, path, conditions).run(alarms)  # type: ignore[arg-type]
-        return 1e3 * outcome.recording.between(*self.judged).rms, alarms.any
+        error = 1e3 * outcome.recording.between(*self.judged).rms
+        return Result(error, alarms.any, tracker.mounting.evidence)
 
 
 class _Alarms:
@@ -333,11 +349,11 @@ class _Alarms:
         return done
 
 
-def _run(job: Job) -> tuple[float, bool]:
+def _run(job: Job) -> Result:
     return job.run()
 
 
-def runs(jobs: Iterable[Job]) -> list[tuple[float, bool]]:
+def runs(jobs: Iterable[Job]) -> list[Result]:
     """All of them, on all processors."""
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(_run, jobs, chunksize=4))
@@ -349,7 +365,7 @@ class Figures:
     def __init__(self) -> None:
         self._jobs: list[Job] = []
         self._spans: dict[object, slice] = {}
-        self._results: list[tuple[float, bool]] = []
+        self._results: list[Result] = []
 
     def ask(self, key: object, job: Job, seeds: Sequence[int]) -> None:
         """Notes a job to be run with so many seeds."""
@@ -364,7 +380,7 @@ class Figures:
 
     def errors(self, key: object) -> list[float]:
         """Of every seed [mrad]."""
-        return [error for error, _ in self._results[self._spans[key]]]
+        return [result.error for result in self._results[self._spans[key]]]
 
     def median(self, key: object) -> float:
         """Of all seeds [mrad]."""
@@ -376,7 +392,17 @@ class Figures:
 
     def alarms(self, key: object) -> int:
         """How many runs found the head to swing by itself."""
-        return sum(alarm for _, alarm in self._results[self._spans[key]])
+        return sum(result.swung for result in self._results[self._spans[key]])
+
+    @property
+    def mounting(self) -> str:
+        """Whether a head was taken for one that is mounted wrong; none is."""
+        found = [result.evidence for result in self._results]
+        return (
+            f"Heads taken to be mounted wrong, of {len(found)} runs, other filters and laws among "
+            f"them: {sum(evidence > 1.0 for evidence in found)}; strongest evidence "
+            f"{max(found):.2f}, where 1 is said."
+        )
 
 
 def tracking() -> str:
@@ -502,7 +528,8 @@ def ordinary() -> list[str]:
     ]
     alarms = sum(figures.alarms(("ours", name)) for name in PATHS)
     total = len(SEEDS) * len(PATHS)
-    return [*rows, "", f"Heads of ours found to swing by themselves, of {total} runs: {alarms}."]
+    swung = f"Heads of ours found to swing by themselves, of {total} runs: {alarms}."
+    return [*rows, "", swung, "", figures.mounting]
 
 
 @dataclass(frozen=True)
@@ -661,7 +688,8 @@ def hard() -> list[str]:
         )
     alarms = {o.name: figures.alarms(("ours", o.name)) for o in ordeals}
     told = ", ".join(f"{name}: {count} of 20" for name, count in alarms.items() if count)
-    return [*rows, "", f"Heads found to swing by themselves: {told or 'none'}."]
+    swung = f"Heads found to swing by themselves: {told or 'none'}."
+    return [*rows, "", swung, "", figures.mounting]
 
 
 def provoked() -> list[str]:
@@ -681,7 +709,7 @@ def provoked() -> list[str]:
         f"{figures.alarms((path, error))} |"
         for path, error in cases
     ]
-    return rows
+    return [*rows, "", figures.mounting]
 
 
 def delays() -> list[str]:
@@ -852,4 +880,4 @@ def timed_gazes() -> list[float]:
     return costs
 
 
-__all__ = ["Recording", "tracking"]
+__all__ = ["Trace", "tracking"]

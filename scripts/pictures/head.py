@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.runner import Composition, compose, parse_arguments, ros_arguments
 from head_tracking.transforms import RobotModel, TransformException
 
@@ -179,7 +180,7 @@ def main() -> None:
     plan = parse_arguments(["--sim"])
     rclpy.init(args=ros_arguments(plan))
     with ExitStack() as resources, closing(NodeThreads()) as threads:
-        head = compose(plan, threads, resources)
+        head = compose(plan, threads, resources, StopSignal())
         samples, moment, target = record(head)
         graph = node_graph(head)
         model = head.buffer.core.model

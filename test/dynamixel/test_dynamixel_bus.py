@@ -141,7 +141,7 @@ def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:
     bus.command({"head_pan_joint": Goal(0.1)})
     bus.step()
     assert port.servos[1]["Torque Enable"] == 1
-    bus.set_torque(None, False)
+    bus.run(bus.switching_torque(None, False))
     assert port.servos[1]["Torque Enable"] == 0
     assert bus.statistics().servos[0].timeouts == 0
 
@@ -203,7 +203,12 @@ def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
 
 def test_bus_must_be_connected() -> None:
     bus, _ = make(FakePort())
-    for use in (bus.step, bus.hold, lambda: bus.set_torque(None, True), lambda: bus.command({})):
+    for use in (
+        bus.step,
+        bus.hold,
+        lambda: bus.run(bus.switching_torque(None, True)),
+        lambda: bus.command({}),
+    ):
         with pytest.raises(NotConnectedError, match="not connected"):
             use()
 
@@ -431,7 +436,7 @@ def test_returned_servo_takes_commands_again() -> None:
 def test_servo_relaxed_on_request_returns_so() -> None:
     port = FakePort()
     bus, clock = connected(port)
-    bus.set_torque(["head_pan_joint"], False)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
     lose_pan(bus, port)
     port.servos[1].answers = True
     clock.pass_time(0.6)
@@ -526,7 +531,7 @@ def test_torque_off_while_the_port_is_gone_is_remembered() -> None:
     port.gone = True
     bus.step()
     with pytest.raises(TorqueError):
-        bus.set_torque(None, False)
+        bus.run(bus.switching_torque(None, False))
     port.gone = False
     clock.pass_time(0.3)
     for _ in range(3):
@@ -540,7 +545,7 @@ def test_port_that_goes_between_two_cycles_is_found_again() -> None:
     bus, clock = connected(port)
     port.gone = True
     with pytest.raises(TorqueError, match="unplugged"):
-        bus.set_torque(["head_pan_joint"], True)
+        bus.run(bus.switching_torque(["head_pan_joint"], True))
     assert [event.kind for event in bus.step().events] == [EventKind.PORT_LOST]
     port.gone = False
     clock.pass_time(0.3)

@@ -69,7 +69,7 @@ def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
 def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     buses, ports = make(PAN, TILT)
     buses.start()
-    for future in buses.call(None, lambda bus, joints: bus.set_torque(joints, True)):
+    for future in buses.call(None, lambda bus, joints: bus.run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
     assert buses.torque("head_pan_joint") is buses.torque("head_tilt_joint") is Torque.ON
     (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)

@@ -67,20 +67,6 @@ def test_no_tick_for_what_is_no_number(angle: float) -> None:
         ServoCalibration("joint", 1, 512, 0, 1023).ticks(angle)
 
 
-@pytest.mark.parametrize(
-    ("speed", "register"), [(1e-9, 1), (0.0116239, 1), (0.02, 2), (2.0, 172), (100.0, 1023)]
-)
-def test_speed_register_is_never_zero(speed: float, register: int) -> None:
-    calibration = ServoCalibration("joint", 1, 512, 0, 1023)
-    assert calibration.speed_ticks(speed, 100.0) == register
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
-def test_impossible_speed_is_refused(speed: float) -> None:
-    with pytest.raises(RangeError, match="above 0"):
-        ServoCalibration("joint", 1, 512, 0, 1023).speed_ticks(speed, 6.0)
-
-
 def test_error_bits_in_words() -> None:
     assert describe_errors(ErrorBits(36)) == "overheating, overload"
     assert describe_errors(ErrorBits(0)) == "none"

@@ -65,7 +65,7 @@ class Head:
         return configuration.position(self.simulated.true_ticks(configuration.id))
 
     def set_torque(self, joint: str, on: bool) -> None:
-        self.thread.call(lambda bus: bus.set_torque([joint], on)).result(PATIENCE)
+        self.thread.call(lambda bus: bus.run(bus.switching_torque([joint], on))).result(PATIENCE)
 
 
 def near(one: float, other: float, ticks: float = 3.0) -> bool:

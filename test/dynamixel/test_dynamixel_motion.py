@@ -6,7 +6,18 @@ import math
 from dataclasses import replace
 
 import pytest
-from dynamixel_fakes import GOAL, PAN, TILT, TORQUE, FakeClock, FakePort, Packet, goal_bytes, writes
+from dynamixel_fakes import (
+    GOAL,
+    PAN,
+    TILT,
+    TORQUE,
+    FakeClock,
+    FakePort,
+    Packet,
+    goal_bytes,
+    speed_ticks,
+    writes,
+)
 
 from head_tracking.dynamixel import (
     ErrorBits,
@@ -57,7 +68,7 @@ def test_first_command_pins_the_servo_before_it_moves() -> None:
         ("read", 1, 36, 8),
         ("read", 2, 36, 8),
         *pin(1, 450),
-        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0))}),
+        ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), speed_ticks(PAN, 1.0))}),
     ]
     assert bus.torque("head_pan_joint") is Torque.ON
     assert bus.torque("head_tilt_joint") is Torque.OFF_UNTIL_COMMANDED
@@ -67,7 +78,7 @@ def test_torque_on_holds_the_present_position() -> None:
     port = FakePort()
     port.servos[1]["Present Position"] = 450
     bus = connected(port)
-    bus.set_torque(["head_pan_joint"], True)
+    bus.run(bus.switching_torque(["head_pan_joint"], True))
     assert port.take_log() == pin(1, 450)
     reading = bus.step()
     assert writes(port.log) == [("sync", GOAL, {1: goal_bytes(450, 1)})]
@@ -80,10 +91,10 @@ def test_old_goal_is_never_executed_after_moving_by_hand() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
-    bus.set_torque(["head_pan_joint"], False)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
     port.servos[1]["Present Position"] = 300  # moved by hand
     port.take_log()
-    bus.set_torque(["head_pan_joint"], True)
+    bus.run(bus.switching_torque(["head_pan_joint"], True))
     assert port.log == pin(1, 300)
     bus.step()
     assert port.servos[1]["Goal Position"] == 300
@@ -93,8 +104,8 @@ def test_goal_of_the_moment_before_torque_off_is_dropped() -> None:
     port = FakePort()
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
-    bus.set_torque(["head_pan_joint"], False)
-    bus.set_torque(["head_pan_joint"], True)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
+    bus.run(bus.switching_torque(["head_pan_joint"], True))
     bus.step()
     assert port.servos[1]["Goal Position"] == 512
 
@@ -104,7 +115,7 @@ def test_nothing_is_written_to_a_relaxed_servo() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
     bus.step()
-    bus.set_torque(["head_pan_joint"], False)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
     port.take_log()
     bus.set_speed("head_pan_joint", 1.0)
     for _ in range(3):
@@ -121,7 +132,7 @@ def test_relaxing_is_verified() -> None:
     port.servos[1]["Present Position"] = PAN.ticks(0.5)
     bus.step()
     port.take_log()
-    bus.set_torque(["head_pan_joint"], False)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
     assert port.log == [("sync", TORQUE, {1: OFF}), ("read", 1, TORQUE, 1)]
     assert bus.step().states["head_pan_joint"].torque is False
 
@@ -129,9 +140,9 @@ def test_relaxing_is_verified() -> None:
 def test_torque_of_all_joints() -> None:
     port = FakePort()
     bus = connected(port)
-    bus.set_torque(None, True)
+    bus.run(bus.switching_torque(None, True))
     assert [bus.torque(joint.joint_name) for joint in bus.joints] == [Torque.ON] * 2
-    bus.set_torque(None, False)
+    bus.run(bus.switching_torque(None, False))
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
 
 
@@ -140,7 +151,7 @@ def test_torque_on_twice_does_not_disturb_a_motion() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
-    bus.set_torque(["head_pan_joint"], True)
+    bus.run(bus.switching_torque(["head_pan_joint"], True))
     bus.step()
     assert port.servos[1]["Goal Position"] == PAN.ticks(0.5)
 
@@ -152,7 +163,7 @@ def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
     port = FakePort()
     port.servos[2]["Present Position"] = present
     bus = connected(port)
-    bus.set_torque(["head_tilt_joint"], True)
+    bus.run(bus.switching_torque(["head_tilt_joint"], True))
     assert writes(port.log)[0] == ("write", 2, GOAL, goal_bytes(goal, 1))
 
 
@@ -161,7 +172,7 @@ def test_servo_that_refuses_torque_is_left_relaxed() -> None:
     bus = connected(port)
     port.servos[1].error = ErrorBits.ANGLE_LIMIT
     with pytest.raises(TorqueError, match=r"head_pan_joint: .*refused Goal Position.*angle limit"):
-        bus.set_torque(None, True)
+        bus.run(bus.switching_torque(None, True))
     assert port.servos[1]["Torque Enable"] == 0
     assert bus.torque("head_pan_joint") is Torque.OFF_UNTIL_COMMANDED
     assert bus.torque("head_tilt_joint") is Torque.ON
@@ -172,7 +183,7 @@ def test_servo_that_keeps_its_old_goal_is_not_switched_on() -> None:
     bus = connected(port)
     port.servos[1].ignored.add(GOAL)
     with pytest.raises(TorqueError, match="Goal Position"):
-        bus.set_torque(["head_pan_joint"], True)
+        bus.run(bus.switching_torque(["head_pan_joint"], True))
     assert ("write", 1, TORQUE, ON) not in port.log
 
 
@@ -196,7 +207,7 @@ def test_relaxing_a_silent_servo_is_not_called_a_success() -> None:
     bus.step()
     port.servos[1].answers = False
     with pytest.raises(TorqueError, match="head_pan_joint") as info:
-        bus.set_torque(None, False)
+        bus.run(bus.switching_torque(None, False))
     assert list(info.value.problems) == ["head_pan_joint"]
     assert port.servos[2]["Torque Enable"] == 0
 
@@ -208,10 +219,10 @@ def test_torque_of_a_lost_servo() -> None:
     for _ in range(5):
         bus.step()
     with pytest.raises(TorqueError, match="does not answer"):
-        bus.set_torque(["head_pan_joint"], True)
+        bus.run(bus.switching_torque(["head_pan_joint"], True))
     port.take_log()
     with pytest.raises(TorqueError, match="does not answer"):
-        bus.set_torque(["head_pan_joint"], False)
+        bus.run(bus.switching_torque(["head_pan_joint"], False))
     assert port.log == [("sync", TORQUE, {1: OFF})]  # tried all the same
 
 
@@ -219,7 +230,7 @@ def test_torque_of_an_unknown_joint_switches_nothing() -> None:
     port = FakePort()
     bus = connected(port)
     with pytest.raises(GoalError, match=r"no joint 'elbow'.*head_pan_joint, head_tilt_joint"):
-        bus.set_torque(["head_pan_joint", "elbow"], True)
+        bus.run(bus.switching_torque(["head_pan_joint", "elbow"], True))
     assert port.log == []
 
 
@@ -235,8 +246,8 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
         "sync",
         GOAL,
         {
-            1: goal_bytes(PAN.ticks(0.5), PAN.speed_ticks(1.0)),
-            2: goal_bytes(TILT.ticks(-0.2), TILT.speed_ticks(0.5)),
+            1: goal_bytes(PAN.ticks(0.5), speed_ticks(PAN, 1.0)),
+            2: goal_bytes(TILT.ticks(-0.2), speed_ticks(TILT, 0.5)),
         },
     )
     assert writes(port.take_log())[-1] == expected
@@ -260,11 +271,11 @@ def test_goal_without_speed_uses_the_joints_speed() -> None:
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
-    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(2.0)
+    assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 2.0)
     bus.set_speed("head_pan_joint", 0.5)
     assert bus.speed("head_pan_joint") == 0.5
     bus.step()
-    assert port.servos[1]["Moving Speed"] == PAN.speed_ticks(0.5)
+    assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 0.5)
 
 
 @pytest.mark.parametrize("speed", [1e-12, 1e-3, 5e-3])
@@ -374,13 +385,13 @@ def test_goals_of_a_reversed_servo() -> None:
 def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy() -> None:
     port = FakePort()
     bus = connected(port)
-    bus.set_torque(["head_pan_joint"], False)
+    bus.run(bus.switching_torque(["head_pan_joint"], False))
     with pytest.raises(GoalError, match=r"relaxed on request.*torque_enable.*head_pan_controller"):
         bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
     port.take_log()
     bus.step()
     assert writes(port.log) == []
-    bus.set_torque(["head_pan_joint"], True)
+    bus.run(bus.switching_torque(["head_pan_joint"], True))
     bus.command({"head_pan_joint": Goal(0.1)})
     bus.step()
     assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
@@ -445,7 +456,7 @@ def test_hold_makes_the_present_position_the_goal() -> None:
     bus.hold()
     assert port.log == [
         ("read", 1, 36, 2),
-        ("sync", GOAL, {1: goal_bytes(550, PAN.speed_ticks(2.0))}),
+        ("sync", GOAL, {1: goal_bytes(550, speed_ticks(PAN, 2.0))}),
     ]
     bus.step()
     assert port.servos[2]["Torque Enable"] == 0
@@ -472,7 +483,7 @@ def test_close_holds_then_relaxes_then_closes() -> None:
     port.take_log()
     assert bus.close() == ()
     assert writes(port.log) == [
-        ("sync", GOAL, {1: goal_bytes(530, PAN.speed_ticks(2.0))}),
+        ("sync", GOAL, {1: goal_bytes(530, speed_ticks(PAN, 2.0))}),
         ("sync", TORQUE, {1: OFF, 2: OFF}),
     ]
     assert not port.opened

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, writes
+from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, speed_ticks, writes
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -98,7 +98,7 @@ def test_servo_that_shuts_down_is_relaxed_and_reported_once(error: ErrorBits) ->
     with pytest.raises(GoalError, match="call recover"):
         rig.bus.command({"head_pan_joint": Goal(0.1)})
     with pytest.raises(TorqueError, match="shut down"):
-        rig.bus.set_torque(["head_pan_joint"], True)
+        rig.bus.run(rig.bus.switching_torque(["head_pan_joint"], True))
     rig.bus.command({"head_tilt_joint": Goal(0.1)})  # the other goes on
 
 
@@ -125,7 +125,7 @@ def test_recover_gives_an_ax_its_torque_limit_back() -> None:
     rig.pan["Torque Limit"] = 0
     rig.steps()
     rig.pan.error = 0
-    assert rig.bus.recover() == ("head_pan_joint",)
+    assert rig.bus.run(rig.bus.recovering()) == ("head_pan_joint",)
     assert rig.pan["Torque Limit"] == 1023
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
     rig.bus.command({"head_pan_joint": Goal(0.1)})
@@ -137,17 +137,17 @@ def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
     rig = Rig().switched_on()
     rig.pan.error = ErrorBits.OVERHEATING
     rig.steps()
-    rig.bus.recover()
+    rig.bus.run(rig.bus.recovering())
     assert rig.events(2) == [EventKind.RECOVERED, EventKind.FAULTED]
     assert rig.torque is Torque.OFF_BY_FAULT
 
 
 def test_recover_without_a_fault_does_nothing() -> None:
     rig = Rig().switched_on()
-    assert rig.bus.recover(["head_pan_joint"]) == ()
+    assert rig.bus.run(rig.bus.recovering(["head_pan_joint"])) == ()
     assert rig.torque is Torque.ON
     with pytest.raises(GoalError, match="elbow"):
-        rig.bus.recover(["elbow"])
+        rig.bus.run(rig.bus.recovering(["elbow"]))
 
 
 def test_recover_that_fails_says_so() -> None:
@@ -157,7 +157,7 @@ def test_recover_that_fails_says_so() -> None:
     rig.pan["Torque Limit"] = 0
     rig.pan.ignored.add(34)
     with pytest.raises(ServoError, match="Torque Limit"):
-        rig.bus.recover()
+        rig.bus.run(rig.bus.recovering())
     assert rig.torque is Torque.OFF_BY_FAULT
 
 
@@ -170,7 +170,7 @@ def test_x_servo_tells_its_fault_in_a_register_and_recovers_by_a_reboot() -> Non
     assert [event.kind for reading in readings for event in reading.events] == [EventKind.FAULTED]
     assert "overload" in readings[0].events[0].text
     assert readings[1].states["head_pan_joint"].error == HardwareErrors.OVERLOAD
-    rig.bus.recover()
+    rig.bus.run(rig.bus.recovering())
     assert rig.torque is Torque.OFF_BY_FAULT  # until it is there again
     rig.steps(2)
     assert rig.pan.reboots == 1
@@ -285,7 +285,7 @@ def test_joint_that_has_arrived_just_stays() -> None:
 
 def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> None:
     rig = Rig().switched_on()
-    rig.bus.stop(["head_pan_joint"])
+    rig.bus.run(rig.bus.stopping(["head_pan_joint"]))
     rig.port.take_log()
     (reading,) = rig.steps()
     assert set(reading.states) == {"head_tilt_joint"} and not reading.lost
@@ -294,15 +294,15 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     assert rig.bus.statistics().servos[0].health is Health.STOPPED
     with pytest.raises(GoalError, match="head_pan_controller/start"):
         rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.bus.stop(None)  # twice is harmless
-    rig.bus.set_torque(None, False)
+    rig.bus.run(rig.bus.stopping(None))  # twice is harmless
+    rig.bus.run(rig.bus.switching_torque(None, False))
     assert rig.torque is Torque.OFF_STOPPED
 
 
 def test_started_joint_takes_commands_again() -> None:
     rig = Rig().switched_on()
-    rig.bus.stop(["head_pan_joint"])
-    rig.bus.start(["head_pan_joint"])
+    rig.bus.run(rig.bus.stopping(["head_pan_joint"]))
+    rig.bus.run(rig.bus.starting(["head_pan_joint"]))
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
     rig.bus.command({"head_pan_joint": Goal(0.1)})
     rig.steps(2)
@@ -311,16 +311,16 @@ def test_started_joint_takes_commands_again() -> None:
 
 def test_start_of_a_running_joint_changes_nothing() -> None:
     rig = Rig().switched_on()
-    rig.bus.start(None)
+    rig.bus.run(rig.bus.starting(None))
     assert rig.torque is Torque.ON
 
 
 def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
     rig = Rig()
-    rig.bus.stop(["head_pan_joint"])
+    rig.bus.run(rig.bus.stopping(["head_pan_joint"]))
     rig.pan.answers = False
     with pytest.raises(ServoError, match="did not answer"):
-        rig.bus.start(["head_pan_joint"])
+        rig.bus.run(rig.bus.starting(["head_pan_joint"]))
     rig.pan.answers = True
     rig.steps(5)
     assert "head_pan_joint" in rig.steps()[0].states
@@ -333,13 +333,13 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
     rig.steps()
     assert rig.pan["Goal Position"] == 600
     assert rig.bus.speed("head_pan_joint") == 0.5
-    assert rig.pan["Moving Speed"] == PAN.speed_ticks(0.5)
+    assert rig.pan["Moving Speed"] == speed_ticks(PAN, 0.5)
     with pytest.raises(GoalError):
         rig.bus.command({"head_pan_joint": Goal(0.9)})
     rig.bus.set_limits("head_pan_joint", max_speed=0.0)
     rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
     rig.steps()
-    assert rig.pan["Moving Speed"] == PAN.speed_ticks(3.0)
+    assert rig.pan["Moving Speed"] == speed_ticks(PAN, 3.0)
 
 
 def test_impossible_limits_change_nothing() -> None:
@@ -382,9 +382,11 @@ def pauses() -> list[float]:
 def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     rig = Rig()
     waited = pauses()
-    changed = rig.bus.write_eeprom(
-        "head_tilt_joint",
-        EepromSettings(return_delay=0.0, shutdown=("overload", "overheating")),
+    changed = rig.bus.run(
+        rig.bus.writing_eeprom(
+            "head_tilt_joint",
+            EepromSettings(return_delay=0.0, shutdown=("overload", "overheating")),
+        ),
         waited.append,
     )
     assert changed == {
@@ -397,16 +399,18 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     servo = rig.port.servos[2]
     assert (servo["Return Delay Time"], servo["CW Angle Limit"]) == (0, 300)
     assert len(waited) == 3 and min(waited) >= 0.01
-    assert rig.bus.write_eeprom("head_tilt_joint", EepromSettings(), waited.append) == {2: {}}
+    assert rig.bus.run(
+        rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), waited.append
+    ) == {2: {}}
 
 
 def test_eeprom_is_not_written_while_torque_is_on_or_the_memory_is_locked() -> None:
     rig = Rig().switched_on()
     with pytest.raises(ServoError, match="torque on; relax"):
-        rig.bus.write_eeprom("head_pan_joint", EepromSettings(), pauses().append)
+        rig.bus.run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), pauses().append)
     rig.port.servos[2]["Lock"] = 1
     with pytest.raises(ServoError, match="locked"):
-        rig.bus.write_eeprom("head_tilt_joint", EepromSettings(), pauses().append)
+        rig.bus.run(rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), pauses().append)
     assert all(servo["Return Delay Time"] == 250 for servo in rig.port.servos.values())
 
 
@@ -423,7 +427,7 @@ def test_impossible_settings_are_refused_before_anything_is_written(
 ) -> None:
     rig = Rig()
     with pytest.raises(ConfigurationError, match=message):
-        rig.bus.write_eeprom("head_pan_joint", settings, pauses().append)
+        rig.bus.run(rig.bus.writing_eeprom("head_pan_joint", settings), pauses().append)
     assert writes(rig.port.log) == []
 
 
@@ -431,13 +435,14 @@ def test_servo_that_does_not_keep_a_setting_is_named() -> None:
     rig = Rig()
     rig.pan.ignored.add(5)
     with pytest.raises(ServoError, match="servo 1 keeps 250 in Return Delay Time instead of 0"):
-        rig.bus.write_eeprom("head_pan_joint", EepromSettings(), pauses().append)
+        rig.bus.run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), pauses().append)
 
 
 def test_eeprom_of_an_x_servo() -> None:
     rig = xm_rig()
-    changed = rig.bus.write_eeprom(
-        "head_pan_joint", EepromSettings(shutdown=("overload",)), pauses().append
+    changed = rig.bus.run(
+        rig.bus.writing_eeprom("head_pan_joint", EepromSettings(shutdown=("overload",))),
+        pauses().append,
     )
     assert set(changed[1]) == {
         "Return Delay Time",

@@ -102,7 +102,7 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].off()
         if at_once:
             with suppress(DynamixelError):
-                self.bus.set_torque(chosen, False)
+                self.bus.run(self.bus.switching_torque(chosen, False))
         else:
             self.bus.submit(self.bus.switching_torque(chosen, False))
             self.step(2)
@@ -135,7 +135,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def stop(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.stop(chosen)
+            self.bus.run(self.bus.stopping(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = True
             self.expected[name].off()
@@ -143,7 +143,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def start(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.start(chosen)
+            self.bus.run(self.bus.starting(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = False
         self.settle()
@@ -152,7 +152,7 @@ class Requests(RuleBasedStateMachine):
     def recover(self, chosen: list[str] | None) -> None:
         self.settle()
         with suppress(DynamixelError):
-            self.bus.recover(chosen)
+            self.bus.run(self.bus.recovering(chosen))
         for name in chosen or self.expected:
             expected = self.expected[name]
             if self.plugged and expected.powered and expected.faulted:

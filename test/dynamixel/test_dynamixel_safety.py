@@ -121,23 +121,23 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.step(5)
     assert rig.bus.torque("j1") is Torque.OFF_BY_FAULT
     if "relax" in between:
-        rig.bus.set_torque(None, False)
+        rig.bus.run(rig.bus.switching_torque(None, False))
         rig.step(3)
     if "stop" in between:
-        rig.bus.stop(None)
+        rig.bus.run(rig.bus.stopping(None))
         rig.step(3)
-        rig.bus.start(None)
+        rig.bus.run(rig.bus.starting(None))
         rig.step(3)
     if between == "torque on":
         with pytest.raises(ServoError, match="shut down"):
-            rig.bus.set_torque(None, True)
+            rig.bus.run(rig.bus.switching_torque(None, True))
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.0)})
-    assert rig.bus.recover() == ("j1",)
+    assert rig.bus.run(rig.bus.recovering()) == ("j1",)
     rig.step(20)
     if "relax" in between:
         assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST  # a fact of its own
-        rig.bus.set_torque(None, True)
+        rig.bus.run(rig.bus.switching_torque(None, True))
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
 
@@ -150,7 +150,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
     assert any("recover" in text for text in rig.events)
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.1)})
-    rig.bus.recover()
+    rig.bus.run(rig.bus.recovering())
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
 
 
@@ -161,7 +161,9 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
-    changed = rig.bus.write_eeprom("j1", EepromParameters().settings, rig.bench.pass_time)
+    changed = rig.bus.run(
+        rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time
+    )
     assert "Return Delay Time" in changed[1]
     assert rig.servos[0].register("Shutdown") == before
 
@@ -276,7 +278,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
     rig = Rig(servo)
-    rig.bus.set_torque(None, True)
+    rig.bus.run(rig.bus.switching_torque(None, True))
     for _ in range(200):
         rig.bus.command({"j1": Goal(1.3, model.no_load_speed)})
         rig.step()
@@ -458,7 +460,7 @@ def test_nobody_is_asked_again_while_another_replies() -> None:
 @pytest.mark.parametrize("cycles", range(8))
 def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
     rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
-    rig.bus.set_torque(None, False)
+    rig.bus.run(rig.bus.switching_torque(None, False))
     rig.bus.submit(rig.bus.switching_torque(None, True))
     rig.step(cycles)
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
@@ -471,7 +473,7 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
     port = FakePort()
     bus = ServoBus(port, [PAN, TILT])
     bus.connect()
-    bus.set_torque(None, True)
+    bus.run(bus.switching_torque(None, True))
     buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
     ((_, thread),) = buses._threads
     buses.start()

@@ -485,7 +485,7 @@ def test_forbidden_port_names_the_group(peer: Peer) -> None:
     if root:
         os.seteuid(65534)  # root may open anything
     try:
-        with pytest.raises(PortPermissionError, match=r"sudo usermod -a -G \w+ \$USER"):
+        with pytest.raises(PortPermissionError, match=r"usermod -a -G \w+ \$USER|udev rule"):
             DynamixelPort(peer.name).open()
     finally:
         if root:
@@ -501,6 +501,12 @@ def test_group_is_dialout_when_the_device_does_not_tell() -> None:
 def test_file_is_no_port() -> None:
     with pytest.raises(PortError, match="must be a serial device"):
         DynamixelPort("/etc/passwd").open()
+    for_others = port_error("/etc/passwd", OSError(errno.EACCES, ""), [])
+    assert "must be a serial device" in str(for_others)
+
+
+def test_nobody_is_told_to_join_root() -> None:
+    assert "usermod" not in str(PortPermissionError("/dev/ttyUSB0", "root"))
 
 
 def test_port_that_cannot_do_the_baud_rate_says_so(

@@ -233,6 +233,7 @@ def test_any_axis_can_be_pointed(kinectbot):
     gaze = head.gaze(target, 0.0, 0.0)
     norm = math.sqrt(5)
     axis = (2 / norm, 0.0, 1 / norm)
+    assert head.pointing_axis == pytest.approx(axis)
     assert gaze.reached
     assert miss_by_kinematics(kinectbot, head, target, gaze.pan, gaze.tilt, axis) < 1e-7
 

@@ -80,6 +80,28 @@ def test_a_target_that_never_pauses_survives_a_jump(make):
     assert head.farthest() < 0.1
 
 
+def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make):
+    head = make(simulated=True)
+    head.until_logged("ready to keep")
+    interface = head.node.interface
+    with interface.lock:
+        interface.enable(slowly=True)
+    head.target = ("torso_link", still)
+    wait_for(lambda: head.farthest() > 0.05)
+    head.target = None
+    for jump, way in ((-3000.0, "back"), (6000.0, "forward")):
+        head.offset += jump
+        head.until_logged(f"the clock jumped {way}")
+    head.travel.clear()
+    wait_for(lambda: len(head.travel) > 300)
+    head.target = ("torso_link", still)
+    wait_for(lambda: head.farthest() > 0.1)
+    assert interface.slow
+    assert max(head.speeds) <= 0.3001
+    on_target(head)
+    assert not interface.slow
+
+
 def test_a_paused_clock_is_said_and_then_it_tracks_again(make):
     head = make(simulated=True)
     head.target = TARGET

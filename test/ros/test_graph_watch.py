@@ -227,6 +227,9 @@ class NeverStopped:
     def __call__(self) -> bool:
         return False
 
+    def check(self) -> None:
+        pass
+
     def wait(self, _: float) -> None:
         pass
 

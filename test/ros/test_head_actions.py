@@ -101,8 +101,21 @@ def test_a_target_out_of_reach_is_aborted_with_the_miss(robot):
     said = robot.logged("out of reach")
     assert "the nearest gaze would miss it by" in said
     assert "degrees" in said
-    assert robot.states[-1].startswith("aborted: ")
+    wait_for(lambda: robot.states[-1].startswith("aborted: "))
     assert robot.at_rest() == pytest.approx(before, abs=0.01)
+
+
+def test_a_shaft_that_is_blocked_aborts_with_what_the_servo_bus_says(robot):
+    sent = robot.client.send(goal(1, 2, 0.2, velocity=0.5))
+    wait_for(lambda: robot.pan > 0.1)
+    port = robot.composition.simulated.port
+    port.use(lambda bus: bus[1].impede(1.5))
+    try:
+        assert sent.ended()[0] == ABORTED
+        assert robot.logged("aborted: head_pan_joint")
+        assert robot.pan < 1.0  # not when the turn would have been over
+    finally:
+        port.use(lambda bus: bus[1].impede(0.0))
 
 
 def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot):

@@ -4,6 +4,7 @@ from contextlib import ExitStack
 
 import pytest
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
@@ -153,3 +154,5 @@ def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():
     except ValueError as error:
         assert "in somewhere" in describe(NodeDied("head_tracker", error))
     assert describe(ParameterError("rate is 0")) == "rate is 0"
+    no_node = rclpy_implementation.RCLError("error creating node: no security, at /src/node.c:252")
+    assert describe(no_node) == "error creating node: no security"

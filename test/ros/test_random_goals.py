@@ -165,7 +165,7 @@ class Driven:
 
     def recenter(self, _):
         request, response = None, type("Response", (), {"success": False, "message": ""})()
-        self.node._on_recenter(request, response)
+        self.interface._on_recenter(request, response)
         if response.success:
             assert not self.under_way()
 
@@ -202,3 +202,48 @@ def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
             assert driven.written == count, "at rest, and still told something"
     finally:
         driven.node.destroy_node()
+
+
+def begun(head, kind):
+    """A goal that turns pan for some seconds, and has just done so for a while."""
+    if kind == "point":
+        goal = goals.HeldGoal(goals.point_goal(0.0, 2.0, 0.1, head.head.base_frame, velocity=0.5))
+        head.node.actions.point(goal)
+    else:
+        goal = goals.HeldGoal(
+            goals.following((4.0, (1.2, 0.0)), path=dict.fromkeys(goals.JOINTS, -1.0))
+        )
+        head.node.actions.follow(goal)
+    head.world.run(1.0)
+    assert not goal.status
+    return goal
+
+
+@pytest.mark.parametrize("kind", ["point", "follow"])
+def test_a_shaft_that_is_blocked_ends_the_goal_at_once(kinectbot, kind):
+    head = goals.PointedHead(kinectbot)
+    goal = begun(head, kind)
+    _, servo = head.world._servos["head_pan_joint"]
+    servo.impede(1.5)
+    head.world.run(0.6)
+    assert goal.status == "aborted"
+    assert head.said.startswith("aborted: head_pan_joint not moving to where told")
+    if kind == "follow":
+        assert goal.answer.error_code == -4
+        assert "head_pan_joint" in goal.answer.error_string
+    servo.impede(0.0)
+    stood = head.true
+    head.world.run(1.0)
+    assert head.true == pytest.approx(stood, abs=0.05)  # nobody takes it on
+    assert head.look_at((2.0, 0.5, 0.1)).status == "succeeded"
+
+
+@pytest.mark.parametrize("kind", ["point", "follow"])
+def test_what_the_servo_bus_finds_out_ends_the_goal_at_once(kinectbot, kind):
+    head = goals.PointedHead(kinectbot)
+    head.world.loop.stuck["head_pan_joint"] = "an old story"
+    goal = begun(head, kind)
+    head.world.loop.stuck["head_pan_joint"] = "head_pan_joint (id 1): servo 1: torque lost"
+    head.world.run(0.05)
+    assert goal.status == "aborted"
+    assert head.said == "aborted: head_pan_joint (id 1): servo 1: torque lost"

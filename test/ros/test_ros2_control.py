@@ -112,7 +112,7 @@ def test_the_servo_bus_speaks_as_the_plugin_does(make_robot, tmp_path):
     wait_for(lambda: abs(system.states["head_tilt_joint"] + 0.2) < 0.012)
     owners = robot.composition.loop.owners.of(JOINTS)
     assert set(owners.values()) == {"somebody"}
-    assert robot.call("stop").success
+    wait_for(lambda: robot.call("stop").success)
     system.commands.update(head_pan_joint=-0.4)
     stopped = robot.at_rest()
     sent = system.sent

@@ -1,5 +1,7 @@
 """The servo bus as ROS tools see it: recovery, stopping and starting, limits, several buses."""
 
+import math
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -8,6 +10,7 @@ from rcl_interfaces.srv import SetParameters
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 
+from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import ErrorBits, JointConfiguration, ServoState
 from head_tracking.nodes.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -135,10 +138,13 @@ def test_two_buses_in_one_node(make_robot):
     from rclpy.parameter import Parameter
 
     overrides = [Parameter("head_tilt_controller.port_name", value="/dev/ttyUSB1")]
-    node = ServoBusNode(connect=connect, namespace="both", parameter_overrides=overrides)
+    loop = ControlLoop(None)
+    node = ServoBusNode(connect, loop, namespace="both", parameter_overrides=overrides)
     try:
         wait_for(lambda: set(node.status().states) == {PAN, TILT})
         assert node.status().port_name.count("/dev/pts/") == 2
+        node._on_joint_commands(JointState(name=[PAN, TILT], position=[math.nan, math.inf]))
+        assert loop.owners.of([PAN, TILT]) == {PAN: "", TILT: ""}  # what is refused claims nothing
         node._on_joint_commands(JointState(name=[PAN, TILT], position=[0.2, -0.2]))
         wait_for(lambda: ports[0].true_ticks(1) > 512 + 35)
         wait_for(lambda: ports[1].true_ticks(2) < 512 - 35)

@@ -26,10 +26,11 @@ from rclpy.parameter import Parameter
 from robot_under_test import Robot, wait_for
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
+from waiting import eventually
 
+from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.images import image_message
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.viewer.recording_file import read_recording
 
 DEGREE = math.radians(1)
 HIGH = 0.5 + 0.0325
@@ -144,7 +145,10 @@ def test_the_target_is_dragged_with_the_mouse(robot, viewer, page):
     choose(page, "Frame", "base_link")
     press(page, "Point head")
     wait_for(lambda: node_position(page, "/gizmo") == pytest.approx((0.5, 0.0, HIGH)), PATIENCE)
-    drag(page, "/gizmo", (0.0, 0.1, 0.0), (0.0, 0.35, 0.0))
+    for _ in range(3):  # a busy page may not have found out what lies under the mouse
+        drag(page, "/gizmo", (0.0, 0.1, 0.0), (0.0, 0.35, 0.0))
+        if eventually(lambda: node_position(page, "/gizmo")[1] != 0.0):
+            break
     x, y, z = node_position(page, "/gizmo")
     assert (x, z) == pytest.approx((0.5, HIGH))  # it moves along its arrow
     assert y == pytest.approx(0.25, abs=0.05)
@@ -203,7 +207,10 @@ def test_what_can_hurt_asks_first_and_a_refused_value_is_shown_and_the_old_one_s
 def test_health_shows_the_bus_the_servos_and_the_error_over_time(robot, page):
     open_tab(page, "Health")
     page.get_by_text("update rate reached (Hz)").first.wait_for()
-    page.get_by_role("cell", name="head_tilt_joint").wait_for()
+    servo = page.get_by_role("columnheader", name="head_tilt_joint")
+    servo.wait_for()
+    fits = "one => one.closest('div').scrollWidth <= one.closest('div').clientWidth"
+    assert servo.evaluate(fits), "the table scrolls sideways"
     robot.look_at(1.0, 0.2, 0.5, "base_link")
     plot = (
         "Object.values(window.__viserTestpoints.uplots).map(one => one.chart)"

@@ -18,11 +18,13 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.recording.recording import Observation
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
-from head_tracking.viewer import observation
+from head_tracking.ros.diagnostics import Health as PageHealth
+from head_tracking.ros.diagnostics import Level
 from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.health_table import COLUMNS, health_table
 from head_tracking.viewer.robot import JointWatch
+from head_tracking.viewer.status_panel import ROWS, health_table
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,
@@ -43,19 +45,19 @@ STATUS = BusStatus(
 )
 
 
-def shown(entry: DiagnosticStatus) -> observation.Health:
-    level = observation.Level(int.from_bytes(entry.level, "little"))
+def shown(entry: DiagnosticStatus) -> PageHealth:
+    level = Level(int.from_bytes(entry.level, "little"))
     values = {pair.key: pair.value for pair in entry.values}
-    return observation.Health(entry.name, level, entry.message, values)
+    return PageHealth(entry.name, level, entry.message, values)
 
 
-def servo(**changes: object) -> observation.Health:
+def servo(**changes: object) -> PageHealth:
     statistics = replace(STATUS.statistics, servos=(replace(SERVO, **changes),))
     return shown(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
 
 
 def test_every_column_is_filled():
-    assert set(COLUMNS.values()) <= servo().values.keys()
+    assert set(ROWS.values()) <= servo().values.keys()
     table = health_table([servo()])
     for value in ("on", "35", "11.9", "0.10", "28.6°", "none", "AX-12"):
         assert f"<td>{value}</td>" in table
@@ -79,13 +81,13 @@ def test_a_servo_that_is_lost_keeps_its_row():
 )
 def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
     wrong = servo(**changes)
-    assert wrong.level >= observation.Level.ERROR
+    assert wrong.level >= Level.ERROR
     assert advice(wrong.message, "servo_bus") != advice("unheard of", "servo_bus")
 
 
 def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
-    stale, live = servo(health=Health.STALE), observation.Observation(0)
-    assert stale.level is observation.Level.STALE
+    stale, live = servo(health=Health.STALE), Observation(0)
+    assert stale.level is Level.STALE
     assert not troubles([stale], live)
     silent = replace(stale, message=f"nothing heard for 5 s; last: {SERVO.torque}")
     assert troubles([silent], live)
@@ -94,7 +96,7 @@ def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
 def test_there_is_advice_for_a_port_that_has_gone():
     statistics = replace(STATUS.statistics, connected=False)
     port = shown(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
-    assert port.level is observation.Level.ERROR
+    assert port.level is Level.ERROR
     assert "cable" in advice(port.message, "servo_bus")
 
 

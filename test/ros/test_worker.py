@@ -3,8 +3,10 @@
 import threading
 
 import pytest
+from rclpy.node import Node
 from robot_under_test import wait_for
 
+from head_tracking.ros import own_thread
 from head_tracking.ros.worker import Worker
 
 
@@ -77,3 +79,12 @@ def test_the_rest_is_left_out_at_the_end(make):
     threading.Timer(0.1, go.set).start()
     worker.close()
     assert done == [1]
+
+
+def test_a_thread_of_its_own_ends_at_once_however_long_nothing_comes(threads, monkeypatch):
+    monkeypatch.setattr(own_thread, "_POLL", 1000.0)
+    own = own_thread.OwnThread(Node("person"), "waiting")
+    own.start()
+    for _ in range(2):
+        own.close()
+    assert "waiting" not in {thread.name for thread in threading.enumerate()}

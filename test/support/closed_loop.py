@@ -16,12 +16,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
+from dynamixel_fakes import speed_ticks
+
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
-from head_tracking.tracking import Recording, Sample, Target, TargetPlacer, TrackingStep
+from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
 from head_tracking.transforms import RobotModel, TransformBuffer, Vector3, load_robot_model
 
 Path = Callable[[float], Vector3]
@@ -66,7 +68,9 @@ class JointsRead(NamedTuple):
 class Servos(Protocol):
     """Pan and tilt; times in ns."""
 
-    goals: tuple[int, int] | None
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """What was written last, in steps of the servos."""
 
     def read(self, now: int) -> JointsRead:
         """Asks both servos where they are."""
@@ -144,7 +148,7 @@ class SimulatedHead:
         """Sends both servos their goals, in one packet."""
         block = PAN.model.goal
         ticks = PAN.ticks(command.pan), TILT.ticks(command.tilt)
-        speeds = PAN.speed_ticks(command.pan_speed), TILT.speed_ticks(command.tilt_speed)
+        speeds = speed_ticks(PAN, command.pan_speed), speed_ticks(TILT, command.tilt_speed)
         shares: Mapping[int, bytes] = {
             joint.id: block.encode(tick, speed)
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
@@ -160,6 +164,31 @@ Make: TypeAlias = Callable[[tuple[float, float]], Servos]
 def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
     """Simulated AX-12 servos, down to the bytes on the wire."""
     return lambda start: SimulatedHead(start, modify)
+
+
+class Mounted:
+    """Servos that turn the head otherwise than their angles say; they themselves notice nothing.
+
+    Args:
+        servos: as they would be.
+        turns: how far pan and tilt of the head turn for each radian of the pan servo, and of the
+            tilt servo: ((1, 0), (0, 1)) if they are mounted as they should be.
+    """
+
+    def __init__(self, servos: Servos, turns: tuple[tuple[float, float], ...]) -> None:
+        self._servos, self._turns = servos, turns
+        self.read, self.write = servos.read, servos.write
+
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """See `Servos`."""
+        return self._servos.goals
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """See `Servos`."""
+        by_pan, by_tilt = self._turns
+        pan, tilt = self._servos.true_positions(now)
+        return by_pan[0] * pan + by_tilt[0] * tilt, by_pan[1] * pan + by_tilt[1] * tilt
 
 
 @dataclass(frozen=True)
@@ -297,7 +326,7 @@ class Outcome:
         point_costs: of taking each point [s].
     """
 
-    recording: Recording
+    recording: Trace
     commands: list[tuple[float, HeadCommand]] = field(default_factory=list)
     goals: list[tuple[int, int]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
@@ -334,7 +363,7 @@ class ClosedLoop:
 
     def run(self, controller: Controller) -> Outcome:
         """One run from the start to the end: in each cycle read, update, write."""
-        outcome = Outcome(Recording())
+        outcome = Outcome(Trace())
         seen: deque[tuple[float, Target]] = deque()
         stepped = -math.inf
         for event in self._events():
@@ -432,7 +461,7 @@ class ClosedLoop:
             return None
         return Target(_ns(_START + at + c.stamp_error + late), frame, point)
 
-    def _judge(self, now: float, recording: Recording) -> None:
+    def _judge(self, now: float, recording: Trace) -> None:
         pan, tilt = self._servos.true_positions(_ns(now))
         point = self._path(now)
         gaze = self._head.gaze(point, pan, tilt)

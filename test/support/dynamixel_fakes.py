@@ -221,6 +221,12 @@ class FakeClock:
         self.now += round(seconds * 1e9)
 
 
+def speed_ticks(joint: JointConfiguration, speed: float) -> int:
+    """The register value of a goal speed, rad/s."""
+    unit = joint.model.speed_unit
+    return max(1, min(round(speed / unit), int(joint.speed_limit / unit)))
+
+
 def goal_bytes(ticks: int, speed: int) -> bytes:
     return ticks.to_bytes(2, "little") + speed.to_bytes(2, "little")
 

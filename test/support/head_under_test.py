@@ -48,6 +48,7 @@ class Head:
         held_up: joint states are kept, and sent all at once when that ends.
         stamped_ahead: joint states are stamped so far in the future [s].
         obeys: the servos do what they are told.
+        speeds: that the joints were commanded [rad/s].
         each_period: is called.
         target: is published 30 times a second: frame and a function of the robot's time.
     """
@@ -68,7 +69,7 @@ class Head:
         self.positions = [0.0, 0.0]
         self.travel: list[tuple[float, float]] = []
         self.commands = 0
-        self._goals, self._speeds = [0.0, 0.0], [0.0, 0.0]
+        self._goals, self.speeds = [0.0, 0.0], [0.0, 0.0]
         self._stopped = threading.Event()
         with ExitStack() as resources:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -160,7 +161,7 @@ class Head:
 
     def _on_command(self, message: JointState) -> None:
         self.commands += 1
-        self._goals, self._speeds = list(message.position), list(message.velocity)
+        self._goals, self.speeds = list(message.position), list(message.velocity)
 
     def _live(self) -> None:
         start, steady, due = time.time(), time.monotonic(), 0.0
@@ -193,7 +194,7 @@ class Head:
         for index in range(2):
             way = self._goals[index] - self.positions[index]
             if self.obeys:
-                self.positions[index] += math.copysign(min(abs(way), self._speeds[index] * dt), way)
+                self.positions[index] += math.copysign(min(abs(way), self.speeds[index] * dt), way)
         self.travel.append((self.positions[0], self.positions[1]))
 
 

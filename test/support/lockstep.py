@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
+from dynamixel_fakes import speed_ticks
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -155,7 +156,7 @@ class World:
             servo.advance(self.now)
             servo.set_register("Torque Enable", 1)
             servo.set_register("Goal Position", joint.ticks(goal.position))
-            servo.set_register("Moving Speed", joint.speed_ticks(goal.speed))
+            servo.set_register("Moving Speed", speed_ticks(joint, goal.speed))
 
     def _cycle(self) -> None:
         measured = {}

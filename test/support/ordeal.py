@@ -70,7 +70,7 @@ class Ordeal:
     def recover(self) -> None:
         if any(self.bus.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self.joints):
             with suppress(DynamixelError):
-                self.bus.recover()
+                self.bus.run(self.bus.recovering())
 
     def check(self, reading: BusReading) -> None:
         """What is told was true when it was stamped."""

@@ -62,7 +62,8 @@ class Program:
         }
         given |= environment or {}
         self.process = subprocess.Popen(
-            [sys.executable, "-u", "-m", MODULES[name], *arguments],
+            # nohup, and a shell's &, have signals ignored
+            ["env", "--default-signal", sys.executable, "-u", "-m", MODULES[name], *arguments],
             stdout=subprocess.PIPE if stdout is None else stdout,
             stderr=subprocess.STDOUT,
             text=True,

@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.runner import compose, parse_arguments, ros_arguments
 
 PATIENCE = 10.0
@@ -57,7 +58,7 @@ class Robot:
         resources.callback(rclpy.try_shutdown)
         servos = resources.enter_context(ExitStack())
         self.threads = resources.enter_context(closing(NodeThreads()))
-        self.composition = compose(plan, self.threads, servos)
+        self.composition = compose(plan, self.threads, servos, StopSignal())
         self.simulated = self.composition.simulated
         self.node: Node = rclpy.create_node("person")
         self._lock = threading.Lock()

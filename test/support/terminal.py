@@ -20,8 +20,10 @@ class Terminal:
     def __init__(self) -> None:
         self._pid, self._master = pty.fork()
         if self._pid == 0:
+            signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup has it ignored
             os.environ["PS1"] = "$ "
-            os.environ["PYTHONPATH"] = str(Path(__file__).parents[2])
+            paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+            os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
             os.execvp("bash", ["bash", "--norc", "--noprofile", "--noediting", "-i"])
         self.shown = ""
         self._ended = threading.Event()

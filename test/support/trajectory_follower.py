@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 from closed_loop import PAN, TILT, JointsRead, Make, SimulatedHead
+from dynamixel_fakes import speed_ticks
 
 from head_tracking.dynamixel.protocol import sync_write_packet
 from head_tracking.gaze import HeadCommand
@@ -106,7 +107,7 @@ class FollowedHead(SimulatedHead):
                 (PAN, TILT), self._followers, measured, strict=True
             ):
                 told = follower.update(self._updated, joint.position(joint.ticks(position)))
-                shares[joint.id] = block.encode(joint.ticks(told), joint.speed_ticks(_FASTEST))
+                shares[joint.id] = block.encode(joint.ticks(told), speed_ticks(joint, _FASTEST))
             packet = sync_write_packet(1, block.address, shares)
             self._bus.receive(packet, self._updated + len(packet) * _BYTE)
 

@@ -70,6 +70,7 @@ class Head:
         self.adapter = Adapter("ftdi_sio", 0.001)
         self.latency = 0.0  # s
         self.opening: Callable[[], object] = lambda: None
+        self.listening: Callable[[], Heard] = lambda: self.heard
         self.machine: dict[str, Any] = {}
         self.environment: dict[str, str] = {}
         self.missing: dict[str, str] = {}
@@ -129,7 +130,7 @@ class Head:
             )
         )
         bus = {"make_port": self._make_port, "proc": self.tmp_path}
-        looks = tool.Looks(machine, bus, lambda *_: self.heard)
+        looks = tool.Looks(machine, bus, lambda *_: self.listening())
         code = tool.main(self.arguments, looks)
         self.output = capsys.readouterr().out
         return code
@@ -379,6 +380,18 @@ def test_without_ros_the_servos_are_looked_at_all_the_same(
     assert head.levels()["network"] == "-"
     assert head.levels()["voltage"] == "green"
     assert "has no wheels for this machine" in head.output
+
+
+def test_a_middleware_that_makes_no_node_is_named(
+    head: Head, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def listen() -> Heard:
+        raise RuntimeError("error creating node: no security here, at /project/src/node.c:252")
+
+    head.listening = listen
+    assert head.look(capsys) == 2
+    assert head.levels()["network"] == "red"
+    assert "error creating node: no security here\n" in head.output
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy
 import pytest
 
 from head_tracking.share import share_directory
@@ -81,20 +82,43 @@ def test_the_reader_of_urdfs_goes_into_the_workspace_beside_ros(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
-    (step,) = head_setup.yourdfpy_steps()
+    (step,) = head_setup.library_steps("yourdfpy")
     target = workspace / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}"
     assert step.command[step.command.index("--target") + 1] == str(target / "site-packages")
     assert "--break-system-packages" not in step.command
+
+
+def test_the_page_leaves_ros_the_numpy_that_it_is_built_on(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
+    (step,) = head_setup.library_steps("viewer")
+    assert f"numpy=={numpy.__version__}" in step.command
 
 
 def test_what_it_installs_is_what_the_requirements_say() -> None:
     lists = share_directory() / "requirements"
     lines = [
         line
-        for name in ("libraries", "yourdfpy")
+        for name in ("libraries", "yourdfpy", "viewer", "vision")
         for line in (lists / f"{name}.txt").read_text().splitlines()
     ]
-    assert set(head_setup._READERS) <= set(lines)
+    for _, words in head_setup._LIBRARIES.values():
+        packages = [word for word in words if not word.startswith(("--", "opencv"))]
+        assert set(packages) <= set(lines)
+
+
+def test_what_follows_service_is_for_the_head(
+    workspace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--port", "/dev/ttyUSB0", "--sim", "--params", "a b.yaml"]
+    assert head_setup.main(["--dry-run", "service", *words]) == DONE
+    said = capsys.readouterr().out.split()
+    unit = Path(said[said.index("0644") + 1]).read_text()
+    assert "--port /dev/ttyUSB0 --sim --params \\'a b.yaml\\'" in unit
+    with pytest.raises(SystemExit):
+        head_setup.main(["udev", "--port", "/dev/ttyUSB0"])
+    assert "unrecognized arguments: --port /dev/ttyUSB0" in capsys.readouterr().err
 
 
 def test_without_a_workspace_it_says_so(

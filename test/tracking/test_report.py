@@ -3,13 +3,13 @@ from xml.etree import ElementTree
 
 import pytest
 
-from head_tracking.tracking import Recording, Sample, TrackRecord, lag, picture, table
+from head_tracking.tracking import Sample, Trace, TrackRecord, lag, picture, table
 
 DT = 0.02
 
 
 def swing(behind=0.1, seconds=8.0):
-    recording = Recording()
+    recording = Trace()
     for k in range(int(seconds / DT)):
         t = k * DT
         wanted, pan = math.sin(2.0 * t), math.sin(2.0 * (t - behind))
@@ -23,7 +23,7 @@ def test_how_far_the_head_is_behind(behind):
 
 
 def test_a_target_that_stands_still_tells_no_lag():
-    still = Recording([Sample(k * DT, (0.3, 0.1), (0.3, 0.1), 0.0) for k in range(400)])
+    still = Trace([Sample(k * DT, (0.3, 0.1), (0.3, 0.1), 0.0) for k in range(400)])
     assert lag(still) is None
     assert "hardly moves" in table(still, [0.01], 30.0)
 
@@ -64,7 +64,7 @@ def test_a_record_is_put_together_by_the_stamps(head):
         t = 50.005 + k * DT
         pan = head.gaze((2.0 * math.cos(0.3 * t), 2.0 * math.sin(0.3 * t), 0.08), 0.0, 0.0).pan
         record.joints_read(t, (pan - 0.02, 0.0))
-    recording = record.recording(head)
+    recording = record.trace(head)
     assert len(recording) == 150
     assert recording.times[0] == 0.0
     assert recording.wanted[:, 0] - recording.positions[:, 0] == pytest.approx(0.02, abs=1e-3)
@@ -78,6 +78,6 @@ def test_nothing_is_made_up_between_points_far_apart(head):
         record.target_seen(t, (2.0, 0.0, 0.0), t)
     for t in (0.5, 1.05, 1.1, 2.0, 2.9, 3.0, 3.5):
         record.joints_read(t, (0.0, 0.0))
-    assert record.recording(head).times == pytest.approx([0.0, 0.05, 1.95])
+    assert record.trace(head).times == pytest.approx([0.0, 0.05, 1.95])
     assert TrackRecord().target_rate == 0.0
-    assert len(TrackRecord().recording(head)) == 0
+    assert len(TrackRecord().trace(head)) == 0

@@ -18,23 +18,18 @@ from viewer_client import ReadingClient
 from websockets.exceptions import InvalidStatus
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation, Recording
+from head_tracking.recording.recording_file import read_recording, write_recording
+from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.other_parameters import Setting
+from head_tracking.ros.other_services import Hold, Outcome
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.gaze_scene import ViewParameters
 from head_tracking.viewer.head_modes import Mode
-from head_tracking.viewer.observation import (
-    Health,
-    Hold,
-    Level,
-    Observation,
-    Outcome,
-    Servo,
-    Setting,
-)
+from head_tracking.viewer.joint_control import Servo
 from head_tracking.viewer.other_topics import Picture
 from head_tracking.viewer.page import Page, PageParameters
-from head_tracking.viewer.recording import Recording
-from head_tracking.viewer.recording_file import read_recording, write_recording
 
 PATIENCE = 60.0
 
@@ -146,7 +141,7 @@ def show(monkeypatch) -> Iterator[Callable[[FakeRobot], Page]]:
     def open_page(robot: FakeRobot, complaints: list[str] | None = None, **given: Any) -> Page:
         said: list[str] = [] if complaints is None else complaints
         parameters = PageParameters(rate=1000.0, **given)  # a minute's work in seconds
-        page = Page(robot, parameters, ViewParameters(), None, lambda _: None, said.append)
+        page = Page(robot, parameters, ViewParameters(), lambda _: None, said.append)
         pages.append(page)
         return page
 
@@ -414,7 +409,6 @@ def test_an_address_of_another_machine_is_refused(kinectbot, host):
             FakeRobot(kinectbot),
             PageParameters(host=host),
             ViewParameters(),
-            None,
             lambda _: None,
             print,
         )

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.viewer.camera_picture import point_in_picture
 from head_tracking.viewer.other_topics import Picture
-from head_tracking.viewer.picking import point_in_picture, point_on_ground
+from head_tracking.viewer.steering_panel import point_on_ground
 from head_tracking.vision.camera import Camera, camera_with_view
 
 SHARE = st.floats(0.0, 1.0)

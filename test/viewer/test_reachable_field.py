@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.viewer.reachable_field import pointing_axis, reachable_field, with_axis_forward
+from head_tracking.viewer.gaze_scene import reachable_field, with_axis_forward
 
 
 @pytest.fixture
@@ -13,26 +13,13 @@ def head(robot) -> PanTiltHead:
 
 
 def test_the_head_can_look_at_every_point_of_its_field(robot, head):
-    for point in reachable_field(robot, head, (1.0, 0.0, 0.0), 1.0).reshape(-1, 3)[::7]:
+    for point in reachable_field(robot, head, 1.0).reshape(-1, 3)[::7]:
         assert head.miss(point.tolist(), *head_at(head, point)) < 1e-3
 
 
 def head_at(head: PanTiltHead, point) -> tuple[float, float]:
     gaze = head.gaze(point.tolist(), 0.0, 0.0)
     return gaze.pan, gaze.tilt
-
-
-@pytest.mark.parametrize(
-    ("frame", "given", "axis"),
-    [
-        ("camera_link", None, (1, 0, 0)),
-        ("camera_link", (0.0, 0.0, 0.0), (1, 0, 0)),
-        ("camera_optical_frame", None, (0, 0, 1)),
-        ("camera_link", (0.0, -2.0, 0.0), (0, -1, 0)),
-    ],
-)
-def test_the_axis_is_by_rep_103_unless_it_is_given(frame, given, axis):
-    assert pointing_axis(frame, given) == pytest.approx(axis)
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, -1, 0), (0.6, 0, 0.8), (0, 0, 1), (0, 0, -1)])

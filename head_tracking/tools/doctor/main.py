@@ -75,9 +75,15 @@ def _look(options: argparse.Namespace, ros: Sequence[str], looks: Looks) -> Iter
     if not machine.has_ros:
         yield Finding("network", Level.SKIPPED, "not looked at without ROS")
     elif options.listen > 0.0:
+        from head_tracking.ros.start import in_short
         from head_tracking.tools.doctor.network import listen, look_at_network
 
-        heard: Heard = (looks.listen or listen)(ros, options.listen)
+        try:
+            heard: Heard = (looks.listen or listen)(ros, options.listen)
+        except RuntimeError as error:  # rclpy's
+            cure = "look at what is set: env | grep -E 'ROS|RMW|DDS'; docs/distributed.md"
+            yield Finding("network", Level.RED, in_short(error), cure)
+            return
         yield from look_at_network(heard)
 
 

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from head_tracking.tracking import Recording, Sample
+from head_tracking.tracking import Sample, Trace
 
 
 def swing(seconds=10.0, lag=0.1):
     times = np.arange(0.0, seconds, 0.004)
-    return Recording(
+    return Trace(
         [
             Sample(
                 t,
@@ -41,6 +41,6 @@ def test_when_it_settled():
     samples = [
         Sample(t, (0, 0), (0, 0), error) for t, error in enumerate((0.5, 0.1, 0.3, 0.1, 0.1))
     ]
-    assert Recording(samples).settled(0.2) == 3
-    assert Recording(samples).settled(0.05) == math.inf
-    assert Recording(samples).settled(0.9) == 0
+    assert Trace(samples).settled(0.2) == 3
+    assert Trace(samples).settled(0.05) == math.inf
+    assert Trace(samples).settled(0.9) == 0

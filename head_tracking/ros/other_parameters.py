@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
@@ -12,9 +13,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from head_tracking.viewer.graph import Graph
-from head_tracking.viewer.observation import Hold, Outcome, Setting
-from head_tracking.viewer.other_services import wait_for_answer
+from head_tracking.ros.graph import Graph
+from head_tracking.ros.other_services import Hold, Outcome, wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,
@@ -33,6 +33,29 @@ _SHOWN = {
     ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 _WORDS = "one of: "
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter of a node that can be changed while it runs.
+
+    Attributes:
+        node: whose.
+        name: its name.
+        value: a bool, int, float, str, or list of floats.
+        description: what it does, and its unit.
+        minimum: smallest number that its node takes; -inf if it does not say.
+        maximum: largest number.
+        choices: the words that its node takes; empty for any.
+    """
+
+    node: str
+    name: str
+    value: Any
+    description: str
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...] = ()
 
 
 class OtherParameters:
@@ -172,10 +195,7 @@ class OtherParameters:
                 self._ask_for(owner, names[half:])
             return
         for name, descriptor, value in zip(names, descriptors, values, strict=True):
-            plain = parameter_value_to_python(value)
-            self._values.setdefault(owner, {})[name] = (
-                list(plain) if isinstance(plain, array) else plain
-            )
+            plain = self._values.setdefault(owner, {})[name] = _plain(value)
             if descriptor.read_only:
                 self._fixed.setdefault(owner, {})[name] = plain
             elif value.type in _SHOWN:
@@ -185,24 +205,11 @@ class OtherParameters:
 
     def _on_event(self, event: ParameterEvent) -> None:
         values = self._values.get(event.node, {})
+        settings = self._settings.get(event.node, {})
         for changed in event.changed_parameters:
-            value = parameter_value_to_python(changed.value)
-            values[changed.name] = list(value) if isinstance(value, array) else value
-        settings = self._settings.get(event.node)
-        if settings is None:
-            return
-        for changed in event.changed_parameters:
-            old = settings.get(changed.name)
-            if old is not None:
-                settings[changed.name] = Setting(
-                    old.node,
-                    old.name,
-                    _plain(parameter_value_to_python(changed.value)),
-                    old.description,
-                    old.minimum,
-                    old.maximum,
-                    old.choices,
-                )
+            value = values[changed.name] = _plain(changed.value)
+            if changed.name in settings:
+                settings[changed.name] = replace(settings[changed.name], value=value)
 
 
 def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor) -> Setting:
@@ -213,7 +220,7 @@ def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor)
     return Setting(
         owner,
         name,
-        _plain(value),
+        value,
         descriptor.description,
         minimum if minimum > -_HUGE else -math.inf,
         maximum if maximum < _HUGE else math.inf,
@@ -224,7 +231,8 @@ def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor)
 
 
 def _plain(value: Any) -> Any:
-    return value if isinstance(value, bool | int | float | str) else [float(v) for v in value]
+    plain = parameter_value_to_python(value)
+    return list(plain) if isinstance(plain, array) else plain
 
 
 def _of_every_node(name: str) -> bool:

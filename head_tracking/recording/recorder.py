@@ -23,11 +23,11 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from head_tracking.parameters import parameter
+from head_tracking.recording.bag_writer import LATCHED_OFFER, OFFER, BagWriter, transforms_of_joints
 from head_tracking.ros.images import picture_of
 from head_tracking.ros.message_types import message_class
+from head_tracking.ros.other_services import Outcome
 from head_tracking.transforms import RobotModel, TransformBuffer
-from head_tracking.viewer.bag_writer import LATCHED_OFFER, OFFER, BagWriter, transforms_of_joints
-from head_tracking.viewer.observation import Outcome
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError, cv2
 

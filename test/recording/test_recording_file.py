@@ -16,13 +16,12 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap_ros2.decoder import DecoderFactory
 
+from head_tracking.recording import recording_file
+from head_tracking.recording.bag_writer import header, transform_of, xyz
+from head_tracking.recording.recording import Observation, Recording, RecordingError
+from head_tracking.recording.recording_file import read_recording, write_recording
 from head_tracking.ros.message_types import message_definition
 from head_tracking.transforms import RobotModel, Rotation, Transform
-from head_tracking.viewer import recording_file
-from head_tracking.viewer.bag_writer import header, transform_of, xyz
-from head_tracking.viewer.observation import Observation
-from head_tracking.viewer.recording import Recording, RecordingError
-from head_tracking.viewer.recording_file import read_recording, write_recording
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

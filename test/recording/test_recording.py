@@ -2,8 +2,7 @@ import threading
 
 import pytest
 
-from head_tracking.viewer.observation import Observation
-from head_tracking.viewer.recording import LastMinute, Recording, RecordingError
+from head_tracking.recording.recording import LastMinute, Observation, Recording, RecordingError
 
 SECOND = 1_000_000_000
 

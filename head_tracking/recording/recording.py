@@ -5,15 +5,65 @@ from __future__ import annotations
 import bisect
 import threading
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from head_tracking.viewer.observation import Observation
+from head_tracking.transforms import (
+    RobotModel,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    Vector3,
+)
 
 _PICTURE_AGE = 2_000_000_000  # ns
+ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
+"""Where each node that turns the head tells by how much it misses."""
 
 
 class RecordingError(ValueError):
     """There is no recording, or a file is none; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """The robot at one moment.
+
+    Attributes:
+        stamp: when [ns].
+        joints: position of every joint that is known [rad or m].
+        frames: frames outside the model, each as the transform into the model's root.
+        target: where the head is to look, in the model's root [m]; None without a target.
+        target_text: the target as it was sent.
+        error: angle by which the head misses the target [rad].
+        state: what the node that turns the head says of itself.
+        target_stamp: when the target was there [ns]; None: at `stamp`.
+        silent_joints: joints of the head of which nothing is heard, though somebody should tell.
+        missing_nodes: nodes that should turn the head, or send it targets, and have gone.
+    """
+
+    stamp: int
+    joints: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, Transform] = field(default_factory=dict)
+    target: Vector3 | None = None
+    target_text: str = ""
+    error: float | None = None
+    state: str = ""
+    target_stamp: int | None = None
+    silent_joints: tuple[str, ...] = ()
+    missing_nodes: tuple[str, ...] = ()
+
+
+def outer_frames(buffer: TransformBuffer, model: RobotModel) -> Mapping[str, Transform]:
+    """The newest transforms into the model's root, of all frames that are not the model's."""
+    found = {}
+    for frame in buffer.frames():
+        if frame not in model.children_of_joints and frame != model.root:
+            try:
+                found[frame] = buffer.lookup_transform(model.root, frame).transform
+            except TransformException:
+                continue
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("mcap_ros2", reason="mcap is missing: pip install -r requirements/viewer.txt")
-
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -24,11 +21,11 @@ from robot_under_test import wait_for
 from sensor_msgs.msg import Image, JointState, PointCloud2
 from std_msgs.msg import Header, String
 
+from head_tracking.recording.recorder import Recorder, RecorderParameters
+from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.images import image_message
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import TransformBuffer
-from head_tracking.viewer.recorder import Recorder, RecorderParameters
-from head_tracking.viewer.recording_file import read_recording
 
 PAN = "head_pan_joint"
 VALUES = {"/servo_bus": {"rate": 50.0, "port": "/dev/ttyUSB0", "ids": [1, 2]}}

@@ -18,6 +18,25 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
 
+from head_tracking.recording.bag_writer import (
+    LATCHED_OFFER,
+    OFFER,
+    BagWriter,
+    header,
+    transform_of,
+    transforms_of_joints,
+    xyz,
+)
+from head_tracking.recording.recording import (
+    ERRORS,
+    Moment,
+    Observation,
+    RecordedPicture,
+    Recording,
+    RecordingError,
+    outer_frames,
+)
+from head_tracking.ros.diagnostics import Level
 from head_tracking.tracking import Target
 from head_tracking.transforms import (
     LATEST,
@@ -29,17 +48,6 @@ from head_tracking.transforms import (
     Vector3,
     parse_robot_model,
 )
-from head_tracking.viewer.bag_writer import (
-    LATCHED_OFFER,
-    OFFER,
-    BagWriter,
-    header,
-    transform_of,
-    transforms_of_joints,
-    xyz,
-)
-from head_tracking.viewer.observation import Level, Observation, outer_frames
-from head_tracking.viewer.recording import Moment, RecordedPicture, Recording, RecordingError
 
 _MCAP = b"\x89MCAP"
 _GZIP = b"\x1f\x8b"
@@ -57,8 +65,6 @@ _FOUND = "visual_target/image"
 """With what was found drawn into it: shown first, as of the robot itself."""
 
 _COMPRESSED = "sensor_msgs/msg/CompressedImage"
-_TURNERS = ("head_tracker", "point_head")
-_ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 
 
 def read_recording(file: IO[bytes]) -> Recording:
@@ -270,8 +276,8 @@ class _Reading:
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._take_diagnostics,
             ("/rosout", "rcl_interfaces/msg/Log"): self._take_log,
         }
-        for node in _TURNERS:
-            self._takers[f"{base}{_ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
+        for node in ERRORS:
+            self._takers[f"{base}{ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
             self._takers[f"{base}{node}/state", "std_msgs/msg/String"] = self._state_taker(node)
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
@@ -351,7 +357,7 @@ class _Reading:
             return  # it begins when the robot is seen first
         if joints != self._joints:
             self._joints = joints  # else the one before is kept, and no room needed
-        on = [node for node in _TURNERS if self._enabled.get(node, node in self._state)]
+        on = [node for node in ERRORS if self._enabled.get(node, node in self._state)]
         turner = on[0] if on else ""
         if target is not None and turner != "point_head" and now - target[0] > _TARGET_AGE:
             target = None
@@ -498,7 +504,7 @@ def write_recording(recording: Recording) -> bytes:
             bag.channel(f"/{node}/state", "std_msgs/msg/String", [LATCHED_OFFER]),
             bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
         )
-        for node, error in _ERRORS.items()
+        for node, error in ERRORS.items()
     }
     model = parse_robot_model(recording.urdf) if recording.urdf else None
     root = "base_link" if model is None else model.root

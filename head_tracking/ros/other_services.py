@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.viewer.observation import Hold, Outcome
-
 _PATIENCE = 5.0  # s
+
+
+class Outcome(NamedTuple):
+    """How a request ended: whether it was done, and a sentence for the person who asked."""
+
+    done: bool
+    text: str
+
+
+class Hold:
+    """Why nothing is commanded from the page for the time being; STOP and Resume are.
+
+    Attributes:
+        reason: for the person who wants something; empty: everything may be commanded.
+    """
+
+    reason = ""
 
 
 class OtherServices:
@@ -50,6 +65,8 @@ class OtherServices:
         return self._call(name, SetBool.Request(data=on))
 
     def _call(self, name: str, request: Any) -> Outcome:
+        if self.hold.reason:
+            return Outcome(False, self.hold.reason)
         if not self.offered(name):
             return Outcome(False, f"nobody offers {name}; is its node running?")
         answer = wait_for_answer(self._clients[name], request)
@@ -58,12 +75,12 @@ class OtherServices:
         return Outcome(bool(answer.success), str(answer.message))
 
 
-def wait_for_answer(client: Any, request: Any) -> Any:
+def wait_for_answer(client: Any, request: Any, patience: float = _PATIENCE) -> Any:
     """What a service answers, while another thread spins the node; None if it does not."""
     answered = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: answered.set())
-    if not answered.wait(_PATIENCE):
+    if not answered.wait(patience):
         client.remove_pending_request(future)
         return None
     return future.result()

@@ -1,0 +1,1 @@
+"""What a robot says, written into files and read from them."""

@@ -1,0 +1,180 @@
+"""Servos mounted the wrong way round, or crosswise: a camera on the head tells, and it stops."""
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import pytest
+import rclpy
+from closed_loop import ClosedLoop, Conditions, Mounted, ax12
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point, PointStamped
+from lockstep import World
+from rclpy.time import Time
+
+from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    TargetState,
+    TargetStateParameters,
+    Tracker,
+)
+
+ON_HEAD = Conditions(2.0, noise=0.002, delay=0.1, camera=True)
+
+
+def around(bearing, level=0.4):
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
+
+
+def still(t):
+    return around(0.3)
+
+
+def circle(t):
+    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
+
+
+class Watched:
+    """A tracker; what its joints did and what it said is kept."""
+
+    def __init__(self, head, law="predictive"):
+        steered = LAWS[law](head, 0.02)
+        self.tracker = Tracker(head, steered, EstimatorParameters(), TargetStateParameters())
+        self.target_seen = self.tracker.target_seen
+        self.joints, self.named, self.commands = [], None, []
+
+    def joints_read(self, stamp, positions):
+        self.joints.append((stamp, *positions))
+        self.tracker.joints_read(stamp, positions)
+
+    def step(self, now):
+        done = self.tracker.step(now)
+        self.commands.append((now, done.command))
+        if self.tracker.fault and self.named is None:
+            self.named = now
+        return done
+
+    def moved(self, joint):
+        """When that joint had turned by 0.1 rad [s]."""
+        first = self.joints[0][1 + joint]
+        return next(stamp for stamp, *at in self.joints if abs(at[joint] - first) > 0.1)
+
+
+def run(head, path, turns, watched, conditions=ON_HEAD):
+    mounted = replace(conditions, servos=lambda start: Mounted(ax12()(start), turns))
+    ClosedLoop(head, path, mounted).run(watched)
+    return watched
+
+
+@pytest.mark.parametrize("law", ["predictive", "position"])
+@pytest.mark.parametrize(
+    ("turns", "joint", "said"),
+    [
+        (((-1, 0), (0, 1)), 0, "head_pan_joint turns against"),
+        (((1, 0), (0, -1)), 1, "head_tilt_joint turns against"),
+        (((-1, 0), (0, -1)), 0, "head_pan_joint and head_tilt_joint turn against"),
+        (((0, 1), (1, 0)), 0, "crosswise"),
+        (((0, -1), (1, 0)), 0, "crosswise"),
+        (((0, 1), (-1, 0)), 0, "crosswise"),
+        (((0, -1), (-1, 0)), 0, "crosswise"),
+    ],
+)
+def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
+    watched = run(head, still, turns, Watched(head, law))
+    assert said in watched.tracker.machine.reason
+    assert watched.tracker.state is TargetState.DISABLED
+    late = watched.named - watched.moved(joint)
+    print(f"| {watched.tracker.fault.split(',')[0]} | {law} {turns} | {late:.2f} s |")
+    assert late < 0.3
+    standing = [at for stamp, *at in watched.joints if stamp > watched.named + 0.3]
+    assert all(math.dist(at, standing[0]) < 0.01 for at in standing)
+    assert not any(command for now, command in watched.commands if now > watched.named)
+
+
+def test_it_goes_on_when_it_is_enabled_anew_and_says_it_again(head):
+    watched, faults = Watched(head), []
+    step = watched.step
+
+    def enabling(now):
+        done = step(now)
+        if watched.tracker.state is TargetState.DISABLED and now > 1_001.5 and len(faults) < 2:
+            faults.append(watched.tracker.fault)
+            watched.tracker.enable(True, now)
+            assert watched.tracker.fault == ""
+            assert watched.tracker.state is TargetState.IDLE
+        return done
+
+    watched.step = enabling
+    run(head, still, ((-1, 0), (0, 1)), watched, replace(ON_HEAD, duration=3.0))
+    assert len(faults) == 2
+    assert faults[0] == faults[1] != ""
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("spell", [0.5, 9.0])
+def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spell):
+    """It needs 150 ms to react; it runs for so long [s], and from its first moment on."""
+    watched, late, fled = Watched(head), deque(), [0.0]
+
+    def path(t):
+        if watched.joints and t < spell:
+            late.append((t, watched.joints[-1][1]))
+            while late[0][0] < t - 0.15:
+                late.popleft()
+            fled[0] = gain * late[0][1]
+        return around(0.3 + fled[0])
+
+    run(head, path, ((1, 0), (0, 1)), watched, replace(ON_HEAD, duration=4.0))
+    assert watched.named is None
+    assert watched.tracker.mounting.evidence < 0.7
+
+
+@pytest.mark.parametrize(
+    "change", [{"stamp_error": 0.09}, {"stamp_error": -0.08}, {"outliers": 0.1}]
+)
+def test_wrong_stamps_and_outliers_hide_it_from_nobody(head, change):
+    watched = run(head, circle, ((0, 1), (1, 0)), Watched(head), replace(ON_HEAD, **change))
+    assert "crosswise" in watched.tracker.fault
+
+
+@pytest.fixture
+def world(kinectbot):
+    rclpy.init()
+    yield World(kinectbot)
+    rclpy.try_shutdown()
+
+
+def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinectbot, head):
+    node = world.make(HeadTrackerNode, {}, buffer=world.buffer, loop=world.loop)
+    states, diagnoses = world.record("/head_tracker/state"), world.record("/diagnostics")
+    enabled = world.record("/head_tracker/enabled")
+    chain = kinectbot.chain(head.base_frame, "camera_link")
+
+    def see():
+        true = {joint: world.true_position(joint) for joint in chain.joints}
+        true["head_pan_joint"] *= -1.0
+        camera = chain.transform(*(true[joint] for joint in chain.joints))
+        x, y, z = camera.inverse() @ still(0.0)
+        seen = PointStamped(point=Point(x=x, y=y, z=z))
+        seen.header.frame_id = "camera_link"
+        seen.header.stamp = Time(nanoseconds=world.now).to_msg()
+        world.at(world.now + 50_000_000, lambda: world.publish("/target_point", seen))
+
+    world.every(33_000_000, see)
+    world.run(2.5)
+    assert states[-1][1].data.startswith("disabled: head_pan_joint turns against")
+    assert not enabled[-1][1].data
+    assert set(world.loop.owners.of(node.interface.joints).values()) == {""}
+    newest = diagnoses[-1][1].status[0]
+    assert newest.level == DiagnosticStatus.ERROR
+    assert "servo calibrate" in newest.message
+    stood = world.true_position("head_pan_joint")
+    world.run(1.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
+    node.interface.enable(slowly=False)
+    world.run(2.0)
+    assert enabled[-2][1].data
+    assert sum(message.data.startswith("disabled: head_pan") for _, message in states) == 2
+    node.destroy_node()
