@@ -21,7 +21,7 @@ class Terminal:
         self._pid, self._master = pty.fork()
         if self._pid == 0:
             signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup has it ignored
-            os.environ["PS1"] = "$ "
+            os.environ |= {"PS1": "$ ", "TERM": "xterm"}
             paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
             os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
             os.execvp("bash", ["bash", "--norc", "--noprofile", "--noediting", "-i"])
