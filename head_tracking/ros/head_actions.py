@@ -13,7 +13,13 @@ from typing import Any
 
 from rclpy.node import Node
 
-from head_tracking.gaze import GazeStatus, HeadCommand, PanTiltHead, PointingParameters
+from head_tracking.gaze import (
+    GazeStatus,
+    HeadCommand,
+    PanTiltHead,
+    PointingParameters,
+    PointingResult,
+)
 from head_tracking.ros.goal_server import Goal, GoalServer
 from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
 from head_tracking.ros.messages import target_from_message
@@ -348,6 +354,8 @@ class HeadActions:
             self._held = meant[0].position, meant[1].position
             stuck = "" if task.outcome else self._stuck(meant, reading, law)
             if stuck:
+                if task.miss is not None:
+                    stuck = f"{PointingResult(False, task.miss)} ({stuck})"
                 task.abort(stuck, TrajectoryCode.PATH_TOLERANCE_VIOLATED)
                 command = self.halt(reading)
         if task.outcome:

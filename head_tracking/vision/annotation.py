@@ -47,7 +47,8 @@ def depth_picture(depth: DepthImage, farthest: float) -> Pixels:
         depth: the depths.
         farthest: what is as far [m] or unknown is black.
     """
-    shade = 255.0 * (1.0 - np.nan_to_num(depth.metres(), nan=farthest) / farthest)
+    metres = np.fmin(depth.metres(), np.float32(farthest))  # the number of both, where one is NaN
+    shade = 255.0 * (1.0 - metres / farthest)
     return np.repeat(shade.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 

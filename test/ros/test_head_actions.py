@@ -112,7 +112,7 @@ def test_a_shaft_that_is_blocked_aborts_with_what_the_servo_bus_says(robot):
     port.use(lambda bus: bus[1].impede(1.5))
     try:
         assert sent.ended()[0] == ABORTED
-        assert robot.logged("aborted: head_pan_joint")
+        assert "misses the target by" in robot.logged("(head_pan_joint ")
         assert robot.pan < 1.0  # not when the turn would have been over
     finally:
         port.use(lambda bus: bus[1].impede(0.0))

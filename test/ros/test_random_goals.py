@@ -227,7 +227,8 @@ def test_a_shaft_that_is_blocked_ends_the_goal_at_once(kinectbot, kind):
     servo.impede(1.5)
     head.world.run(0.6)
     assert goal.status == "aborted"
-    assert head.said.startswith("aborted: head_pan_joint not moving to where told")
+    assert "head_pan_joint not moving to where told" in head.said
+    assert ("misses the target by" in head.said) is (kind == "point")
     if kind == "follow":
         assert goal.answer.error_code == -4
         assert "head_pan_joint" in goal.answer.error_string
@@ -246,4 +247,5 @@ def test_what_the_servo_bus_finds_out_ends_the_goal_at_once(kinectbot, kind):
     head.world.loop.stuck["head_pan_joint"] = "head_pan_joint (id 1): servo 1: torque lost"
     head.world.run(0.05)
     assert goal.status == "aborted"
-    assert head.said == "aborted: head_pan_joint (id 1): servo 1: torque lost"
+    assert head.said.startswith("aborted: ")
+    assert "servo 1: torque lost" in head.said

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from head_tracking.vision import DepthImage, depth_picture
 from head_tracking.vision.depth import surface_depth
 
 
@@ -50,3 +51,10 @@ def test_of_two_equal_surfaces_the_expected_one_is_taken(rng):
 def test_too_little_is_nothing(rng, parts):
     depths = region(*parts, rng=rng) if parts else np.zeros(0, np.float32)
     assert surface_depth(depths, 0.2, 8.0) is None
+
+
+def test_depths_of_any_size_are_drawn():
+    metres = np.array([[0.0, 1.0, 2.0], [3e38, np.nan, np.inf]], np.float32)
+    with np.errstate(all="raise"):
+        drawn = depth_picture(DepthImage(metres), 2.0)
+    assert drawn[..., 0].tolist() == [[0, 127, 0], [0, 0, 0]]
