@@ -78,7 +78,6 @@ class HeadTrackerNode(Node):
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._law = self._own.value.law
         self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
-        self._at_most = math.inf  # rad/s
         self._slow_for = 0.0  # s, with a target
         self._tracker: Tracker | None = None
         self._state, self._text = TargetState.IDLE, ""
@@ -119,23 +118,17 @@ class HeadTrackerNode(Node):
             self.interface.send(self._tracker.reset(reason, self.interface.now))
             self.report()
 
-    def _speed_up(self, error: float | None) -> None:
+    def _speed_up(self, tracker: Tracker, error: float) -> None:
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
-        if error is None:
-            return
         self._slow_for += self._pace.period
-        self._at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
-        if error < _ARRIVED or self._at_most > _FAST:
+        tracker.at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
+        if error < _ARRIVED or tracker.at_most > _FAST:
             self.interface.slow = False
-            self._at_most = math.inf
-        if self._tracker is not None:
-            self._tracker.law.at_most = self._at_most
+            tracker.at_most = math.inf
 
     def _make_law(self, head: PanTiltHead) -> TrackingLaw:
         own = self._laws[self._law].value
-        law = LAWS[self._law](head, self._pace.period, self._limits.value, own)
-        law.at_most = self._at_most
-        return law
+        return LAWS[self._law](head, self._pace.period, self._limits.value, own)
 
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
@@ -182,8 +175,8 @@ class HeadTrackerNode(Node):
             self.interface.send(step.command)
             self.interface.disable(tracker.fault)
             return None
-        if self.interface.slow:
-            self._speed_up(step.error)
+        if self.interface.slow and step.error is not None:
+            self._speed_up(tracker, step.error)
         return step.command
 
     def recenter(self, reading: HeadReading) -> str:
@@ -197,9 +190,8 @@ class HeadTrackerNode(Node):
         if self._tracker is None:
             return
         off = self.interface.off
-        self._at_most = CAUTIOUS_SPEED if self.interface.slow else math.inf
+        self._tracker.at_most = CAUTIOUS_SPEED if self.interface.slow else math.inf
         self._slow_for = 0.0
-        self._tracker.law.at_most = self._at_most
         self._tracker.machine.off = off
         self._tracker.enable(not off, self.interface.now)
 

@@ -85,6 +85,7 @@ class Tracker:
     Attributes:
         head: the head that is turned.
         law: may be changed for another one at any time.
+        at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
         machine: the target state machine.
         mounting: finds out whether the head is mounted as it should be.
         fault: how it is not, as its camera sees it; it is switched off then, until it is enabled
@@ -104,6 +105,7 @@ class Tracker:
         self.estimator = TargetEstimator(estimator)
         self.machine = TargetStateMachine(head, state)
         self.fault = ""
+        self.at_most = math.inf
         self._base = base
         self._stall_watches = (
             StallWatch(head.pan_joint),
@@ -233,6 +235,7 @@ class Tracker:
         if self.fault:
             self.machine.off = self.fault
             return TrackingStep(self.enable(False, now))
+        self.law.at_most = self.at_most
         joints = self._readings[-1]
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate

@@ -37,7 +37,7 @@ class DrivenHead(Head):
     def _on_trajectory(self, message):
         (point,) = message.points
         self.trajectories.append((message, point))
-        self._goals, self._speeds = list(point.positions), [6.0, 6.0]
+        self._goals, self.speeds = list(point.positions), [6.0, 6.0]
 
     def trigger(self, service):
         client = self.robot.create_client(Trigger, service)
