@@ -224,6 +224,14 @@ class Servo:
         """Read registers and return one value for each."""
         return block.decode(self._read(block.address, block.length, tries))
 
+    def _read_surely(self, block: Block) -> tuple[int, ...]:
+        """Read registers of a servo that has answered a ping; a busy machine may miss answers."""
+        try:
+            return self.read(block)
+        except ReplyTimeoutError:
+            self.ping(_TRIES)
+            return self.read(block)
+
     def get(self, name: str, tries: int = _TRIES) -> int:
         """Read one register."""
         return self.read(self.model.control_table.block(name), tries)[0]
@@ -356,7 +364,7 @@ class Servo:
         joint_name, model = self.calibration.joint_name, self.model
         for span in _spans(model.control_table, model.position_limits):
             try:
-                values = self.read(span)
+                values = self._read_surely(span)
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoModeError(

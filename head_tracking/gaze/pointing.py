@@ -15,6 +15,10 @@ _MIN_SPEED = 1e-3
 _STILL = 0.006
 """A joint that moved less [rad] did not move: a little over one tick of an AX-12."""
 
+_START = 1.0
+"""So much longer [s] than at rest after a motion a head may stand that has not moved yet: its
+torque may have to come on first."""
+
 
 @dataclass(frozen=True, slots=True)
 class HeadCommand:
@@ -99,6 +103,7 @@ class Pointing:
         self._judged = True
         self._rest = (0.0, 0.0)
         self._still_since = 0.0
+        self._moved = False
 
     @property
     def commanded(self) -> tuple[float, float] | None:
@@ -159,11 +164,15 @@ class Pointing:
         """The result, once, when the joints have come to rest after a command."""
         if any(abs(a - b) > _STILL for a, b in zip(present, self._rest, strict=True)):
             self._rest, self._still_since = present, now
-        miss = self.miss(present)
-        if self._judged or miss is None or now - self._still_since < self.parameters.settle_time:
+            self._moved = True
+        miss, patience = self.miss(present), self.parameters.settle_time
+        if self._judged or miss is None:
+            return None
+        arrived = miss <= self.parameters.success_angle_threshold
+        if now - self._still_since < patience + (0.0 if arrived or self._moved else _START):
             return None
         self._judged = True
-        return PointingResult(miss <= self.parameters.success_angle_threshold, miss)
+        return PointingResult(arrived, miss)
 
     def _go(
         self, goal: tuple[float, float], present: tuple[float, float], now: float
@@ -172,7 +181,7 @@ class Pointing:
             abs(a - b) > _STILL for a, b in zip(goal, self.commanded, strict=True)
         )
         if moved:
-            self._judged = False
+            self._judged = self._moved = False
             self._rest, self._still_since = present, now
         self._command = together(present, goal, self.parameters.max_velocity)
         return self._command
