@@ -72,6 +72,7 @@ _T = TypeVar("_T")
 _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
+_PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 _CONVINCED: Final = 3  # times that a servo must seem unusable
 _STEADY: Final = 10_000_000_000
 """ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
@@ -330,6 +331,9 @@ class ServoBus:
         self._port.open()
         try:
             found = answering(iter(servos))
+            if len(found) < len(servos):
+                self._pause(_PATIENCE)
+                found += answering(servo for servo in servos if servo.id not in found)
             if len(found) < len(servos) and not allow_missing:
                 asked = [servo.id for servo in servos]
                 raise ServoNotFoundError(asked, found, self._port.name, self._port.baud_rate)
