@@ -1,9 +1,6 @@
-import fcntl
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from pathlib import Path
 from typing import Any
 
 # nodes of one process only: neither other programs nor shared memory files
@@ -15,6 +12,7 @@ import rclpy
 from program_under_test import Program
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
+from ros_domain import own_domain
 
 from head_tracking.ros.spinning import NodeThreads
 
@@ -59,18 +57,8 @@ def threads() -> Iterator[NodeThreads]:
 
 @pytest.fixture
 def domain() -> Iterator[str]:
-    """A ROS domain of the test's own: heads that share one refuse to run."""
-    for number in range(100, 200):
-        with (Path(tempfile.gettempdir()) / f"head_tracking_test_domain_{number}").open(
-            "w"
-        ) as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield str(number)
-            return
-    raise AssertionError("no ROS domain is left")
+    with own_domain() as domain:
+        yield domain
 
 
 @pytest.fixture

@@ -120,8 +120,7 @@ def _kind(request):
 
 
 @pytest.fixture(params=["", "prefixed"], ids=["same frames", "frame_prefix"])
-def heads(request, monkeypatch, tmp_path):
-    domain = str(103 + os.getpid() % 100)
+def heads(request, domain, monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS", raising=False)

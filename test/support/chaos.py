@@ -47,6 +47,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from ros_domain import own_domain
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -749,8 +750,8 @@ def main() -> int:
         flood()
         return 0
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(103 + os.getpid() % 120)
     with ExitStack() as resources:
+        os.environ["ROS_DOMAIN_ID"] = resources.enter_context(own_domain())
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory()))
         chaos = Chaos(options.seed, options.run, options.clock, folder)
         chaos.set_up(resources)
