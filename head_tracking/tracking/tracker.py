@@ -96,8 +96,8 @@ class Tracker:
         self,
         head: PanTiltHead,
         law: TrackingLaw,
-        estimator: EstimatorParameters,
-        state: TargetStateParameters,
+        estimator: EstimatorParameters = EstimatorParameters(),  # noqa: B008
+        state: TargetStateParameters = TargetStateParameters(),  # noqa: B008
         base: HeadBase | None = None,
     ) -> None:
         self.head = head
