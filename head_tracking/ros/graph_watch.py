@@ -144,22 +144,25 @@ class GraphWatch:
         for stranger in strangers:
             name, namespace, enclave = stranger
             full_name = f"{namespace.rstrip('/')}/{name}"
-            first = self._goes_first(enclave)
+            does = ""
             if enclave in starting:  # and not before this run, if this one has begun
                 if self.looking and enclave < self._enclave and name == STARTING:
-                    heads[f"{full_name} (a run that starts, before this one)"] = True
-                continue
-            services = self._services(name, namespace)
-            if (name, namespace) in obeying and (
-                (name, namespace) in measuring or self._bus_services & services
+                    does = "a run that starts, before this one"
+            elif (name, namespace) in obeying and (
+                (name, namespace) in measuring
+                or self._bus_services & self._services(name, namespace)
             ):
-                heads[f"{full_name} (moves servos)"] = first
-            elif (name, namespace) in commanding and f"{full_name}/recenter" in services:
-                heads[f"{full_name} (turns a head)"] = first
-            elif (name, namespace) in commanding and (name, namespace) not in asking:
-                since = unasked[stranger] = self._unasked.get(stranger, now)
-                if now - since >= _WHOLE:
-                    heads[f"{full_name} (publishes {self._commands})"] = first
+                does = "moves servos"
+            elif (name, namespace) in commanding:
+                if f"{full_name}/recenter" in self._services(name, namespace):
+                    does = "turns a head"
+                elif (name, namespace) not in asking:
+                    since = unasked[stranger] = self._unasked.get(stranger, now)
+                    if now - since >= _WHOLE:
+                        does = f"publishes {self._commands}"
+            if does:
+                head = f"{full_name} ({does})"  # of several runs, as they have the same names
+                heads[head] = heads.get(head, False) or self._goes_first(enclave)
         self._unasked = unasked
         return heads
 

@@ -1,10 +1,14 @@
 """Who counts as another head in a run's graph, and what the run does about it."""
 
+import math
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import pytest
 import rclpy
 from geometry_msgs.msg import PointStamped
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -15,6 +19,7 @@ from waiting import eventually
 
 from head_tracking import runner
 from head_tracking.exceptions import RefusedError
+from head_tracking.ros import graph_watch
 from head_tracking.ros.graph_watch import LOOK_TIME, STARTING, GraphWatch
 from head_tracking.status_line import StatusLine
 
@@ -254,16 +259,23 @@ def test_of_runs_that_start_at_the_same_moment_the_oldest_goes_on(graph, simulat
     assert older.alone
 
 
-@pytest.mark.parametrize(("other", "holds"), [(OLDER, True), (YOUNGER, False)])
-def test_of_runs_that_hear_of_each_other_too_late_the_younger_one_holds(graph, other, holds):
+@pytest.mark.parametrize(
+    ("others", "holds"), [([OLDER], True), ([YOUNGER], False), ([OLDER, YOUNGER], True)]
+)
+def test_of_runs_that_hear_of_each_other_too_late_the_younger_ones_hold(graph, others, holds):
     watch = graph.watch(simulated=False)
     graph.begin(watch)
-    late = graph.watch(other)  # which looks as yet, and would refuse to start
-    bus(graph.node("servo_bus", other))
-    assert eventually(lambda: seen(graph, STARTING) and seen(graph, "servo_bus"))
+    late = [graph.watch(other) for other in others]  # which look as yet, and would refuse to start
+    for other in others:
+        bus(graph.node("servo_bus", other))
+    names = graph.run.get_node_names
+    for name in (STARTING, "servo_bus"):
+        assert eventually(lambda name=name: names().count(name) == len(others))
     graph.look(watch, 10.0)
     assert watch.held == ""
-    late.begin(graph.run)
+    for other in late:
+        other.begin(graph.run)
+    assert eventually(lambda: STARTING not in names())
     assert graph.finds(watch, "/servo_bus (moves servos)")
     graph.look(watch, 1.0)
     assert ("another head" in watch.held) is holds
@@ -287,6 +299,110 @@ def test_a_node_is_judged_when_all_its_topics_are_known(graph):
 
 def names(endpoints) -> set[str]:
     return {end.node_name for end in endpoints}
+
+
+class Run:
+    """A run in a graph that is none: what it has is heard by others after a while."""
+
+    def __init__(self, number: int, plan: tuple, runs: list["Run"]) -> None:
+        simulated, self.start, wrong_clock, self.makes, self.heard_after = plan
+        kind = "simulated" if simulated else "real"
+        self.enclave = f"/head_tracking/{kind}_{1000 + self.start + wrong_clock:09.2f}_{number}"
+        self.simulated, self.runs = simulated, runs
+        self.now, self.refused, self.watch = 0.0, False, None
+        self.had: list[tuple[float, tuple[str, ...]]] = [(0.0, ())]
+
+    def has(self, *names: str) -> None:
+        self.had.append((self.now, names))
+
+    def step(self, now: float, monkeypatch) -> None:
+        self.now = now
+        if self.refused or now < self.start:
+            return
+        if self.watch is None:
+            monkeypatch.setattr(graph_watch, "Node", lambda *_, **__: self)
+            self.watch = GraphWatch(self.enclave, simulated=self.simulated, clock=lambda: self.now)
+            self.has(STARTING)
+            self.made = math.inf if self.simulated else now + self.makes
+        if now >= self.made and "servo_bus" not in self.had[-1][1]:
+            self.has(STARTING, "servo_bus")
+        if self.made < math.inf and now < self.made:
+            return  # its nodes are being made
+        try:
+            self.watch.look()
+        except RefusedError:
+            self.refused = True
+            self.has()
+            return
+        if self.watch.alone and self.made == math.inf:
+            self.made = now + self.makes
+        elif self.watch.alone and self.watch.looking:
+            self.watch.begin(self)
+            self.has("servo_bus")
+
+    @property
+    def moves(self) -> bool:
+        return not (self.refused or self.watch.looking or self.watch.held)
+
+    # what a node tells of the graph
+
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        found = []
+        for number, run in enumerate(self.runs):
+            heard = self.now if run is self else self.now - 0.05
+            if run is not self and self.now < max(self.start, run.start) + self.heard_after[number]:
+                continue
+            names = [names for when, names in run.had if when <= heard]
+            found += [(name, "/", run.enclave) for name in (names or [()])[-1]]
+        return found
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
+        nodes = self.get_node_names_and_namespaces_with_enclaves()
+        wanted = topic in ("servo_states", "joint_commands")
+        return [SimpleNamespace(node_name=n, node_namespace="/") for n, *_ in nodes if wanted]
+
+    get_subscriptions_info_by_topic = get_publishers_info_by_topic
+
+    def get_service_names_and_types_by_node(self, *_: str) -> list[tuple[str, list[str]]]:
+        return []
+
+    def resolve_topic_name(self, name: str) -> str:
+        return name
+
+    resolve_service_name = resolve_topic_name
+
+    def get_namespace(self) -> str:
+        return "/"
+
+    def get_logger(self) -> SimpleNamespace:
+        return SimpleNamespace(warning=len, info=len)
+
+    def destroy_node(self) -> None:
+        pass
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.tuples(
+            st.booleans(),
+            st.sampled_from([0.0, 0.01, 0.4, 1.1, 5.0]),
+            st.sampled_from([0.0, -3.0, 3.0]),
+            st.sampled_from([0.3, 2.5]),
+            st.lists(st.sampled_from([0.05, 0.6, 1.8, 3.2]), min_size=3, max_size=3),
+        ),
+        min_size=2,
+        max_size=3,
+    )
+)
+def test_whoever_hears_of_whom_and_when_in_the_end_exactly_one_run_moves(plans):
+    runs: list[Run] = []
+    runs += [Run(number, plan, runs) for number, plan in enumerate(plans)]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        for tick in range(150):
+            for run in runs:
+                run.step(0.1 * tick, monkeypatch)
+    assert [run.moves for run in runs].count(True) == 1
 
 
 class NeverStopped:
