@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.ros.other_services import Outcome, wait_for_answer
 from head_tracking.ros.own_thread import OwnThread
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import EVERY_CHANGE
 
 _ANSWER = 0.45  # s within which a person is told
 _HANGS = 0.12  # s without an answer: the other service is asked as well
@@ -45,7 +45,7 @@ class Stop:
         self._stopped: bool | None = None
         self._attempt: _Attempt | None = None
         self._lock = threading.Lock()
-        node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+        node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
         self._own.start()
 
     @property
