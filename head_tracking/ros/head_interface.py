@@ -28,7 +28,7 @@ from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import EVERY_CHANGE, LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -307,7 +307,7 @@ class HeadInterface:
             self._commands = node.create_publisher(JointState, "joint_commands", 1)
             self._claims = node.create_publisher(JointState, "joint_claims", 10)
             node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
-            node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+            node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
 
     def _drive_by_trajectory(self) -> None:
         if self._loop.write is not None:
