@@ -191,14 +191,15 @@ class _Net:
     It was trained with upright faces in good light and is unsure of turned and dark ones. So the
     first step looks through a small image, evenly lit, for all that is not quite unlike a face,
     with the roll that the eyes suggest. The second one looks again at each of them, turned upright
-    and at the size the net knows best.
+    and at the size the net knows best; what it finds it looks at once more as it is turned and as
+    large as it has proved to be: a face is surer then, and anything else is not.
 
     Raises:
         AttributeError, cv2.error: this OpenCV is too old for it.
     """
 
-    _SMALL = 13.7  # pixels: what the first step still finds
-    _GUESS, _LIKELY = 0.05, 0.5  # scores of the first step
+    _SMALL = 13.55  # pixels: what the first step still finds; halves 480 rows, the fastest resize
+    _GUESS, _LIKELY = 0.03, 0.5  # scores of the first step
     _GUESSES = 4  # of those that are not likely, so many are looked at again
     _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
     _TURNS = (0.0, math.radians(35.0), math.radians(-35.0))
@@ -259,6 +260,8 @@ class _Net:
         # where a face is found already, another one that is turned waits for the next search
         for turn in self._TURNS[: 1 if found else None]:
             face = self._upright(picture, centre, size, roll + turn)
+            if face is not None and score > self._STILL_THERE:  # it was not followed before
+                face = self._upright(picture, face.centre, face.size, face.roll)
             if face is not None and face.score >= score:
                 if all(math.dist(face.centre, other.centre) > 0.6 * other.size for other in found):
                     found.append(face)

@@ -51,7 +51,7 @@ def share(detector, kind, degrees, **options):
 @pytest.mark.parametrize("kind", ["upright", "half-turned", "half-covered"])
 def test_the_net_finds_nine_of_ten_faces_of_people(net, kind, degrees):
     found, false = share(net, kind, degrees, lights=(1,))
-    assert found >= 0.9 - (kind == "half-turned") * 0.03  # one of eight pictures is 12 %
+    assert found >= 0.9
     assert false == 0
 
 
@@ -75,7 +75,7 @@ def test_the_cascade_finds_upright_faces_only():
 
 @with_photographs
 def test_the_net_finds_no_face_where_none_is(net):
-    assert sum(len(net.detect(frame(picture), [])) for picture in empty(1)) == 0
+    assert sum(len(net.detect(frame(picture), [])) for picture in empty(5)) == 0
 
 
 @with_photographs
