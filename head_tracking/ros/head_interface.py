@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -368,7 +369,11 @@ class HeadInterface:
             self._turner.report()
 
     def enable(self, *, slowly: bool) -> None:
-        """Takes the joints over, and lets the turner turn them."""
+        """Takes the joints over, and lets the turner turn them.
+
+        Raises:
+            OwnershipError: the head was stopped just now.
+        """
         self._loop.take_over(self)
         if self._loop.write is None and self._trajectory is None:
             claim = JointState(name=self.joints)
@@ -392,10 +397,11 @@ class HeadInterface:
 
     def resume(self) -> bool:
         """Takes the joints over, slowly at first, if a stop has taken them; whether it was so."""
-        resumes = self._resumes
-        if resumes:
-            self.enable(slowly=True)
-        return resumes
+        if self._resumes:
+            with suppress(OwnershipError):  # stopped again
+                self.enable(slowly=True)
+                return True
+        return False
 
     def _switch(self, off: str) -> None:
         self.off = off
@@ -417,9 +423,12 @@ class HeadInterface:
         what = self._turner.what
         response.success = True
         if request.data:
-            if self.off:
-                self.enable(slowly=self._loop.owners.stopped)
-            response.message = f"{what} is on"
+            try:
+                if self.off:
+                    self.enable(slowly=self._loop.owners.stopped)
+                response.message = f"{what} is on"
+            except OwnershipError as error:
+                response.success, response.message = False, str(error)
             return response
         with self.lock:
             reading = self.reading()
@@ -449,6 +458,7 @@ class HeadInterface:
 
     def _on_stopped(self, message: Bool) -> None:
         """Follows the servo bus of another process."""
+        self._loop.owners.stop(message.data)
         if message.data:
             self.stop()
         else:

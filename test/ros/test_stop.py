@@ -11,6 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 
@@ -102,6 +103,18 @@ def test_a_stop_that_was_resumed_before_a_busy_node_heard_of_it_counts(threads):
     threads.start(tracker)
     threads.start(bus)
     wait_for(lambda: tracker.interface.slow)
+    assert stopped.publish(Bool(data=True)) is None
+    wait_for(lambda: tracker.interface.off)
+    tracker.interface.slow = False
+    enable = bus.create_client(SetBool, "head_tracker/enable")
+    wait_for(enable.service_is_ready)
+
+    def enabled() -> bool:
+        future = enable.call_async(SetBool.Request(data=True))
+        return bool(wait_for(lambda: future.done() and future.result()).success)
+
+    wait_for(enabled)  # not yet while it has only just been stopped
+    assert tracker.interface.slow
 
 
 def test_stop_waits_for_no_controller_that_hangs(robot):
