@@ -13,12 +13,12 @@ from typing import Any
 
 import rclpy
 from rclpy.logging import get_logger
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.node_sets import (
     BUS_PROCESS,
     FEEDS_BUFFER,
@@ -51,9 +51,12 @@ from head_tracking.stop_key import HINT, StopKey
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 
-_LOOKING = "looking for other heads"
 _LOOK_PERIOD = 0.1  # s
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+class ArgumentError(HeadTrackingError):
+    """A mistake on the command line that shows when the servos are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +198,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         options.duration,
         options.viewer,
         tuple(arguments),
-        _said_enclave(arguments) or own_enclave(),
+        _said_enclave(arguments) or own_enclave(simulated=options.sim),
         options.allow_others,
         options.sim and not options.network,
         tuple(options.reverse),
@@ -249,6 +252,7 @@ def compose(
 
     Raises:
         StoppedError: somebody asked to stop.
+        ArgumentError: there is no such joint to reverse.
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
@@ -295,6 +299,13 @@ def compose(
     for spec in plan.nodes:
         stop.check()
         start(spec)
+        if spec is plan.nodes[0]:
+            driven = [servo.joint_name for servo in nodes["servo_bus"].status().statistics.servos]
+            unknown = ", ".join(joint for joint in plan.reversed if joint not in driven)
+            if unknown:
+                raise ArgumentError(
+                    f"--reverse: no servo turns {unknown}; there are {', '.join(driven)}"
+                )
         if spec is plan.nodes[0] and all(other.name != FEEDS_BUFFER for other in plan.nodes):
             listen_for(loop, buffer, nodes[spec.name])
     return Composition(
@@ -302,7 +313,7 @@ def compose(
     )
 
 
-def _look_around(plan: Run, stop: StopSignal, line: StatusLine) -> None:
+def _look_around(watch: GraphWatch, stop: StopSignal, line: StatusLine) -> None:
     """Looks for other heads before there is anything to hear of this one.
 
     A real head would take a simulated one's target and joints for its own.
@@ -311,16 +322,11 @@ def _look_around(plan: Run, stop: StopSignal, line: StatusLine) -> None:
         RefusedError: there is another head.
         StoppedError: somebody asked to stop.
     """
-    node = Node("head_tracking")
-    try:
-        watch = GraphWatch(node, plan.enclave, lambda _: None, simulated=True)
-        while watch.looking:
-            stop.check()
-            watch.look()
-            line.show([_LOOKING])
-            stop.wait(_LOOK_PERIOD)
-    finally:
-        node.destroy_node()
+    while not watch.alone:
+        stop.check()
+        watch.look()
+        line.show([watch.held])
+        stop.wait(_LOOK_PERIOD)
 
 
 def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
@@ -345,22 +351,13 @@ def run(plan: Run, stop: StopSignal, line: StatusLine) -> int:
 def _run(
     plan: Run, threads: NodeThreads, resources: ExitStack, stop: StopSignal, line: StatusLine
 ) -> None:
-    alone = plan.simulated and not plan.allow_others
-    if alone:
-        _look_around(plan, stop, line)
-    held = "" if alone or plan.allow_others else _LOOKING
-    head = compose(plan, threads, resources, stop, held)
+    watch = GraphWatch(plan.enclave, simulated=plan.simulated, allow_others=plan.allow_others)
+    if plan.simulated:
+        _look_around(watch, stop, line)
+    head = compose(plan, threads, resources, stop, watch.held)
     if plan.viewer:
         resources.enter_context(viewer_process(ros_arguments(plan)))
     parameter_files.check(head.nodes.values())
-    watch = GraphWatch(
-        head.nodes["servo_bus"],
-        plan.enclave,
-        head.loop.hold,
-        simulated=plan.simulated,
-        allow_others=plan.allow_others,
-        alone=alone,
-    )
     get_logger("head_tracking").info(threads.executor)
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(
@@ -375,6 +372,9 @@ def _run(
 
     def look() -> None:
         watch.look()
+        if watch.looking and watch.alone:
+            watch.begin(head.nodes["servo_bus"])
+        head.loop.hold(watch.held)
         parts, mood = monitor.look()
         line.show([*parts, HINT] if key.works else parts, mood)
 
@@ -400,7 +400,7 @@ def main(arguments: Sequence[str], stop: StopSignal) -> int:
         return run(plan, stop, line)
     except Exception as error:
         line.end(f"head_tracking: {describe(error)}")
-        return 1
+        return 2 if isinstance(error, ArgumentError) else 1
     finally:
         rclpy.try_shutdown()
 

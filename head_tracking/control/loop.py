@@ -144,7 +144,11 @@ class ControlLoop:
             self.publish(joints, 0, {})
 
     def take_over(self, controller: Controller) -> None:
-        """Gives a controller its joints, whoever had them; what is in this process is disabled."""
+        """Gives a controller its joints, whoever had them; what is in this process is disabled.
+
+        Raises:
+            OwnershipError: the head was stopped just now.
+        """
         for other in self._controllers:
             if other is not controller and set(other.joints) & set(controller.joints):
                 other.disable(f"{controller.name} has taken the head over")

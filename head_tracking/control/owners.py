@@ -10,6 +10,9 @@ from collections.abc import Callable, Iterable, Mapping
 LEASE = 1.0
 """A claim by commands alone ends when none has come for so long [s]."""
 
+JUST_STOPPED = 0.3
+"""Whoever takes joints over so shortly [s] after a stop has decided it before."""
+
 
 class OwnershipError(Exception):
     """A joint belongs to somebody else, or to nobody because the head is stopped."""
@@ -35,6 +38,7 @@ class JointOwners:
         self._exclusive = exclusive
         self._clock = clock
         self._lock = threading.Lock()
+        self._stopped_at = -math.inf
         self._owners: dict[str, tuple[str, float]] = {}
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
@@ -74,8 +78,16 @@ class JointOwners:
                 )
 
     def take_over(self, owner: str, joints: Iterable[str]) -> None:
-        """Makes joints somebody's, whoever had them, and ends a stop."""
+        """Makes joints somebody's, whoever had them, and ends a stop.
+
+        Raises:
+            OwnershipError: the stop has only just come.
+        """
         with self._lock:
+            if self.stopped and self._clock() - self._stopped_at < JUST_STOPPED:
+                raise OwnershipError(
+                    "the head was stopped just now; call resume, or enable it again"
+                )
             self.stopped = False
             for joint in joints:
                 self._owners[joint] = (owner, math.inf)
@@ -95,6 +107,7 @@ class JointOwners:
         with self._lock:
             self.stopped = stopped
             if stopped:
+                self._stopped_at = self._clock()
                 self._owners = dict.fromkeys(self._owners, ("", 0.0))
         self.on_change()
 

@@ -173,9 +173,8 @@ class DetectionTargetNode(Node):
             pose = self._target.pose(frame_id, stamp)
             sighting = self._target.tracker.place(stamp, places(found.detections, p.class_id), pose)
         else:
-            camera = self._target.camera
+            camera = self._target.camera(frame_id, "no detection is placed")
             if camera is None:
-                self._target.complain("no detection is placed: there is no usable camera_info yet")
                 return
             if isinstance(found, tuple):
                 given = self._people(regions, camera, frame_id, stamp)

@@ -307,10 +307,14 @@ class ServoBusNode(Node):
                 throttle_duration_sec=1.0,
             )
             return
+        try:
+            self._loop.owners.take_over(sender, message.name)
+        except OwnershipError as error:
+            self._refuse(f"joint_claims of {sender}", error)
+            return
         for controller in self._loop.controllers:
             if set(controller.joints) & set(message.name):
                 controller.disable(f"{sender} has taken the head over")
-        self._loop.owners.take_over(sender, message.name)
 
     def _on_joint_commands(self, message: JointState) -> None:
         """A stream of goals: the limits clamp it, and joints that take no commands are left out."""

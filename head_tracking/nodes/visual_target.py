@@ -222,11 +222,10 @@ class VisualTargetNode(Node):
     def _look(self, shot: _Shot) -> None:
         """Looks for the target in one image, and publishes it."""
         stamped, image, depth = shot
-        camera = self._target.camera
-        if camera is None:
-            self._target.complain("no image is looked at: there is no usable camera_info yet")
-            return
         header = stamped.header
+        camera = self._target.camera(header.frame_id, "no image is looked at")
+        if camera is None:
+            return
         try:
             frame = Frame(
                 stamp_to_ns(header.stamp),

@@ -41,6 +41,7 @@ from head_tracking.tracking import (
     Turn,
     Waypoint,
     checked_waypoints,
+    stalled,
 )
 from head_tracking.transforms import RobotModelError, TransformException, Vector3
 
@@ -372,19 +373,12 @@ class HeadActions:
             reading: where they are.
             law: takes them there.
         """
-        standing = []
-        for watch, point, position, delay in zip(
-            self._watches, meant, reading.positions, law.delays, strict=True
-        ):
+        for watch, delay in zip(self._watches, law.delays, strict=True):
             watch.patience = _FOLLOWS + delay
-            speed = abs(point.velocity or 0.0)
-            if watch.stalls(point.position, speed, position, reading.now):
-                standing.append(watch.joint)
-        return self._interface.stuck or (
-            f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"
-            if standing
-            else ""
-        )
+        goals = [point.position for point in meant]
+        speeds = [abs(point.velocity or 0.0) for point in meant]
+        standing = stalled(self._watches, goals, speeds, reading.positions, reading.now)
+        return self._interface.stuck or standing
 
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """The command that stops the head where it is; None if nothing is under way."""

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -28,7 +29,7 @@ from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import EVERY_CHANGE, LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -307,7 +308,7 @@ class HeadInterface:
             self._commands = node.create_publisher(JointState, "joint_commands", 1)
             self._claims = node.create_publisher(JointState, "joint_claims", 10)
             node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
-            node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+            node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
 
     def _drive_by_trajectory(self) -> None:
         if self._loop.write is not None:
@@ -368,7 +369,11 @@ class HeadInterface:
             self._turner.report()
 
     def enable(self, *, slowly: bool) -> None:
-        """Takes the joints over, and lets the turner turn them."""
+        """Takes the joints over, and lets the turner turn them.
+
+        Raises:
+            OwnershipError: the head was stopped just now.
+        """
         self._loop.take_over(self)
         if self._loop.write is None and self._trajectory is None:
             claim = JointState(name=self.joints)
@@ -392,10 +397,11 @@ class HeadInterface:
 
     def resume(self) -> bool:
         """Takes the joints over, slowly at first, if a stop has taken them; whether it was so."""
-        resumes = self._resumes
-        if resumes:
-            self.enable(slowly=True)
-        return resumes
+        if self._resumes:
+            with suppress(OwnershipError):  # stopped again
+                self.enable(slowly=True)
+                return True
+        return False
 
     def _switch(self, off: str) -> None:
         self.off = off
@@ -417,9 +423,12 @@ class HeadInterface:
         what = self._turner.what
         response.success = True
         if request.data:
-            if self.off:
-                self.enable(slowly=self._loop.owners.stopped)
-            response.message = f"{what} is on"
+            try:
+                if self.off:
+                    self.enable(slowly=self._loop.owners.stopped)
+                response.message = f"{what} is on"
+            except OwnershipError as error:
+                response.success, response.message = False, str(error)
             return response
         with self.lock:
             reading = self.reading()
@@ -449,6 +458,7 @@ class HeadInterface:
 
     def _on_stopped(self, message: Bool) -> None:
         """Follows the servo bus of another process."""
+        self._loop.owners.stop(message.data)
         if message.data:
             self.stop()
         else:

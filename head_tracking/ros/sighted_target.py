@@ -49,7 +49,6 @@ class SightedTarget:
 
     Attributes:
         tracker: keeps to one of the things that are found.
-        camera: the newest usable camera_info; None: there is none.
     """
 
     def __init__(
@@ -68,7 +67,7 @@ class SightedTarget:
         self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
         self.find_by(detector)
-        self.camera: Camera | None = None
+        self._camera: tuple[Camera, str] | None = None
         self._placed = False
         self._switch = Switch(node)
         self._output = TargetOutput(node, loop)
@@ -84,6 +83,24 @@ class SightedTarget:
     def find_by(self, detector: Detector) -> None:
         """Looks for other things from now on."""
         self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+
+    def camera(self, frame_id: str, otherwise: str) -> Camera | None:
+        """The camera whose images have that frame, by the newest camera_info.
+
+        Where there is none, a person is told, after what it leads to. (Some drivers leave the frame
+        of camera_info empty.)
+        """
+        if self._camera is None:
+            self.complain(f"{otherwise}: there is no usable camera_info yet")
+            return None
+        camera, frame = self._camera
+        if frame.lstrip("/") not in ("", frame_id.lstrip("/")):
+            self.complain(
+                f"{otherwise}: camera_info is of a camera in {frame!r}, the image of one in "
+                f"{frame_id!r}; remap camera_info to that of the image"
+            )
+            return None
+        return camera
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
         """A frame in the one that stands still, if that is known; at its stamp [ns]."""
@@ -119,9 +136,9 @@ class SightedTarget:
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self.camera = camera_of(message)
+            self._camera = camera_of(message), message.header.frame_id
         except CameraError as error:
-            self.camera = None
+            self._camera = None
             self.complain(str(error))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

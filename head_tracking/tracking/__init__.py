@@ -35,6 +35,7 @@ from head_tracking.tracking.tracker import (
     StallWatch,
     Tracker,
     TrackingStep,
+    stalled,
 )
 from head_tracking.tracking.trajectory import (
     JointPoint,
@@ -96,5 +97,6 @@ __all__ = [
     "checked_waypoints",
     "lag",
     "picture",
+    "stalled",
     "table",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
@@ -96,8 +96,8 @@ class Tracker:
         self,
         head: PanTiltHead,
         law: TrackingLaw,
-        estimator: EstimatorParameters,
-        state: TargetStateParameters,
+        estimator: EstimatorParameters = EstimatorParameters(),  # noqa: B008
+        state: TargetStateParameters = TargetStateParameters(),  # noqa: B008
         base: HeadBase | None = None,
     ) -> None:
         self.head = head
@@ -324,18 +324,7 @@ class Tracker:
 
     def _watch_servos(self, command: HeadCommand, joints: JointReading, now: float) -> None:
         goals, speeds = (command.pan, command.tilt), (command.pan_speed, command.tilt_speed)
-        stalled = [
-            watch.joint
-            for watch, goal, speed, position in zip(
-                self._stall_watches, goals, speeds, joints.positions, strict=True
-            )
-            if watch.stalls(goal, speed, position, now)
-        ]
-        self.machine.stalled = (
-            f"{' and '.join(stalled)} not moving to where told: relaxed, shut down or blocked?"
-            if stalled
-            else ""
-        )
+        self.machine.stalled = stalled(self._stall_watches, goals, speeds, joints.positions, now)
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,3 +419,31 @@ class StallWatch:
             self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
             self._since = math.nan
         return self._stalls
+
+
+def stalled(
+    watches: Sequence[StallWatch],
+    goals: Sequence[float],
+    speeds: Sequence[float],
+    positions: Sequence[float],
+    now: float,
+) -> str:
+    """Which joints stand still although their goals are elsewhere, for a person; empty: none.
+
+    Args:
+        watches: of the joints.
+        goals: of the newest commands [rad].
+        speeds: of the newest commands [rad/s].
+        positions: as measured [rad].
+        now: the time [s].
+    """
+    standing = [
+        watch.joint
+        for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
+        if watch.stalls(goal, speed, position, now)
+    ]
+    return (
+        f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"
+        if standing
+        else ""
+    )

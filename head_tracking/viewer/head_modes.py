@@ -20,6 +20,7 @@ from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.other_topics import OtherTopics
 from head_tracking.viewer.path import Path
+from head_tracking.viewer.stop import Stop
 
 TRACKER, POINTER = "head_tracker", "point_head"
 FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
@@ -90,6 +91,7 @@ class HeadModes:
         graph: the nodes that are there.
         parameters: of those nodes: what the camera is to find.
         buffer: the robot's frames.
+        stop: ends what the page sends, and whatever is being switched on.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class HeadModes:
         graph: Graph,
         parameters: OtherParameters,
         buffer: TransformBuffer,
+        stop: Stop,
     ) -> None:
         self._node = node
         self._services = services
@@ -107,6 +110,8 @@ class HeadModes:
         self._graph = graph
         self._parameters = parameters
         self._buffer = buffer
+        self._stop = stop
+        self._stops = 0  # of the head, when what is sent was begun
         services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
         services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
         services.know(
@@ -177,7 +182,9 @@ class HeadModes:
             return Outcome(False, "the target is refused: x, y and z must be numbers in metres")
         if frame not in self._buffer.frames():
             return Outcome(False, f"the target is refused: there is no frame {frame!r}")
-        mode, said = self.mode(), ""
+        stops, mode, said = self._stop.count, self.mode(), ""
+        if self._stop.stopped:
+            return Outcome(False, "the head is stopped: press Resume first")
         if mode is Mode.OFF:
             return Outcome(False, "nothing turns the head now: choose a mode (point or track)")
         wanted = Mode.POINT if mode is Mode.POINT else Mode.TRACK
@@ -200,7 +207,7 @@ class HeadModes:
             return Outcome(False, f"the target is refused: {error}")
         kept = Target(0, model.root, placed)
         refused = self._refusal_of(
-            TRACKER, wait, lambda: self._keep_sending(Mode.TRACK, lambda: kept)
+            TRACKER, wait, lambda: self._keep_sending(Mode.TRACK, lambda: kept, stops)
         )
         return Outcome(not refused, refused or text)
 
@@ -235,7 +242,7 @@ class HeadModes:
             return Outcome(False, f"there is no frame {frame!r} to follow")
         if mode is Mode.PATH and self.path is None:
             return Outcome(False, self._no_path)
-        needed = _NEEDED[mode]
+        stops, needed = self._stop.count, _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
                 outcome = self._start(name)
@@ -248,15 +255,17 @@ class HeadModes:
         self.stop_sending()
         others = [name for name in (*SENDERS, *CONTROLLERS) if name not in needed]
         for name, on in (*((name, False) for name in others), *((name, True) for name in needed)):
+            if on and self._stop.count != stops:
+                return Outcome(False, f"stopped before {name} was switched on")
             outcome = self._enable(name, on)
             if not outcome.done:
                 return outcome
         if mode is Mode.FOLLOW:
             kept = Target(0, frame, (0.0, 0.0, 0.0))
-            self._keep_sending(mode, lambda: kept)
+            self._keep_sending(mode, lambda: kept, stops)
         if mode is Mode.PATH:
             self._along, self._stepped = 0.0, time.monotonic()
-            self._keep_sending(mode, self._next_of_path)
+            self._keep_sending(mode, self._next_of_path, stops)
         return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
 
     def set_path(self, path: Path | None, speed: float, why: str = "") -> None:
@@ -377,8 +386,8 @@ class HeadModes:
     def _set(self, node: str, name: str, value: Any) -> Outcome:
         return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
-    def _keep_sending(self, mode: Mode, target: Callable[[], Target | None]) -> None:
-        self._kept, self._sends = target, mode
+    def _keep_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
+        self._kept, self._sends, self._stops = target, mode, stops
         self._send_kept()
         self._timer.reset()
 
@@ -392,6 +401,8 @@ class HeadModes:
         return Target(stamp, model.root, path.at(self._along))
 
     def _send_kept(self) -> None:
+        if self._stop.count != self._stops:
+            self.stop_sending()
         target = None if self._kept is None else self._kept()
         if target is not None:
             self._publish(target)

@@ -96,7 +96,13 @@ class Robot:
             self.parameters.values,
         )
         self.modes = HeadModes(
-            node, services, self.topics, self._graph, self.parameters, self.buffer
+            node,
+            services,
+            self.topics,
+            self._graph,
+            self.parameters,
+            self.buffer,
+            self.stop,
         )
         self.joints = JointControl(
             node,

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.ros.other_services import Outcome, wait_for_answer
 from head_tracking.ros.own_thread import OwnThread
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import EVERY_CHANGE
 
 _ANSWER = 0.45  # s within which a person is told
 _HANGS = 0.12  # s without an answer: the other service is asked as well
@@ -29,9 +29,13 @@ class Stop:
 
     Args:
         beside: the node that it belongs to.
+
+    Attributes:
+        count: grows with every stop, this page's or another's; what was begun before is over.
     """
 
     def __init__(self, beside: Node) -> None:
+        self.count = 0
         self._own = OwnThread(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._stop, self._relax, self._resume = (
@@ -41,7 +45,7 @@ class Stop:
         self._stopped: bool | None = None
         self._attempt: _Attempt | None = None
         self._lock = threading.Lock()
-        node.create_subscription(Bool, "stopped", self._on_stopped, LATCHED)
+        node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
         self._own.start()
 
     @property
@@ -64,6 +68,7 @@ class Stop:
         """Relaxes all servos; answers within half a second, and goes on trying afterwards."""
         attempt = _Attempt(self._where)
         with self._lock:
+            self.count += 1
             previous, self._attempt = self._attempt, attempt
         if previous is not None:
             previous.cancelled.set()
@@ -96,6 +101,8 @@ class Stop:
     def _on_stopped(self, message: Bool) -> None:
         if self._stopped and not message.data:
             self.cancel()  # somebody has resumed, here or elsewhere
+        with self._lock:
+            self.count += bool(message.data and not self._stopped)
         self._stopped = bool(message.data)
 
     def _try(self, attempt: _Attempt) -> None:

@@ -29,7 +29,6 @@ from head_tracking.tracking import (
     EstimatorParameters,
     SpeedLimits,
     TargetEstimate,
-    TargetStateParameters,
     Trace,
     Tracker,
     Verdict,
@@ -240,7 +239,7 @@ class PlainFilter:
 def ours(law: str = "predictive", rate: float = 50.0) -> Tracker:
     """A law with its default parameters."""
     steered = LAWS[law](HEAD, 1.0 / rate)
-    return Tracker(HEAD, steered, EstimatorParameters(), TargetStateParameters())
+    return Tracker(HEAD, steered)
 
 
 def position() -> Tracker:
@@ -258,7 +257,7 @@ def plain() -> Tracker:
 def tutorial() -> Tracker:
     """The tutorials' law, k = 1.5, cap 2.0 rad/s."""
     law = LAWS["speed"](HEAD, 0.1, SpeedLimits(max_joint_speed=2.0))
-    return Tracker(HEAD, law, EstimatorParameters(), TargetStateParameters())
+    return Tracker(HEAD, law)
 
 
 def slow(servo: SimulatedServo) -> None:

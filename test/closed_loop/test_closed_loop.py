@@ -8,11 +8,9 @@ from closed_loop import ClosedLoop, Conditions, SimulatedHead, ax12
 
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     PredictiveLawParameters,
     SpeedLimits,
     TargetState,
-    TargetStateParameters,
     Tracker,
     TrackingStep,
 )
@@ -29,12 +27,7 @@ def sine(frequency):
 
 
 def tracker(head, law="predictive", rate=50.0, limits=None, parameters=None):
-    return Tracker(
-        head,
-        LAWS[law](head, 1.0 / rate, limits, parameters),
-        EstimatorParameters(),
-        TargetStateParameters(),
-    )
+    return Tracker(head, LAWS[law](head, 1.0 / rate, limits, parameters))
 
 
 def run(head, path, conditions, controller=None):

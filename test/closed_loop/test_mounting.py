@@ -15,9 +15,7 @@ from rclpy.time import Time
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     TargetState,
-    TargetStateParameters,
     Tracker,
 )
 
@@ -41,7 +39,7 @@ class Watched:
 
     def __init__(self, head, law="predictive"):
         steered = LAWS[law](head, 0.02)
-        self.tracker = Tracker(head, steered, EstimatorParameters(), TargetStateParameters())
+        self.tracker = Tracker(head, steered)
         self.target_seen = self.tracker.target_seen
         self.joints, self.named, self.commands = [], None, []
 

@@ -8,12 +8,10 @@ from closed_loop import SimulatedHead
 
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     HeadBase,
     Target,
     TargetPlacer,
     TargetState,
-    TargetStateParameters,
     Tracker,
 )
 from head_tracking.transforms import Rotation, Transform, TransformBuffer
@@ -70,9 +68,7 @@ def errors(model, head, yaw, fixed_frame):
     tracker = Tracker(
         head,
         LAWS["predictive"](head, PERIOD),
-        EstimatorParameters(),
-        TargetStateParameters(),
-        base,
+        base=base,
     )
     placer = TargetPlacer(buffer, fixed_frame, 1.0)
     mount = model.transform("base_link", head.base_frame, {})

@@ -9,9 +9,7 @@ from closed_loop import ClosedLoop, Conditions, PlainServo
 
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     TargetState,
-    TargetStateParameters,
     Tracker,
 )
 
@@ -36,7 +34,7 @@ def circle(t):
 
 def tracker(head, law="predictive"):
     steered = LAWS[law](head, 0.02)
-    return Tracker(head, steered, EstimatorParameters(), TargetStateParameters())
+    return Tracker(head, steered)
 
 
 def error(head, path, conditions, start=3.0, steered=None):

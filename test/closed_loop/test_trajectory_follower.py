@@ -10,9 +10,7 @@ from trajectory_follower import followed
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     SetpointStream,
-    TargetStateParameters,
     Tracker,
 )
 
@@ -31,12 +29,7 @@ def test_a_target_is_followed_about_as_well_as_by_the_servo_bus(
     """scripts/benchmark/measure interfaces has the table."""
 
     def error(servos):
-        tracker = Tracker(
-            head,
-            LAWS["predictive"](head, 0.02),
-            EstimatorParameters(),
-            TargetStateParameters(),
-        )
+        tracker = Tracker(head, LAWS["predictive"](head, 0.02))
         conditions = Conditions(8.0, noise=0.002, servos=servos)
         return ClosedLoop(head, sine, conditions).run(tracker).recording.between(3.0).rms
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.control import LEASE, JointOwners, OwnershipError
+from head_tracking.control import JUST_STOPPED, LEASE, JointOwners, OwnershipError
 
 PAN, TILT = JOINTS = ("head_pan_joint", "head_tilt_joint")
 WHO = ("/head_tracker", "/point_head", "somebody")
@@ -50,11 +50,14 @@ def test_several_joints_are_claimed_all_or_none(owners):
     assert owners.of(JOINTS) == {PAN: "", TILT: "somebody"}
 
 
-def test_a_stop_takes_all_from_everybody_until_it_is_ended(owners):
+def test_a_stop_takes_all_from_everybody_until_it_is_ended(owners, clock):
     owners.claim("/head_tracker", JOINTS)
     owners.stop()
     with pytest.raises(OwnershipError, match="stopped; call resume"):
         owners.claim("/head_tracker", JOINTS)
+    with pytest.raises(OwnershipError, match="stopped just now"):
+        owners.take_over("/point_head", JOINTS)  # which somebody had asked for before
+    clock.now += 1.01 * JUST_STOPPED
     owners.take_over("/point_head", JOINTS)
     assert not owners.stopped
     assert owners.of([PAN]) == {PAN: "/point_head"}
@@ -92,7 +95,7 @@ def test_it_does_what_a_small_model_does(requests):
     clock = Clock()
     owners = JointOwners(clock=clock)
     model: dict[str, tuple[str, float]] = dict.fromkeys(JOINTS, ("", math.inf))
-    stopped = False
+    stopped, stopped_at = False, 0.0
     for request in requests:
         model = {j: own if clock.now < own[1] else ("", math.inf) for j, own in model.items()}
         match request:
@@ -105,6 +108,9 @@ def test_it_does_what_a_small_model_does(requests):
                 else:
                     with pytest.raises(OwnershipError):
                         owners.claim(who, joints, lease)
+            case ("take", who, joints) if stopped and clock.now - stopped_at < JUST_STOPPED:
+                with pytest.raises(OwnershipError):
+                    owners.take_over(who, joints)
             case ("take", who, joints):
                 owners.take_over(who, joints)
                 stopped = False
@@ -114,7 +120,7 @@ def test_it_does_what_a_small_model_does(requests):
                 model = {j: ("", math.inf) if own[0] == who else own for j, own in model.items()}
             case ("stop",):
                 owners.stop()
-                stopped = True
+                stopped, stopped_at = True, clock.now
                 model = dict.fromkeys(JOINTS, ("", math.inf))
             case ("resume",):
                 owners.stop(False)

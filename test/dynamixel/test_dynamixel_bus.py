@@ -97,6 +97,25 @@ def test_connect_asks_a_silent_servo_several_times() -> None:
     assert bus.connect() == "2 AX-12 servos: ids 1, 2"
 
 
+def test_connect_gives_silent_servos_a_second_chance() -> None:
+    port, paused = FakePort(1), []
+
+    def wake_up(seconds: float) -> None:
+        paused.append(seconds)
+        port.servos[2] = FakeServo(2)
+
+    bus = ServoBus(port, JOINTS, FakeClock(), pause=wake_up)
+    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
+    assert len(paused) == 1
+
+
+def test_connect_asks_again_for_reads_that_a_busy_machine_missed() -> None:
+    port = FakePort()
+    port.failures[2].extend([None, *[ReplyTimeoutError("late")] * 4])  # after the ping
+    bus, _ = make(port)
+    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
+
+
 def test_servo_with_damaged_answers_is_there_but_not_understood() -> None:
     port = FakePort()
     port.failures[2].extend([CorruptReplyError("noise")] * 6)

@@ -51,6 +51,16 @@ def test_a_head_that_is_held_did_not_arrive(pointing):
     assert result.miss > 0.2
 
 
+def test_a_head_that_has_not_moved_yet_is_waited_for(pointing):
+    """Its torque may come on late."""
+    _, command = pointing.point_at((1.0, 0.5, 0.0), (0.0, 0.0), 0.0)
+    assert pointing.judge((0.0, 0.0), 1.0) is None
+    assert pointing.judge((command.pan, command.tilt), 1.3) is None
+    assert pointing.judge((command.pan, command.tilt), 1.8).arrived
+    pointing.point_at((1.0, -0.5, 0.0), (command.pan, command.tilt), 2.0)
+    assert not pointing.judge((command.pan, command.tilt), 3.5).arrived
+
+
 def test_a_new_target_on_the_way_is_judged_anew(pointing):
     pointing.point_at((1.0, 0.5, 0.0), (0.0, 0.0), 0.0)
     _, command = pointing.point_at((1.0, -0.5, 0.0), (0.2, 0.0), 0.2)

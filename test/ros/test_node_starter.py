@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from contract_nodes import ControllerStandIn
+from contract_nodes import BusStandIn, ControllerStandIn
 from rclpy.node import Node
 from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
@@ -67,6 +67,24 @@ def test_what_keeps_a_node_from_doing_its_work_is_the_answer(threads, ask):
     answer = ask("point_head")
     assert not answer.success
     assert "is not switched on: there is no model" in answer.message
+
+
+def test_a_node_whose_start_was_asked_for_before_a_stop_is_not_switched_on(threads, ask):
+    made = []
+    bus = BusStandIn()
+    threads.start(bus)
+
+    def start(name: str) -> None:
+        made.append(ControllerStandIn(name, on=False))
+        threads.start(made[0])
+        bus.say_stopped(True)
+        wait_for(lambda: starter._stops)
+
+    starter = NodeStarterNode(start, ("point_head",))
+    threads.start(starter)
+    answer = ask("point_head")
+    assert (answer.success, made[0].asked) == (False, [])
+    assert answer.message == "point_head runs, and the head was stopped meanwhile"
 
 
 def test_starting_a_node_keeps_no_callback_of_the_process_waiting(threads, ask):

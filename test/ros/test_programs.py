@@ -109,6 +109,10 @@ def test_an_id_that_does_not_answer_is_an_error(start, tmp_path):
         (["--sim", "--params", "nothing.yaml"], "no file nothing.yaml"),
         (["--sim", "--port", "/dev/ttyUSB0"], "not allowed with"),
         (["--sim", "--mode", "dance"], "invalid choice"),
+        (
+            ["--sim", "--reverse", "head_pan"],
+            "no servo turns head_pan; there are head_pan_joint, head_tilt_joint",
+        ),
         (["--simm"], "unrecognized"),
     ],
 )

@@ -4,11 +4,16 @@ import threading
 import time
 
 import pytest
+from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool
+
+from head_tracking.nodes.head_tracker import HeadTrackerNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STILL = 0.012  # rad: a joint that is let go moves on a little
@@ -86,6 +91,30 @@ def test_a_resumed_head_is_no_faster_than_a_person_allows(robot):
     assert robot.call("resume").success
     wait_for(lambda: len(goals) > 50)
     assert max(goal.speed for told in goals for goal in told.values()) <= 0.1001
+
+
+def test_a_stop_that_was_resumed_before_a_busy_node_heard_of_it_counts(threads):
+    tracker, bus = HeadTrackerNode(), Node("servo_bus")
+    stopped = bus.create_publisher(Bool, "stopped", LATCHED)
+    wait_for(stopped.get_subscription_count)
+    for said in (True, False):
+        stopped.publish(Bool(data=said))
+        assert stopped.wait_for_all_acked(Duration(seconds=10.0))
+    threads.start(tracker)
+    threads.start(bus)
+    wait_for(lambda: tracker.interface.slow)
+    assert stopped.publish(Bool(data=True)) is None
+    wait_for(lambda: tracker.interface.off)
+    tracker.interface.slow = False
+    enable = bus.create_client(SetBool, "head_tracker/enable")
+    wait_for(enable.service_is_ready)
+
+    def enabled() -> bool:
+        future = enable.call_async(SetBool.Request(data=True))
+        return bool(wait_for(lambda: future.done() and future.result()).success)
+
+    wait_for(enabled)  # not yet while it has only just been stopped
+    assert tracker.interface.slow
 
 
 def test_stop_waits_for_no_controller_that_hangs(robot):

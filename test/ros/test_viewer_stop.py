@@ -16,6 +16,7 @@ from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.viewer.head_modes import Mode
+from head_tracking.viewer.path import Path
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,
@@ -100,6 +101,42 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start):
     robot.stop.stop()
     robot.stop.cancel()
     assert robot.stop.outcome is None
+
+
+@pytest.mark.parametrize("by_page", [True, False])
+def test_a_stop_ends_what_the_page_sends_for_good(start, by_page):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+    robot = page(start)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    robot.modes.set_path(Path([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1)
+    assert robot.modes.set_mode(Mode.PATH).done
+    assert robot.modes.mode() is Mode.PATH
+    assert robot.stop.stop().done if by_page else bus.say_stopped(True) is None
+    wait_for(lambda: robot.stop.stopped)
+    assert "Resume first" in robot.modes.look_at("base_link", (1.0, 0.0, 1.0)).text  # a drag
+    bus.say_stopped(False)
+    wait_for(lambda: not robot.stop.stopped)
+    assert tracker.on
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK)
+
+
+def test_a_stop_ends_a_change_of_modes_that_is_under_way(start):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+    pointer = start(ControllerStandIn("point_head", on=False))
+    robot = page(start)
+    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    switch = tracker.switch
+
+    def stopped_meanwhile(on: bool) -> None:
+        bus.say_stopped(True)
+        wait_for(lambda: robot.stop.stopped)
+        switch(on)
+
+    tracker.switch = stopped_meanwhile
+    outcome = robot.modes.set_mode(Mode.POINT)
+    assert outcome == (False, "stopped before point_head was switched on")
+    assert pointer.asked == []
 
 
 def test_a_parameter_without_a_value_kills_nothing(start):

@@ -392,6 +392,15 @@ def test_a_middleware_that_makes_no_node_is_named(
     assert head.look(capsys) == 2
     assert head.levels()["network"] == "red"
     assert "error creating node: no security here\n" in head.output
+    (head.tmp_path / "enclaves").mkdir()
+    head.environment |= {
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_KEYSTORE": str(head.tmp_path),
+    }
+    assert head.look(capsys) == 2
+    assert (head.levels()["security"], head.levels()["network"]) == ("red", "-")
+    assert "enforced" not in head.output
 
 
 @pytest.fixture(scope="module")

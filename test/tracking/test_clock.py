@@ -12,11 +12,9 @@ from head_tracking.share import robot_file
 from head_tracking.tracking import (
     LAWS,
     ClockWatch,
-    EstimatorParameters,
     Target,
     TargetPlacer,
     TargetState,
-    TargetStateParameters,
     Tracker,
 )
 from head_tracking.transforms import TransformBuffer, load_robot_model
@@ -149,12 +147,7 @@ class Rig:
         self.buffer = TransformBuffer()
         self.buffer.set_model(model)
         self.head = head
-        self.tracker = Tracker(
-            head,
-            LAWS[law](head, DT),
-            EstimatorParameters(),
-            TargetStateParameters(),
-        )
+        self.tracker = Tracker(head, LAWS[law](head, DT))
         self.placer = TargetPlacer(self.buffer, head.base_frame, 1.0)
         self.positions, self.goals, self.speeds = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
         self.fastest = 0.0

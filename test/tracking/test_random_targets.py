@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     PredictiveLawParameters,
     SpeedLimits,
     Target,
@@ -64,8 +63,7 @@ class Rig:
         self.tracker = Tracker(
             self.head,
             LAWS[law](self.head, PERIOD / SECOND, limits, parameters),
-            EstimatorParameters(),
-            life,
+            state=life,
         )
         self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
         self.now = START

@@ -6,7 +6,6 @@ import pytest
 
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
@@ -30,8 +29,7 @@ def make(head):
         return Tracker(
             head,
             LAWS[law](head, DT, limits),
-            EstimatorParameters(),
-            TargetStateParameters(**life),
+            state=TargetStateParameters(**life),
         )
 
     return make

@@ -134,7 +134,6 @@ def look_at_machine(machine: Machine) -> Iterator[Finding]:
     yield _middleware(machine)
     yield _domain(machine)
     yield _discovery(machine)
-    yield _security(machine)
     yield _processor(machine)
 
 
@@ -304,7 +303,13 @@ def _discovery(machine: Machine) -> Finding:
     )
 
 
-def _security(machine: Machine) -> Finding:
+def look_at_security(machine: Machine, refused: str | None) -> Finding:
+    """What is set of SROS 2, and whether the middleware has it.
+
+    Args:
+        machine: This machine.
+        refused: Why no node could be made; empty: one was made; None: nobody has tried.
+    """
     environment = machine.environment
     if environment.get("ROS_SECURITY_ENABLE", "").lower() != "true":
         return Finding("security", Level.GREEN, "off (docs/distributed.md says how to have it)")
@@ -316,6 +321,14 @@ def _security(machine: Machine) -> Finding:
             f"it is on, but there is no keystore at {store or 'ROS_SECURITY_KEYSTORE'}",
             "ros2 security create_keystore, and set ROS_SECURITY_KEYSTORE to it",
         )
+    if refused:
+        return Finding(
+            "security",
+            Level.RED,
+            f"it is on, and no node can be made: {refused}",
+            "a key for the node's enclave and an RMW with security (docs/distributed.md), or unset "
+            "ROS_SECURITY_ENABLE",
+        )
     strict = environment.get("ROS_SECURITY_STRATEGY", "") == "Enforce"
     if not strict:
         return Finding(
@@ -324,6 +337,9 @@ def _security(machine: Machine) -> Finding:
             "on, but nodes without keys are let in",
             "set ROS_SECURITY_STRATEGY=Enforce",
         )
+    if refused is None:
+        text = f"set to be enforced, by {store}; whether the RMW can was not looked at"
+        return Finding("security", Level.SKIPPED, text)
     return Finding("security", Level.GREEN, f"enforced, by {store}")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from head_tracking.tools.doctor.findings import Finding, Level, exit_code, tell
-from head_tracking.tools.doctor.machine import Machine, look_at_machine
+from head_tracking.tools.doctor.machine import Machine, look_at_machine, look_at_security
 
 if TYPE_CHECKING:
     from head_tracking.tools.doctor.network import Heard
@@ -72,18 +72,26 @@ def _look(options: argparse.Namespace, ros: Sequence[str], looks: Looks) -> Iter
         yield Finding("model and servos", Level.SKIPPED, "not looked at without the libraries")
     else:
         yield from _look_at_head(options, looks)
-    if not machine.has_ros:
-        yield Finding("network", Level.SKIPPED, "not looked at without ROS")
-    elif options.listen > 0.0:
+    if not machine.has_ros or options.listen <= 0.0:
+        yield look_at_security(machine, None)
+        why = "with --listen 0" if machine.has_ros else "without ROS"
+        yield Finding("network", Level.SKIPPED, f"not looked at {why}")
+    else:
         from head_tracking.ros.start import in_short
         from head_tracking.tools.doctor.network import listen, look_at_network
 
         try:
             heard: Heard = (looks.listen or listen)(ros, options.listen)
         except RuntimeError as error:  # rclpy's
+            security = look_at_security(machine, in_short(error))
+            yield security
+            if security.level is Level.RED:
+                yield Finding("network", Level.SKIPPED, "not looked at without a node")
+                return
             cure = "look at what is set: env | grep -E 'ROS|RMW|DDS'; docs/distributed.md"
             yield Finding("network", Level.RED, in_short(error), cure)
             return
+        yield look_at_security(machine, "")
         yield from look_at_network(heard)
 
 
