@@ -200,7 +200,7 @@ class _Net:
 
     _SMALL = 13.55  # pixels: what the first step still finds; halves 480 rows, the fastest resize
     _GUESS, _LIKELY = 0.03, 0.5  # scores of the first step
-    _GUESSES = 4  # of those that are not likely, so many are looked at again
+    _GUESSES = 3  # of those that are not likely, so many are looked at again
     _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
     _TURNS = (0.0, math.radians(35.0), math.radians(-35.0))
     _STILL_THERE = 0.6
