@@ -598,7 +598,12 @@ class Chaos:
         self.until(lambda: self.error() < ON_TARGET, START_LIMIT, "the head is on its target")
         self.note("STOP")
         answers = self._ask_to_stop()
-        taken = self.until(self.relaxed, STOP_LIMIT, "STOP relaxes")
+
+        def relaxed() -> bool:
+            answers()
+            return self.relaxed()
+
+        taken = self.until(relaxed, STOP_LIMIT, "STOP relaxes")
         self.slowest_stop, self.stops = max(self.slowest_stop, taken), self.stops + 1
         self.until(lambda: any(answer.success for answer in answers()), 2.0, "STOP is confirmed")
         self._lift_after_a_while()
