@@ -300,17 +300,19 @@ def compose(
         stop.check()
         start(spec)
         if spec is plan.nodes[0]:
-            driven = [servo.joint_name for servo in nodes["servo_bus"].status().statistics.servos]
-            unknown = ", ".join(joint for joint in plan.reversed if joint not in driven)
-            if unknown:
-                raise ArgumentError(
-                    f"--reverse: no servo turns {unknown}; there are {', '.join(driven)}"
-                )
-        if spec is plan.nodes[0] and all(other.name != FEEDS_BUFFER for other in plan.nodes):
-            listen_for(loop, buffer, nodes[spec.name])
+            _check_reversed(plan.reversed, nodes[spec.name])
+            if all(other.name != FEEDS_BUFFER for other in plan.nodes):
+                listen_for(loop, buffer, nodes[spec.name])
     return Composition(
         nodes, buffer, loop, simulated[0] if simulated else None, shared["true_position"]
     )
+
+
+def _check_reversed(joints: Sequence[str], servo_bus: Any) -> None:
+    driven = [servo.joint_name for servo in servo_bus.status().statistics.servos]
+    unknown = ", ".join(joint for joint in joints if joint not in driven)
+    if unknown:
+        raise ArgumentError(f"--reverse: no servo turns {unknown}; there are {', '.join(driven)}")
 
 
 def _look_around(watch: GraphWatch, stop: StopSignal, line: StatusLine) -> None:
