@@ -289,7 +289,7 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._write_timeout = write_timeout
         self._open_device = open_device
-        self._other_name = ""  # by its serial number, once it has been there
+        self._stable_name = ""  # by its serial number, once it has been open
         self._device: SerialDevice | None = None
         self._line: Line | None = None
         self._timeout = ReplyTimeout(reply_timeout)
@@ -320,23 +320,22 @@ class DynamixelPort:
     def open(self) -> None:
         """Open the device and lock it, so that no second program disturbs the bus.
 
-        One that was there before is also looked for by its serial number (/dev/serial/by-id).
+        An adapter that was open before is opened by its serial number (/dev/serial/by-id): after a
+        USB reset two adapters may have swapped their other names.
 
         Raises:
-            PortMissingError: There is no such device.
+            PortMissingError: There is no such device, or another adapter has its name now.
             PortBusyError: Another program holds it.
             PortPermissionError: The user may not open it.
             PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
         """
         if self._device is not None:
             return
-        try:
+        if self._stable_name:
+            device = self._open_device(self._stable_name, self.baud_rate)
+        else:
             device = self._open_device(self.name, self.baud_rate)
-        except PortMissingError:
-            if not self._other_name:
-                raise
-            device = self._open_device(self._other_name, self.baud_rate)
-        self._other_name = self._other_name or stable_name(self.name)
+            self._stable_name = stable_name(self.name)
         self.adapter = device.adapter
         self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
         self._late = LateReplies(self.clock)
