@@ -53,7 +53,7 @@ from head_tracking.dynamixel.protocol import (
     sync_write_packet,
     write_packet,
 )
-from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate
+from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate, serial_ports
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
@@ -289,6 +289,7 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._write_timeout = write_timeout
         self._open_device = open_device
+        self._was_open = False
         self._stable_name = ""  # by its serial number, once it has been open
         self._device: SerialDevice | None = None
         self._line: Line | None = None
@@ -331,11 +332,14 @@ class DynamixelPort:
         """
         if self._device is not None:
             return
-        if self._stable_name:
-            device = self._open_device(self._stable_name, self.baud_rate)
-        else:
-            device = self._open_device(self.name, self.baud_rate)
-            self._stable_name = stable_name(self.name)
+        try:
+            device = self._open_device(self._stable_name or self.name, self.baud_rate)
+        except PortMissingError:
+            if self._was_open:  # it is looked for between cycles, where a list takes too long
+                raise
+            raise PortMissingError(self.name, serial_ports()) from None
+        self._was_open = True
+        self._stable_name = self._stable_name or stable_name(self.name)
         self.adapter = device.adapter
         self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
         self._late = LateReplies(self.clock)
