@@ -14,6 +14,7 @@ from head_tracking.tracking.estimator import (
     TargetEstimator,
     Verdict,
 )
+from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.laws import JointReading, PositionLaw, PredictiveLaw, TrackingLaw
 from head_tracking.tracking.mounting import Mounting
 from head_tracking.tracking.stamp_error import StampError
@@ -31,9 +32,6 @@ _INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
 """What a head may do [rad/s] that has swung by itself, or has been stopped."""
 _FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
-_AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
-_STALL_TIME = 0.8  # s
-_STALLED = 0.2  # of the way that was commanded
 _SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
 
 
@@ -108,8 +106,8 @@ class Tracker:
         self.at_most = math.inf
         self._base = base
         self._stall_watches = (
-            StallWatch(head.pan_joint),
-            StallWatch(head.tilt_joint),
+            FollowingWatch(head.pan_joint),
+            FollowingWatch(head.tilt_joint),
         )
         self._readings: deque[JointReading] = deque()
         self.stamp_error = StampError()
@@ -369,60 +367,8 @@ class TargetFromBase(TargetEstimate):
         return pan, tilt
 
 
-class StallWatch:
-    """Notices a joint that does not do what it is told.
-
-    Args:
-        joint: its name.
-        patience: how long it must not have moved [s].
-
-    Attributes:
-        joint: as given.
-        patience: as given.
-    """
-
-    def __init__(self, joint: str, patience: float = _STALL_TIME) -> None:
-        self.joint = joint
-        self.patience = patience
-        self._stalls = False
-        self._side = 0.0
-        self.restart()
-
-    def restart(self) -> None:
-        """Nothing is known of the joint."""
-        self._stalls, self._since = False, math.nan
-
-    def stalls(self, goal: float, speed: float, position: float, now: float) -> bool:
-        """Whether the joint stands still although its goal is elsewhere.
-
-        Args:
-            goal: of the newest command [rad].
-            speed: of the newest command [rad/s].
-            position: as measured [rad].
-            now: the time [s].
-        """
-        way = goal - position
-        if abs(way) < _AT_GOAL or way * self._side < 0.0:
-            self.restart()
-        self._side = way
-        if math.isnan(self._since):
-            self._since, self._last, self._commanded = now, now, 0.0
-            self._lowest = self._highest = position
-            return self._stalls
-        self._commanded += min(speed * (now - self._last), abs(way))
-        self._last = now
-        self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
-        moved = self._highest - self._lowest
-        if moved > _AT_GOAL:
-            self._stalls = False
-        if now - self._since > self.patience and self._commanded > _AT_GOAL:
-            self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
-            self._since = math.nan
-        return self._stalls
-
-
 def stalled(
-    watches: Sequence[StallWatch],
+    watches: Sequence[FollowingWatch],
     goals: Sequence[float],
     speeds: Sequence[float],
     positions: Sequence[float],
@@ -440,7 +386,7 @@ def stalled(
     standing = [
         watch.joint
         for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
-        if watch.stalls(goal, speed, position, now)
+        if watch.check(goal, speed, position, now)
     ]
     return (
         f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"
