@@ -15,7 +15,7 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.following import FollowingWatch
-from head_tracking.tracking.laws import JointReading, PositionLaw, PredictiveLaw, TrackingLaw
+from head_tracking.tracking.laws import JointReading, TrackingLaw
 from head_tracking.tracking.mounting import Mounting
 from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
@@ -30,8 +30,7 @@ _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
 _INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
-"""What a head may do [rad/s] that has swung by itself, or has been stopped."""
-_FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
+"""The greatest speed of a head after a stop, until it is on its target [rad/s]."""
 _SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
 
 
@@ -114,9 +113,6 @@ class Tracker:
         self.mounting = Mounting(head)
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
-        self._cautious = PositionLaw(head, 0.02, law.limits)
-        self._cautious.at_most = CAUTIOUS_SPEED
-        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -207,25 +203,6 @@ class Tracker:
                 self.estimator.add(then_corrected, error.corrected(then, seen), then_corrected)
         return error.corrected(stamp, sight) if moving else sight
 
-    def _steering(self, now: float) -> TrackingLaw:
-        """The law that steers: a cautious one for a while if the head has swung by itself."""
-        if self.stamp_error.swings and isinstance(self.law, PredictiveLaw):
-            self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
-            self._cautious_until = now + self._pause
-            self.stamp_error.calm_down()
-        cautious = now < self._cautious_until
-        if cautious:
-            self._cautious.limits = self.law.limits
-        elif now > self._cautious_until + 2.0 * self._pause:
-            self._pause = _FIRST_PAUSE
-        self.machine.swung = (
-            f"the head swung by itself: law position at {CAUTIOUS_SPEED:g} rad/s for "
-            f"{self._pause:.0f} s (wrong stamps or servo_delay, or a heavy head?)"
-            if cautious
-            else ""
-        )
-        return self._cautious if cautious else self.law
-
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
         if not self._readings or not self.machine.enabled:
@@ -241,7 +218,7 @@ class Tracker:
             target = self._from_base(estimate, now)
             if target is None:
                 return TrackingStep()
-            command, gaze = self._steering(now).follow(target, joints, now)
+            command, gaze = self.law.follow(target, joints, now)
             there = self.head.point(target.sight_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
@@ -294,7 +271,6 @@ class Tracker:
         self._seen.clear()
         self.stamp_error.reset()
         self.mounting.reset()
-        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None
