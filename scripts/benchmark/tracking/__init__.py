@@ -122,4 +122,14 @@ def tracking() -> str:
     return main(["--only", "mixed"])
 
 
-__all__ = ["HEAD", "OPPONENTS", "PATHS", "SITUATIONS", "Job", "Score", "judge", "judge_all", "tracking"]
+__all__ = [
+    "HEAD",
+    "OPPONENTS",
+    "PATHS",
+    "SITUATIONS",
+    "Job",
+    "Score",
+    "judge",
+    "judge_all",
+    "tracking",
+]
