@@ -1092,7 +1092,7 @@ class ServoBus:
                 self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
 
     def _holding(self, joint: Joint, gap: int) -> Steps[None]:
-        problem = yield from joint.pin()
+        problem = yield from joint.pin(powered=True)
         text = f"the bus stood still for {gap * 1e-9:.1f} s"
         self._note(EventKind.HELD, joint, f"{text}; {problem or 'it holds where it is'}")
 

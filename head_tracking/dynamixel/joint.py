@@ -235,18 +235,17 @@ class Joint:
             return
         ticks = list(self.goal_ticks)
         for index, servo in enumerate(self.servos):
-            present = servo.ticks if servo.stamp else None
+            present = servo.raw_ticks if servo.stamp else None
             with suppress(CommunicationError):
                 if servo.failed_cycles == 0 and not servo.lost:
-                    read = servo.get("Present Position", 1 + retries)
-                    present = servo.calibration.fold(read)
+                    present = servo.get("Present Position", 1 + retries)
             if present is not None:
                 ticks[index] = servo.inside(present)
         self._set_goal(tuple(ticks), self.goal_speed, None)
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
-        ticks = tuple([servo.inside(servo.ticks) for servo in self.servos])
+        ticks = tuple([servo.inside(servo.raw_ticks) for servo in self.servos])
         self._set_goal(ticks, self.goal_speed, None)
 
     def lose(self) -> None:
@@ -287,8 +286,12 @@ class Joint:
             return "the servo does not answer"
         return (yield from self.pin())
 
-    def pin(self) -> Steps[str]:
-        """Make torque on and the present position the goal; return what went wrong, or nothing."""
+    def pin(self, powered: bool = False) -> Steps[str]:
+        """Make torque on and the present position the goal; return what went wrong, or nothing.
+
+        Args:
+            powered: Whether the torque of its servos is on already.
+        """
         ticks: list[int] = []
         overtaken = self._overtaken
         try:
@@ -296,7 +299,7 @@ class Joint:
                 if servo.lost:
                     ticks.append(servo.range[0])  # never written while it is lost
                     continue
-                for wait in (steps := _Value(servo.pin())):
+                for wait in (steps := _Value(servo.pin(powered))):
                     yield wait
                     if self._overtaken != overtaken:
                         return "somebody has relaxed it meanwhile"
@@ -347,7 +350,7 @@ class Joint:
         if keep and identity.faulted:
             self.cut()
         elif keep and (identity.powered or others):
-            problem = yield from self.pin()
+            problem = yield from self.pin(powered=identity.powered)
             if problem:
                 return f"relaxed, because it does not hold: {problem}"
             return "it kept its torque and holds where it stands"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.exceptions import DynamixelError
+from head_tracking.dynamixel.exceptions import DynamixelError, PositionError
 from head_tracking.dynamixel.models import MODELS, ServoModel
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
@@ -265,8 +265,12 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             "first"
         )
     low, high = (link.get(name) for name in link.model.position_limits)
-    # A relaxed X servo counts turns; torque on ends that.
-    stands = link.calibration.fold(link.get("Present Position"))
+    link.range = (low, high)
+    stands = link.get("Present Position")
+    try:
+        link.require_straight_path(stands)
+    except PositionError as refusal:
+        raise RefusedError(f"{refusal}, or cycle its power") from refusal
     outside = not low <= stands <= high
     if outside:
         workshop.terminal.confirm(
@@ -274,7 +278,6 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             f"on it creeps to {max(low, min(high, stands))}. Switch it on?"
         )
     try:
-        link.range = (low, high)
         goal = run(link.pin())
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
