@@ -159,6 +159,7 @@ class ServoBus:
         self._there = self._troubled = False  # the port, in this cycle; anything not as usual
         self._plan: list[_Part] | None = None
         self._lost: tuple[str, ...] = ()
+        self._incomplete: tuple[str, ...] = ()  # joints with a servo that is lost
         self._missing = True  # some servo may be lost
         self._watched = False
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
@@ -210,7 +211,7 @@ class ServoBus:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self._joint(name)
                 position = joint.admit(goal, clamp)
-                if self._lost and name in self._lost:
+                if self._incomplete and name in self._incomplete:
                     lost += (name,)
                     continue
                 positions[name] = position
@@ -684,13 +685,17 @@ class ServoBus:
             )
             for key, members in together.items()
         ]
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
-        self._missing = any(servo.lost for _, servo in self._each_servo())
+        self._note_lost()
         self._watched = any(servo.watched for _, servo in self._each_servo())
         plan = [*parts, *alone]
         if settled:
             self._plan = plan
         return plan
+
+    def _note_lost(self) -> None:
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        self._incomplete = tuple([joint.name for joint in self._all if not joint.complete])
+        self._missing = bool(self._incomplete)
 
     def _take_goals(self) -> None:
         for name, goal in self.requests.take_goals().items():
@@ -698,7 +703,7 @@ class ServoBus:
             if joint.on and not joint.busy:
                 joint.aim(goal.position, goal.speed, self._last_cycle)
                 continue
-            if joint.lost or joint.torque.waits:
+            if joint.torque.waits or not joint.complete:
                 continue  # since the command was accepted
             self.requests.keep_goal(name, goal)  # until its torque is on
             unseen = [s for s in joint.servos if not s.lost and (s.failed_cycles or s.unseen)]
@@ -720,14 +725,15 @@ class ServoBus:
 
     def _write_goals(self, also_silent: bool = False) -> None:
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
+        usual = also_silent or not (self._troubled or self._missing)
         for joint in self._all:
             if not joint.on or (joint.busy and not also_silent):
                 continue
             if joint.stale:
                 joint.encode()
+            if not (usual or joint.writable):
+                continue
             for servo, share in zip(joint.servos, joint.share, strict=True):
-                if servo.lost or ((servo.failed_cycles or servo.interrupted) and not also_silent):
-                    continue  # it may have been without power, and must not start by itself
                 key = servo.goal_key
                 if key in packets:
                     packets[key][servo.id] = share
@@ -768,7 +774,7 @@ class ServoBus:
             raise
         if ended:
             self._plan = None
-            self._lost = tuple([joint.name for joint in self._all if joint.lost])
+            self._note_lost()
 
     def _take_steps(self, spent: int) -> None:
         """Take as many steps as leave the cycle within twice its usual time, but one at least.
@@ -1088,7 +1094,8 @@ class ServoBus:
         A tripped watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            if joint.on and not joint.busy and any(servo.watched for servo in joint.servos):
+            watched = any(servo.watched for servo in joint.servos)
+            if joint.on and watched and joint.complete and not joint.busy:
                 self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
 
     def _holding(self, joint: Joint, gap: int) -> Steps[None]:
@@ -1114,8 +1121,7 @@ class ServoBus:
             self._note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
-        self._lost = tuple([each.name for each in self._all if each.lost])
-        self._missing = True
+        self._note_lost()
 
     def _advice(self, servo: Servo) -> str:
         """Say what damaged replies of a servo mean."""
@@ -1217,8 +1223,7 @@ class ServoBus:
                     servo.lose(0)
                 joint.lose()
         self._plan = None
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
-        self._missing = True
+        self._note_lost()
         self._note_port(EventKind.PORT_LOST, why)
 
     # Helpers

@@ -99,6 +99,22 @@ class Joint:
         return all([servo.lost for servo in self.servos])
 
     @property
+    def complete(self) -> bool:
+        """Whether every servo of it answers, so that it can be commanded."""
+        return not any([servo.lost for servo in self.servos])
+
+    @property
+    def writable(self) -> bool:
+        """Whether goals may be written: none of its servos may have been without power since.
+
+        Two servos get their goals together or not at all: they would tear at each other.
+        """
+        for servo in self.servos:
+            if servo.lost or servo.failed_cycles or servo.interrupted:
+                return False
+        return True
+
+    @property
     def torque(self) -> Torque:
         """Why it holds or does not hold its position; the most pressing reason of several."""
         if self.on:
@@ -118,6 +134,18 @@ class Joint:
             return self.servos[0].limits
         ends = [servo.limits for servo in self.servos]
         return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
+
+    def _inside(self, servo: Servo, ticks: int) -> int:
+        """Return the tick moved into the limits of the joint."""
+        lowest, highest = self._range(servo)
+        return max(lowest, min(highest, ticks))
+
+    def _range(self, servo: Servo) -> tuple[int, int]:
+        """Return lowest and highest tick of a servo that the limits of the joint allow."""
+        if len(self.servos) == 1:
+            return servo.range
+        first, last = sorted(servo.goal_ticks(limit) for limit in self.limits)
+        return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
         """Return the position to go to, rad, or refuse the goal. Changes nothing.
@@ -240,12 +268,12 @@ class Joint:
                 if servo.failed_cycles == 0 and not servo.lost:
                     present = servo.get("Present Position", 1 + retries)
             if present is not None:
-                ticks[index] = servo.inside(present)
+                ticks[index] = self._inside(servo, present)
         self._set_goal(tuple(ticks), self.goal_speed, None)
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
-        ticks = tuple([servo.inside(servo.raw_ticks) for servo in self.servos])
+        ticks = tuple([self._inside(servo, servo.raw_ticks) for servo in self.servos])
         self._set_goal(ticks, self.goal_speed, None)
 
     def lose(self) -> None:
@@ -282,7 +310,7 @@ class Joint:
             return ""
         if self.stopped or self.faulted or self.resting or self.relaxed:
             return str(self.torque.value)
-        if self.lost:
+        if not self.complete:
             return "the servo does not answer"
         return (yield from self.pin())
 
@@ -296,10 +324,7 @@ class Joint:
         overtaken = self._overtaken
         try:
             for servo in self.servos:
-                if servo.lost:
-                    ticks.append(servo.range[0])  # never written while it is lost
-                    continue
-                for wait in (steps := _Value(servo.pin(powered))):
+                for wait in (steps := _Value(servo.pin(self._range(servo), powered))):
                     yield wait
                     if self._overtaken != overtaken:
                         return "somebody has relaxed it meanwhile"
@@ -349,11 +374,15 @@ class Joint:
             return self.torque.value
         if keep and identity.faulted:
             self.cut()
+        elif keep and not self.complete:
+            return "its other servo does not answer"
         elif keep and (identity.powered or others):
             problem = yield from self.pin(powered=identity.powered)
             if problem:
                 return f"relaxed, because it does not hold: {problem}"
             return "it kept its torque and holds where it stands"
+        elif keep and len(self.servos) > 1:
+            self.cut()  # the other one may hold
         self._resumes = False
         return self.torque.value
 
@@ -400,8 +429,8 @@ class Joint:
         self.default_speed = min(self.default_speed, new.speed_limit)
         self._limit_speed()
         if self.goal_ticks:
-            first, *others = self.goal_ticks
-            ticks = (self.servos[0].inside(first), *others)
+            pairs = zip(self.servos, self.goal_ticks, strict=True)
+            ticks = tuple([self._inside(servo, each) for servo, each in pairs])
             self._set_goal(ticks, self.goal_speed, self.commanded_at)
 
     def _reconfigured(

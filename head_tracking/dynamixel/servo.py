@@ -414,7 +414,7 @@ class Servo:
             raise problem
         return identity
 
-    def pin(self, powered: bool = False) -> Steps[int]:
+    def pin(self, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
         """Switch torque on where the servo stands, without a jump; return the goal, in ticks.
 
         The goal is written, and read back, before torque is switched on, because a servo starts
@@ -423,6 +423,7 @@ class Servo:
         been moved since its position was read. A shaft outside the range creeps to its end.
 
         Args:
+            allowed: Lowest and highest tick for the goal; None: its range.
             powered: Whether its torque is on already.
 
         Raises:
@@ -436,7 +437,8 @@ class Servo:
         if not powered:
             self.require_straight_path(before)
         yield 0.0
-        goal = self.inside(before)
+        lowest, highest = allowed or self.range
+        goal = max(lowest, min(highest, before))
         values = (goal, SLOWEST) if self.model.position_first else (SLOWEST, goal)
         yield from self.verify(self.model.goal, *values)
         yield from self.switch_torque(True)
@@ -661,11 +663,6 @@ class Servo:
                 "max or the servo's angle limits"
             )
         return lowest, highest
-
-    def inside(self, ticks: int) -> int:
-        """Return the tick moved into what configuration and servo allow."""
-        lowest, highest = self.range
-        return max(lowest, min(highest, ticks))
 
     def goal_ticks(self, position: float) -> int:
         """Return the tick next to a position of the joint, rad, inside the range."""

@@ -278,7 +278,7 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             f"on it creeps to {max(low, min(high, stands))}. Switch it on?"
         )
     try:
-        goal = run(link.pin())
+        goal = run(link.pin((low, high)))
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
     speed = _speed_register(link)
