@@ -37,6 +37,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort, ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.procedures import relax_servos
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     HardwareErrors,
@@ -126,6 +127,7 @@ __all__ = [
     "XL320Errors",
     "check_configuration",
     "describe_errors",
+    "relax_servos",
     "serial_ports",
     "servo_model",
     "servo_model_by_number",

@@ -41,7 +41,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoNotFoundError,
     TorqueError,
 )
-from head_tracking.dynamixel.joint import Joint, release
+from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import (
     DynamixelPort,
     Failed,
@@ -50,6 +50,7 @@ from head_tracking.dynamixel.port import (
     Reply,
     Retried,
 )
+from head_tracking.dynamixel.procedures import confirming, release
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.requests import Epoch, Request, RequestQueue, Steps
@@ -355,6 +356,8 @@ class ServoBus:
         self._last_cycle = self._monotonic()
         for joint, servo in self._each_servo():
             self._note_shortcomings(joint, servo)
+        for joint in self._all:
+            joint.confirmed = joint.complete
         self._diagnosis.swapped(self._all)
         return self.summary
 
@@ -390,33 +393,17 @@ class ServoBus:
         Returns:
             Joints that did not confirm that they are relaxed.
         """
-        unconfirmed: list[str] = []
         self.requests.end_all(BusStoppedError("the servo bus has stopped"))
+        problems: Mapping[str, str] = {}
         try:
             if self._connected:
                 with suppress(DynamixelError):
                     self._brake()
-                with suppress(DynamixelError):
-                    release(self._port, [servo for _, servo in self._each_servo()])
-                for joint in self._all:
-                    joint.forget_goal()
-                    if not joint.stopped and not self._relaxed_for_good(joint):
-                        unconfirmed.append(joint.name)
+                problems = run(self._relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
             self._port.close()
-        return tuple(unconfirmed)
-
-    def _relaxed_for_good(self, joint: Joint) -> bool:
-        try:
-            problem = run(joint.confirm_relaxed())
-            for servo in joint.servos:
-                if not servo.lost:
-                    with suppress(CommunicationError, ServoError):
-                        run(servo.disarm())
-            return not problem
-        except DynamixelError:
-            return False
+        return tuple(name for name, problem in problems.items() if problem)
 
     def _brake(self) -> None:
         """Hold every joint where it is, and wait until it stands."""
@@ -833,33 +820,48 @@ class ServoBus:
         """
         return self._switching_on(joints) if on else self._relaxing(joints, stop=False)
 
+    def _relax(self, joints: Iterable[Joint], *, disarm: bool = False) -> Steps[dict[str, str]]:
+        """Relax joints: the first step switches torque off, the others make sure.
+
+        Returns:
+            By joint, why it has not confirmed; empty where it has.
+        """
+        joints = tuple(joints)
+        sure = [joint for joint in joints if joint.stopped and joint.confirmed]
+        for joint in joints:
+            self._drop_goal(joint)
+            joint.relax()
+            joint.confirmed = False
+        self._plan = None
+        with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
+            release(self._port, [servo for joint in joints for servo in joint.servos])
+        yield 0.0
+        problems: dict[str, str] = {}
+        for joint in joints:
+            found: list[str] = []
+            for servo in joint.servos:
+                found.append((yield from confirming(servo, disarm)))
+            problem = "; ".join(filter(None, found))
+            if joint in sure:
+                problem = ""  # it was relaxed when it was stopped; it need not be there any more
+            joint.confirmed = not problem
+            problems[joint.name] = problem
+        return problems
+
     def _relaxing(self, joints: Iterable[str] | None, stop: bool) -> Steps[None]:
         chosen = self._require_connection(joints)
         for joint in chosen:
-            self._drop_goal(joint)
             if stop:
+                joint.confirmed = joint.confirmed and joint.stopped  # else it must be there
                 joint.stopped = True
             else:
                 joint.relaxed = True
-        self._plan = None
-        gone: str = ""
-        try:
-            for joint in chosen:
-                joint.cut()
-        except (PortLostError, NotConnectedError) as cause:
-            gone = str(cause)
-        yield 0.0
-        problems: dict[str, object] = {}
+        found = yield from self._relax(chosen, disarm=stop)
         for joint in chosen:
-            try:
-                problem = gone or (yield from joint.confirm_relaxed())
-            except (PortLostError, NotConnectedError) as cause:
-                problem = str(cause)
-            if problem and not (joint.stopped and not stop):
-                problems[joint.name] = problem
-            else:
+            if not found[joint.name]:
                 kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
                 self._note(kind, joint, joint.torque.value)
+        problems = {name: problem for name, problem in found.items() if problem}
         if problems:
             raise TorqueError(False, problems)
 
@@ -877,18 +879,21 @@ class ServoBus:
         self._obeyed = self.requests.epoch.advance() if epoch is None else epoch
         self.requests.discard_older()
         for joint in self._all:
-            self._drop_goal(joint)
             joint.relaxed = True
-        self._plan = None
-        problems = dict.fromkeys(self._joints, "")
-        for joint in self._all:
-            try:
-                joint.cut()
-            except DynamixelError as cause:
-                problems[joint.name] = str(cause)
-        for joint in self._all:
-            if not problems[joint.name]:
-                problems[joint.name] = self._relaxed_by(joint, deadline)
+        steps = self._relax(self._all)
+        try:
+            while True:
+                self._pause(next(steps))
+                if self._monotonic() > deadline:
+                    steps.close()
+                    break
+        except StopIteration as end:
+            problems: dict[str, str] = end.value
+        else:
+            problems = {
+                joint.name: "" if joint.confirmed else "it has not confirmed in time"
+                for joint in self._all
+            }
         if self._connected and any(problems.values()):
             troubled = [name for name, problem in problems.items() if problem]
             self._enqueue(self._relaxing(troubled, stop=False), despite_stop=True)
@@ -899,18 +904,6 @@ class ServoBus:
         self._obeyed = self.requests.epoch.value
         self.requests.discard_older()
         self._enqueue(self._relaxing(None, stop=False), despite_stop=True)
-
-    def _relaxed_by(self, joint: Joint, deadline: int) -> str:
-        """What keeps a joint from confirming by a time, ns, that it is relaxed."""
-        steps = joint.confirm_relaxed()
-        try:
-            while self._monotonic() < deadline:
-                self._pause(next(steps))
-        except StopIteration as end:
-            return str(end.value)
-        except DynamixelError as cause:
-            return str(cause)
-        return "it has not confirmed in time"
 
     def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
         chosen = self._require_connection(joints)
@@ -1077,14 +1070,12 @@ class ServoBus:
 
     def _cut(self, joint: Joint) -> None:
         """Relax a joint at once, and make sure of it in the next cycles."""
-        self._drop_goal(joint)
-        joint.cut()
-        self._plan = None
-        self._enqueue(self._confirming(joint), despite_stop=True)
+        steps = self._relax([joint])
+        next(steps)
+        self._enqueue(self._confirming(joint, steps), despite_stop=True)
 
-    def _confirming(self, joint: Joint) -> Steps[None]:
-        yield 0.0
-        problem = yield from joint.confirm_relaxed()
+    def _confirming(self, joint: Joint, steps: Steps[dict[str, str]]) -> Steps[None]:
+        problem = (yield from steps)[joint.name]
         if problem:
             self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
 

@@ -6,7 +6,6 @@ independent: whoever sets or clears one does not touch the others. `torque` sums
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from enum import IntFlag
@@ -21,6 +20,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.procedures import relaxing, release
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
@@ -61,6 +61,7 @@ class Joint:
         busy: Whether steps are being taken that others must wait for.
         awaited: Whether its torque is about to come on for a goal.
         told_problem: Why its torque did not come on for a goal, when that was told.
+        confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.awaited = False
+        self.busy = self.awaited = self.confirmed = False
         self.told_problem = ""
         self._limit_speed()
         self._port = port
@@ -281,28 +282,16 @@ class Joint:
         self._resumes = self._resumes or self.on
         self.forget_goal()
 
-    def cut(self) -> None:
-        """Switch the torque of all its servos off, at once and without waiting for an answer."""
+    def relax(self) -> None:
+        """Drop its goal and whatever would switch its torque on; the servos are not told."""
         self._overtaken += 1
         self._resumes = False
         self.forget_goal()
-        release(self._port, self.servos)
 
-    def confirm_relaxed(self) -> Steps[str]:
-        """Make sure that its servos are relaxed; return what went wrong, or nothing."""
-        problems: list[str] = []
-        for servo in self.servos:
-            if servo.lost:
-                problems.append("the servo does not answer")
-                continue
-            try:
-                if servo.get("Torque Enable"):
-                    yield 0.0
-                    yield from servo.switch_torque(False)
-            except (CommunicationError, ServoError) as cause:
-                problems.append(str(cause))
-            yield 0.0
-        return "; ".join(problems)
+    def cut(self) -> None:
+        """Switch the torque of all its servos off, at once and without waiting for an answer."""
+        self.relax()
+        release(self._port, self.servos)
 
     def switch_on(self) -> Steps[str]:
         """Hold the present position with torque on; return what went wrong, or nothing."""
@@ -322,6 +311,7 @@ class Joint:
         """
         ticks: list[int] = []
         overtaken = self._overtaken
+        self.confirmed = False
         try:
             for servo in self.servos:
                 for wait in (steps := _Value(servo.pin(self._range(servo), powered))):
@@ -340,7 +330,7 @@ class Joint:
             # The goal alone may have switched torque on.
             self.cut()
             with suppress(DynamixelError):
-                yield from self.confirm_relaxed()
+                yield from relaxing(self._port, self.servos)
             return str(cause)
         self._set_goal(tuple(ticks), 0.0, None)
         self.on = True
@@ -353,6 +343,7 @@ class Joint:
             servo.ping(3)
             yield 0.0
             yield from servo.identify()
+        self.confirmed = True
 
     def come_back(self, servo: Servo) -> Steps[str]:
         """Take a servo that answers again back; return what became of the torque.
@@ -368,6 +359,7 @@ class Joint:
         others = self.on
         overtaken = self._overtaken
         keep = others or (self._resumes and not (self.relaxed or self.resting))
+        self.confirmed = self.confirmed and not keep
         identity = yield from servo.identify(keep_torque=keep)
         if self._overtaken != overtaken:
             release(self._port, (servo,))
@@ -464,16 +456,6 @@ class _Value:
 
     def __iter__(self) -> Steps[None]:
         self.value = yield from self._steps
-
-
-def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
-    """Write torque off to servos, in one packet for each protocol, and wait for nothing."""
-    packets: dict[tuple[int, int], dict[int, bytes]] = {}
-    for servo in servos:
-        register = servo.model.control_table["Torque Enable"]
-        packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
-    for (protocol, address), shares in packets.items():
-        port.sync_write(address, shares, protocol)
 
 
 def _both(one: IntFlag, other: IntFlag) -> IntFlag:

@@ -487,6 +487,10 @@ class Servo:
         if self.watched and self.identity is not None:
             yield from self._set_watchdog(0)
 
+    def clear_watchdog(self) -> Steps[None]:
+        """Let a servo whose watchdog has tripped take goals again; it watches no more."""
+        return self._set_watchdog(0)
+
     def _set_watchdog(self, value: int) -> Steps[None]:
         return self.verify(self.model.control_table.block("Bus Watchdog"), value)
 
