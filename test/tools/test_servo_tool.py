@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -552,6 +553,21 @@ def test_relax_switches_off_who_is_named_or_all(bench: Bench) -> None:
     assert [servo.register("Torque Enable") for servo in bench.bus] == [1, 0, 0, 1]
     assert bench.run("relax") == DONE
     assert [servo.register("Torque Enable") for servo in bench.bus] == [0, 0, 0, 0]
+
+
+def test_relax_of_all_changes_no_other_register(bench: Bench) -> None:
+    written: list[tuple[int, int]] = []
+    write = DynamixelPort.write
+
+    def record(port: DynamixelPort, servo_id: int, address: int, data: bytes, **how: Any) -> int:
+        if servo_id == 254:  # all
+            written.append((how.get("protocol", 1), address))
+        return write(port, servo_id, address, data, **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DynamixelPort, "write", record)
+        assert bench.run("relax") == DONE
+    assert set(written) == {(1, 24), (2, 64)}  # 24 is the Moving Threshold of an X servo
 
 
 def test_relax_of_nobody_fails(bench: Bench) -> None:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.exceptions import DynamixelError, PositionError
-from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    DynamixelError,
+    PositionError,
+    ServoError,
+)
+from head_tracking.dynamixel.models import AX_12, ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
@@ -168,9 +175,19 @@ def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> i
 
 
 def _relax_all(port: DynamixelPort) -> None:
-    registers = {(model.protocol, model.control_table["Torque Enable"].address) for model in MODELS}
-    for protocol, address in sorted(registers):
+    """Switch torque off by broadcast, and one by one where a broadcast would hit other registers.
+
+    In protocol 2.0, Torque Enable of an XL-320 is at 24, where X servos have their Moving
+    Threshold; an XL-320 has nothing at 64, where theirs is.
+    """
+    x_address = servo_model("XM430-W350").control_table["Torque Enable"].address
+    for protocol, address in ((1, AX_12.control_table["Torque Enable"].address), (2, x_address)):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
+    for servo_id, (number, _) in port.find_all().items():
+        with suppress(ConfigurationError, CommunicationError, ServoError):
+            model = servo_model_by_number(number)
+            if model.control_table["Torque Enable"].address != x_address:
+                Servo(port, servo_id, model).set_torque(False)
 
 
 def _check_torque(link: Servo) -> None:
