@@ -8,6 +8,7 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     ServoCalibration,
     check_configuration,
+    fastest_speed,
 )
 from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
 from head_tracking.dynamixel.exceptions import (
@@ -127,6 +128,7 @@ __all__ = [
     "XL320Errors",
     "check_configuration",
     "describe_errors",
+    "fastest_speed",
     "relax_servos",
     "serial_ports",
     "servo_model",

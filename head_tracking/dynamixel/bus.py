@@ -248,7 +248,8 @@ class ServoBus:
 
     def speed(self, joint: str) -> float:
         """Return the speed for commands that give none, rad/s; raises GoalError if unknown."""
-        return self._joint(joint).default_speed
+        found = self._joint(joint)
+        return min(found.default_speed, found.configuration.speed_limit)
 
     def torque(self, joint: str) -> Torque:
         """Return the torque of a joint; raises GoalError if it is unknown."""

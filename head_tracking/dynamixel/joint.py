@@ -418,7 +418,6 @@ class Joint:
         new = self._reconfigured(lowest, highest, max_speed)
         self.servos[0].recalibrate(new.calibration)
         self.configuration = new
-        self.default_speed = min(self.default_speed, new.speed_limit)
         self._limit_speed()
         if self.goal_ticks:
             pairs = zip(self.servos, self.goal_ticks, strict=True)
@@ -433,7 +432,6 @@ class Joint:
             old,
             min=old.min if lowest is None else lowest,
             max=old.max if highest is None else highest,
-            joint_speed=min(old.joint_speed, max_speed or old.joint_speed),
             max_speed=old.max_speed if max_speed is None else max_speed or None,
         )
         if new.calibration.reversed != old.calibration.reversed:

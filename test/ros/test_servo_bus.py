@@ -6,7 +6,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import DescribeParameters, SetParameters
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 
@@ -88,10 +88,23 @@ def test_limits_change_while_the_head_runs_and_nonsense_is_refused(robot):
     assert not refused.successful and "range" in refused.reason
     assert set_parameter(robot, "head_pan_controller.motor.max", 1023).successful
     assert set_parameter(robot, "head_pan_controller.max_speed", 2.5).successful
-    refused = set_parameter(robot, "head_pan_controller.max_speed", 1.0)
-    assert not refused.successful and "joint_speed" in refused.reason
+    refused = set_parameter(robot, "head_pan_controller.max_speed", 50.0)
+    assert not refused.successful and "max_speed" in refused.reason
     robot.command("head_pan_controller/command", 0.9)
     wait_for(lambda: robot.pan > 0.88)
+
+
+@pytest.mark.parametrize("name", ["joint_speed", "max_speed"])
+def test_every_speed_that_is_described_as_allowed_is_taken(robot, name):
+    name = f"head_pan_controller.{name}"
+    client = robot.node.create_client(DescribeParameters, "servo_bus/describe_parameters")
+    wait_for(client.service_is_ready)
+    future = client.call_async(DescribeParameters.Request(names=[name]))
+    wait_for(future.done)
+    (allowed,) = future.result().descriptors[0].floating_point_range
+    for speed in (allowed.to_value, 0.999 * allowed.to_value, max(0.1, allowed.from_value)):
+        assert set_parameter(robot, name, speed).successful
+    assert not set_parameter(robot, name, 1.01 * allowed.to_value).successful
 
 
 def test_the_servos_memory_is_written_on_request_only_and_only_while_relaxed(robot):
