@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.gaze import (
+    AT_GOAL,
     GazeStatus,
     HeadCommand,
     PanTiltHead,
@@ -27,12 +28,12 @@ from head_tracking.ros.parameters import NodeParameters
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
+    FollowingWatch,
     JointPoint,
     JointReading,
     JointTrajectory,
     PredictiveLaw,
     SpeedLimits,
-    StallWatch,
     Target,
     Tolerances,
     TrajectoryCode,
@@ -58,7 +59,6 @@ except ImportError:
 _PERIOD = 0.02  # s
 _FEEDBACK_PERIOD = 0.035  # s
 _FOLLOWS = 0.3  # s; so long after it should have moved on a joint may stand still
-_NEAR = 0.03  # rad; a joint so near to where it was sent is meant to be there
 _PAUSE = 0.5  # s between two complaints of a stream
 _FASTEST = 12.0  # rad/s; usually the model's limit is lower
 
@@ -311,7 +311,7 @@ class HeadActions:
         self._pace = Pace(max(_PERIOD, interface.period))
         self._law: PredictiveLaw | None = None
         self._held: tuple[float, float] | None = None
-        self._watches = [StallWatch(joint, _FOLLOWS) for joint in interface.joints]
+        self._watches = [FollowingWatch(joint, _FOLLOWS) for joint in interface.joints]
         missing = []
         if PointHead is None:
             missing.append("no actions: control_msgs is not installed (ros-jazzy-control-msgs)")
@@ -439,7 +439,7 @@ class HeadActions:
         if meant is not None:
             return meant
         pan, tilt = (
-            JointPoint(held if abs(held - here) < _NEAR else here)
+            JointPoint(held if abs(held - here) < AT_GOAL else here)
             for here, held in zip(present, self._held or present, strict=True)
         )
         return pan, tilt
