@@ -74,17 +74,23 @@ class Job:
     exam: bool = False
 
 
+def tracker(law: str, loop: ClosedLoop, conditions: Conditions) -> Tracker:
+    """Make the package's tracker for a loop."""
+    moves = conditions.base is not None
+    base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
+    return Tracker(HEAD, LAWS[law](HEAD, 1.0 / conditions.rate), base=base)
+
+
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
     def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
-        moves = conditions.base is not None
-        base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
-        self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
+        self.tracker = tracker(law, loop, conditions)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
         self.delay = 0.0
-        self._loop, self._moves, self._servos = loop, moves, conditions.servos
+        self._loop, self._servos = loop, conditions.servos
+        self._moves = conditions.base is not None
 
     def observe(self, now: float) -> None:
         tracker = self.tracker
