@@ -59,7 +59,7 @@ def asked(families: dict[str, Scores], before: Scores) -> str:
         what, measure, wanted = _FIGURES.get(family, (family, _errors, ""))
         measured = [(what, measure, wanted), (f"{family}: declared to oscillate", _wrong, "never")]
         if family == "mixed":
-            measured.append(("processor time of a point, a step, us", _costs, ""))
+            measured.append(("mean processor time of a point, a step, in gazes", _costs, "20, 10"))
         for what, measure, wanted in measured:
             was, now = (
                 measure({job: score for job, score in found.items() if job.who == "ours"}, found)

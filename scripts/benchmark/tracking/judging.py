@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +50,7 @@ class Score(NamedTuple):
         blind: ratio of the time in which no camera saw a target that was to be seen.
         delay: by how much a learned servo delay is off at most while its deviation says that it is
             not off by 3 deviations [ms]; nan: not measured.
-        step, point: mean processor times [us].
+        step, point: mean processor times, in times of one gaze.
     """
 
     rms: float
@@ -123,6 +125,16 @@ class _Watch:
         )
 
 
+@cache
+def gaze_time() -> float:
+    """Return the mean processor time of one exact gaze [s]."""
+    points = [(math.cos(0.001 * k), math.sin(0.001 * k), 0.1) for k in range(1000)]
+    before = time.thread_time()
+    for point in points:
+        HEAD.gaze(point, 0.0, 0.0)
+    return (time.thread_time() - before) / len(points)
+
+
 def judge(job: Job) -> Score:
     """Run a job."""
     path, conditions = SITUATIONS[job.situation].setup(job.seed, job.exam)
@@ -158,7 +170,7 @@ def judge(job: Job) -> Score:
         overshoot=1e3 * max(float(beyond.max()), 0.0),
         farthest=float(np.abs(trace.positions).max()),
         blind=blind,
-        step=1e6 * float(np.mean(outcome.costs)),
+        step=float(np.mean(outcome.costs)) / gaze_time(),
     )
     if watch is None:
         return score
@@ -166,7 +178,9 @@ def judge(job: Job) -> Score:
         oscillating=watch.oscillating / watch.steps,
         delay=1e3 * watch.delay,
         nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
-        point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
+        point=float(np.mean(outcome.point_costs)) / gaze_time()
+        if outcome.point_costs
+        else math.nan,
     )
 
 
