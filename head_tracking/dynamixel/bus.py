@@ -819,7 +819,7 @@ class ServoBus:
             TorqueError: Some joints did not confirm; the others were switched.
             NotConnectedError: `connect` has not been called.
         """
-        return self._switching_on(joints) if on else self._relaxing(joints, stop=False)
+        return self._switching_on(joints) if on else self._relaxing(joints, on_request=True)
 
     def _relax(self, joints: Iterable[Joint], *, disarm: bool = False) -> Steps[dict[str, str]]:
         """Relax joints: the first step switches torque off, the others make sure.
@@ -849,14 +849,15 @@ class ServoBus:
             problems[joint.name] = problem
         return problems
 
-    def _relaxing(self, joints: Iterable[str] | None, stop: bool) -> Steps[None]:
+    def _relaxing(
+        self, joints: Iterable[str] | None, *, stop: bool = False, on_request: bool = False
+    ) -> Steps[None]:
         chosen = self._require_connection(joints)
         for joint in chosen:
             if stop:
                 joint.confirmed = joint.confirmed and joint.stopped  # else it must be there
-                joint.stopped = True
-            else:
-                joint.relaxed = True
+            joint.stopped |= stop
+            joint.relaxed |= on_request
         found = yield from self._relax(chosen, disarm=stop)
         for joint in chosen:
             if not found[joint.name]:
@@ -869,6 +870,9 @@ class ServoBus:
     def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
         """STOP: relax all joints, whatever else is under way, and go on trying where that fails.
 
+        Commands and requests of before are discarded. The next command switches torque on again,
+        except where it was off on request; whoever stops a head refuses commands until it resumes.
+
         Args:
             timeout: How long servos may take to confirm, s.
             epoch: Begun by this STOP; None: it begins one.
@@ -879,8 +883,6 @@ class ServoBus:
         deadline = self._monotonic() + round(timeout * 1e9)
         self._obeyed = self.requests.epoch.advance() if epoch is None else epoch
         self.requests.discard_older()
-        for joint in self._all:
-            joint.relaxed = True
         steps = self._relax(self._all)
         try:
             while True:
@@ -897,14 +899,14 @@ class ServoBus:
             }
         if self._connected and any(problems.values()):
             troubled = [name for name, problem in problems.items() if problem]
-            self._enqueue(self._relaxing(troubled, stop=False), despite_stop=True)
+            self._enqueue(self._relaxing(troubled), despite_stop=True)
         return problems
 
     def _obey_stop(self) -> None:
         """Carry a STOP out that could not wait until this thread had left the port."""
         self._obeyed = self.requests.epoch.value
         self.requests.discard_older()
-        self._enqueue(self._relaxing(None, stop=False), despite_stop=True)
+        self._enqueue(self._relaxing(None), despite_stop=True)
 
     def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
         chosen = self._require_connection(joints)

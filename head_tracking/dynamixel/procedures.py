@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
+from typing import Final
 
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
+    LineBusyError,
     NotConnectedError,
     PortLostError,
     RegisterRefusedError,
@@ -20,6 +22,8 @@ from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo, run
+
+_PATIENCE: Final = 0.5  # s to wait for a gap between the packets of a second program
 
 
 def relaxing(
@@ -68,7 +72,8 @@ def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
         register = servo.model.control_table["Torque Enable"]
         packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
     for (protocol, address), shares in packets.items():
-        port.sync_write(address, shares, protocol)
+        with suppress(LineBusyError):  # whoever makes sure of it reports it
+            port.sync_write(address, shares, protocol, patience=_PATIENCE)
 
 
 def holding(servo: Servo) -> Steps[None]:
