@@ -375,7 +375,7 @@ class ClosedLoop:
         arrived = []
         while self._inbox and self._inbox[0][0] <= now:
             arrived.append(heapq.heappop(self._inbox))
-        before = time.perf_counter()
+        before = time.thread_time()
         if isinstance(controller, RawController):
             for _, _, target, on_head in arrived:
                 stamp = target.stamp * 1e-9 - START
@@ -387,11 +387,11 @@ class ClosedLoop:
             for placed, point in self._placer.place(START + now, {}):
                 moving = placed.frame_id != BASE_FRAME
                 controller.target_seen(placed.stamp * 1e-9, point, START + now, moving=moving)
-                outcome.point_costs.append(time.perf_counter() - before)
-                before = time.perf_counter()
-            before = time.perf_counter()
+                outcome.point_costs.append(time.thread_time() - before)
+                before = time.thread_time()
+            before = time.thread_time()
             command = controller.step(START + now).command
-        outcome.costs.append(time.perf_counter() - before)
+        outcome.costs.append(time.thread_time() - before)
         if command is not None:
             outcome.commands.append((now, command))
         return command
