@@ -6,7 +6,7 @@ from random import Random
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory
-from head_tracking.dynamixel.models import AX_12, ServoModel
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
@@ -137,7 +137,7 @@ class SimulatedServo:
     def __init__(
         self,
         servo_id: int = 1,
-        model: ServoModel = AX_12,
+        model: ServoModel = servo_model("AX-12"),  # noqa: B008
         *,
         position: float | None = None,
         torque_on_write: bool = True,

@@ -13,7 +13,7 @@ from simulated_packets import InstructionPacket
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.exceptions import PortMissingError
-from head_tracking.dynamixel.models import MODELS, servo_model
+from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
@@ -707,7 +707,7 @@ def test_calibrate_shows_what_it_cannot_write_in_the_end(bench: Bench, tmp_path:
 # Registers as text
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
 def test_every_register_of_every_model_is_read_and_written_as_text(model) -> None:
     for register in model.control_table:
         assert find_register(model.control_table, register.name.upper()) is register

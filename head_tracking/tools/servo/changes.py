@@ -14,7 +14,7 @@ from head_tracking.dynamixel.exceptions import (
     PositionError,
     ServoError,
 )
-from head_tracking.dynamixel.models import AX_12, ServoModel, servo_model, servo_model_by_number
+from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
@@ -180,8 +180,10 @@ def _relax_all(port: DynamixelPort) -> None:
     In protocol 2.0, Torque Enable of an XL-320 is at 24, where X servos have their Moving
     Threshold; an XL-320 has nothing at 64, where theirs is.
     """
-    x_address = servo_model("XM430-W350").control_table["Torque Enable"].address
-    for protocol, address in ((1, AX_12.control_table["Torque Enable"].address), (2, x_address)):
+    ax_address, x_address = (
+        servo_model(name).control_table["Torque Enable"].address for name in ("AX-12", "XM430-W350")
+    )
+    for protocol, address in ((1, ax_address), (2, x_address)):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
     for servo_id, (number, _) in port.find_all().items():
         with suppress(ConfigurationError, CommunicationError, ServoError):
