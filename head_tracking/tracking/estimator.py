@@ -29,6 +29,8 @@ _FIRST_RANGE_RATE = 1.0  # 1/s
 _RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
 _RANGE_MEMORY = 1.0  # s; over which the noise is learned
 _RANGE_OUTLIER = 9.0  # variances
+_RANGE_OUTLIERS = 3  # in a row: the filter is wrong, not the points
+_SMALLEST_RANGE = 1e-3  # m
 _NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
@@ -87,18 +89,21 @@ class Range(NamedTuple):
         rate: its change [1/s].
         covariance: of both: pp, pv, vv.
         variance: of the measured logarithms.
+        outliers: points in a row that were not used because they were too far off.
     """
 
     log: float
     rate: float
     covariance: tuple[float, float, float]
     variance: float
+    outliers: int = 0
 
     @staticmethod
     def seen_once(distance: float) -> Range:
         """After one point [m]."""
         noise = _FIRST_RANGE_NOISE**2
-        return Range(math.log(distance), 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
+        log = math.log(max(distance, _SMALLEST_RANGE))
+        return Range(log, 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
     def after(self, dt: float, distance: float, turning: float) -> Range:
         """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
@@ -110,13 +115,15 @@ class Range(NamedTuple):
         square = away * away + aside * aside
         log = self.log + 0.5 * math.log(square)
         rate = (self.rate * away + turning * aside) / square
-        off = math.log(distance) - log
+        off = math.log(max(distance, _SMALLEST_RANGE)) - log
         expected = pp + self.variance
         unexpected = min(off * off / expected, _RANGE_OUTLIER)
         share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
         variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
         if unexpected == _RANGE_OUTLIER:
-            return Range(log, rate, (pp, pv, vv), variance)
+            if self.outliers + 1 >= _RANGE_OUTLIERS:
+                return Range.seen_once(distance)
+            return Range(log, rate, (pp, pv, vv), variance, self.outliers + 1)
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
         return Range(log + k * off, rate + by_rate * off, left, variance)

@@ -194,3 +194,28 @@ def test_it_can_be_forgotten():
     estimator = fed(circle)
     estimator.reset()
     assert estimator.estimate is None
+
+
+@pytest.mark.parametrize("speed", [0.8, 1.2, 1.6])
+@pytest.mark.parametrize("range_noise", [0.0, 0.05])
+def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right(speed, range_noise):
+    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
+    for k in range(50 * RATE):
+        t = k / RATE
+        x = max(4.0 - speed * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
+        sight = seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
+        distance = sight.distance * math.exp(rnd.gauss(0.0, range_noise))
+        estimator.add(t, sight._replace(distance=distance), t)
+        if t % 4.0 < 1.0 or t < 6.0:  # (while a walk begins or ends the distance may lag)
+            continue
+        assert estimator.estimate.sight_at(t).distance == pytest.approx(sight.distance, rel=0.25)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e12])
+def test_no_distance_makes_the_estimate_infinite(distance):
+    estimator = fed(circle)
+    for k in range(1, 60):
+        t = estimator.estimate.stamp + 1 / RATE
+        sight = seen(circle(t))
+        estimator.add(t, sight._replace(distance=distance if k % 7 else sight.distance), t)
+        assert all(map(math.isfinite, estimator.estimate.sight_at(t + 0.3)))
