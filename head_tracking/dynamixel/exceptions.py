@@ -35,6 +35,10 @@ class BusStoppedError(DynamixelError):
     """The thread that owns the bus does not run, so a request cannot be carried out."""
 
 
+class StoppedError(DynamixelError):
+    """STOP came after a request or a goal was made, so it was not carried out."""
+
+
 class GoalError(DynamixelError):
     """A command was refused; nothing has changed."""
 
@@ -52,13 +56,18 @@ class PortError(DynamixelError):
 
 
 class PortMissingError(PortError):
-    """There is no such device."""
+    """There is no such device.
 
-    def __init__(self, port_name: str, existing: Sequence[str]) -> None:
+    Args:
+        port_name: The device that was to be opened.
+        existing: Serial devices of this machine, as far as somebody has looked for them.
+    """
+
+    def __init__(self, port_name: str, existing: Sequence[str] = ()) -> None:
         found = (
             f"serial ports that exist: {_join(existing)}"
             if existing
-            else "this machine has no serial port; is the adapter plugged in?"
+            else "is the adapter plugged in?"
         )
         super().__init__(port_name, f"there is no such device; {found}")
 

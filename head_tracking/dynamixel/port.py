@@ -53,7 +53,7 @@ from head_tracking.dynamixel.protocol import (
     sync_write_packet,
     write_packet,
 )
-from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate
+from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate, serial_ports
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
@@ -289,7 +289,8 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._write_timeout = write_timeout
         self._open_device = open_device
-        self._other_name = ""  # by its serial number, once it has been there
+        self._was_open = False
+        self._stable_name = ""  # by its serial number, once it has been open
         self._device: SerialDevice | None = None
         self._line: Line | None = None
         self._timeout = ReplyTimeout(reply_timeout)
@@ -320,10 +321,11 @@ class DynamixelPort:
     def open(self) -> None:
         """Open the device and lock it, so that no second program disturbs the bus.
 
-        One that was there before is also looked for by its serial number (/dev/serial/by-id).
+        An adapter that was open before is opened by its serial number (/dev/serial/by-id): after a
+        USB reset two adapters may have swapped their other names.
 
         Raises:
-            PortMissingError: There is no such device.
+            PortMissingError: There is no such device, or another adapter has its name now.
             PortBusyError: Another program holds it.
             PortPermissionError: The user may not open it.
             PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
@@ -331,12 +333,13 @@ class DynamixelPort:
         if self._device is not None:
             return
         try:
-            device = self._open_device(self.name, self.baud_rate)
+            device = self._open_device(self._stable_name or self.name, self.baud_rate)
         except PortMissingError:
-            if not self._other_name:
+            if self._was_open:  # it is looked for between cycles, where a list takes too long
                 raise
-            device = self._open_device(self._other_name, self.baud_rate)
-        self._other_name = self._other_name or stable_name(self.name)
+            raise PortMissingError(self.name, serial_ports()) from None
+        self._was_open = True
+        self._stable_name = self._stable_name or stable_name(self.name)
         self.adapter = device.adapter
         self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
         self._late = LateReplies(self.clock)

@@ -15,7 +15,6 @@ import os
 import select
 import termios
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
@@ -171,7 +170,7 @@ class SerialDevice:
         except (OSError, ValueError, termios.error) as cause:
             if self._handler.is_open:
                 self.close()
-            raise port_error(port_name, cause, serial_ports()) from cause
+            raise port_error(port_name, cause) from cause
 
     def close(self) -> None:
         """Close the device, also one that has gone."""
@@ -199,20 +198,19 @@ def serial_ports() -> tuple[str, ...]:
     return tuple(sorted(port.device for port in list_ports.comports()))
 
 
-def port_error(port_name: str, cause: Exception, existing: Sequence[str]) -> PortError:
+def port_error(port_name: str, cause: Exception) -> PortError:
     """Return the error to raise.
 
     Args:
         port_name: The device that was to be opened.
         cause: What the operating system said; its first argument is the error number. Or pyserial's
             ValueError, of a device that does not know the baud rate.
-        existing: Serial devices of this machine.
     """
     if isinstance(cause, ValueError):
         return PortError(port_name, f"it cannot do this baud rate: {cause}")
     number = cause.args[0] if cause.args else None
     if number == errno.ENOENT:
-        return PortMissingError(port_name, existing)
+        return PortMissingError(port_name)
     if number in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(port_name)
     if number in (errno.EACCES, errno.EPERM) and not Path(port_name).is_file():

@@ -233,10 +233,7 @@ class HeadTrackerNode(Node):
                     f"{1e3 * self._tracker.stamp_error.value:.0f}"
                 ),
             }
-        hampered = self.interface.trouble or self._state in (
-            TargetState.STALLED,
-            TargetState.CAUTIOUS,
-        )
+        hampered = self.interface.trouble or self._state is TargetState.STALLED
         level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
         if self._tracker is not None and self._tracker.fault:
             level = DiagnosticStatus.ERROR

@@ -27,12 +27,12 @@ from head_tracking.ros.parameters import NodeParameters
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
+    FollowingWatch,
     JointPoint,
     JointReading,
     JointTrajectory,
     PredictiveLaw,
     SpeedLimits,
-    StallWatch,
     Target,
     Tolerances,
     TrajectoryCode,
@@ -311,7 +311,7 @@ class HeadActions:
         self._pace = Pace(max(_PERIOD, interface.period))
         self._law: PredictiveLaw | None = None
         self._held: tuple[float, float] | None = None
-        self._watches = [StallWatch(joint, _FOLLOWS) for joint in interface.joints]
+        self._watches = [FollowingWatch(joint, _FOLLOWS) for joint in interface.joints]
         missing = []
         if PointHead is None:
             missing.append("no actions: control_msgs is not installed (ros-jazzy-control-msgs)")

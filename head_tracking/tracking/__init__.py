@@ -9,6 +9,7 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
+from head_tracking.tracking.following import FollowingWatch, NotFollowing
 from head_tracking.tracking.laws import (
     LAWS,
     JointReading,
@@ -32,7 +33,6 @@ from head_tracking.tracking.trace import Sample, Trace, TrackRecord
 from head_tracking.tracking.tracker import (
     CAUTIOUS_SPEED,
     Delays,
-    StallWatch,
     Tracker,
     TrackingStep,
     stalled,
@@ -59,10 +59,12 @@ __all__ = [
     "EstimatorParameters",
     "FictitiousTarget",
     "FictitiousTargetParameters",
+    "FollowingWatch",
     "HeadBase",
     "JointPoint",
     "JointReading",
     "JointTrajectory",
+    "NotFollowing",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
@@ -72,7 +74,6 @@ __all__ = [
     "SpeedLaw",
     "SpeedLawParameters",
     "SpeedLimits",
-    "StallWatch",
     "Target",
     "TargetEstimate",
     "TargetEstimator",

@@ -1,9 +1,9 @@
-"""By how much the stamps of a camera that moves with the head are wrong, and whether it swings.
+"""By how much the stamps of a camera that moves with the head are wrong.
 
 A point of such a camera is placed with the joints as they were at its stamp. If the stamp is wrong,
-the head's own motion is mistaken for the target's, and a head that follows it swings by itself. The
+the head's own motion is mistaken for the target's, and a head that follows it oscillates. The
 points tell: placed as if each stamp error in turn were the true one, they make the smoothest path
-for the error that is. And if the head moves in a rhythm that no such path has, it swings by itself.
+for the error that is.
 """
 
 from __future__ import annotations
@@ -27,19 +27,11 @@ _FEWEST, _MOST = 9, 24  # points in it
 _EVERY = 3  # points
 _MEMORY = 2.0  # s
 _HISTORY = 2.0  # s of readings and points
-_DEGREES = (1, 2, 4)  # of the polynomials that paths are compared with: the first to see swings
+_DEGREES = (2, 4)  # of the polynomials that paths are compared with
 _ROUGHER = (2.5, 1.4)  # times the smoothest path: so rough is the present one to be given up
 _TELLING = 0.004  # rad; rougher than noise
 _AGAINST = 1.5  # times rougher by the other polynomial: then it is not believed
-_SAME, _ELSE = 0.004, 0.03  # s; errors that differ by less, and by more
-_OWN = 0.15  # of the head's motion; a target that moves less has not made the head move like this
-_LOST = 0.8  # of the head's motion; a target off by more is not followed by it
-_ALIKE = 0.5  # of the head's motion; a target that seems to move like it may be the head itself
-_SWING = 0.01  # rad beside a straight line; less is no swing
-_SWINGING = 1.2  # s
-_CHANGES, _CHANGING = 4, 6.0  # so many errors believed in so many s: none of them is right
-_TURN = 0.03  # rad; so far a joint must have come back for it to have turned round
-_TURNS, _TURNING = 4, 4.0  # so often in so many s: no way to a target, a swing
+_SAME = 0.004  # s; errors that differ by less
 
 
 class StampError:
@@ -57,48 +49,21 @@ class StampError:
         self._readings: deque[tuple[float, float]] = deque()
         self._points: deque[tuple[float, Sight]] = deque()
         self._roughness = np.zeros((len(_DEGREES), len(_ERRORS)))
-        self._own = self._off = 0.0
         self._weight = 0.0
         self._judged = -math.inf
-        self._changes: deque[float] = deque(maxlen=_CHANGES)
-        self._swinging_since: float | None = None
-        self._turns = (_Turns(), _Turns())
 
     def reset(self) -> None:
         """Everything starts anew."""
         self.__init__()  # type: ignore[misc]
 
-    @property
-    def swings(self) -> bool:
-        """Whether the head swings by itself."""
-        since, changes = self._swinging_since, self._changes
-        if since is not None and self._judged - since > _SWINGING:
-            return True
-        return len(changes) == _CHANGES and self._judged - changes[0] < _CHANGING
-
-    def calm_down(self) -> None:
-        """What the head did until now is no swing any more."""
-        self._forget_swing()
-        self._roughness[:] = self._weight = 0.0
-        self._changes.clear()
-        self._points.clear()
-
-    def _forget_swing(self) -> None:
-        self._swinging_since = None
-        self._turns = (_Turns(), _Turns())
-        self._own = self._off = 0.0
-
     def new_target(self) -> None:
         """The points that come from now on are another target's."""
         self._points.clear()
-        self._swinging_since = None
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as measured at `stamp` [s]; stamps rise."""
         self._times.append(stamp)
         self._readings.append(positions)
-        for turns, position in zip(self._turns, positions, strict=True):
-            turns.take(stamp, position)
         while self._times[0] < stamp - _HISTORY:
             self._times.popleft()
             self._readings.popleft()
@@ -133,17 +98,16 @@ class StampError:
         elapsed = known[-1][0] - max(self._judged, known[0][0])
         self._judged = known[-1][0]
         self._judge(window, math.exp(-elapsed / _MEMORY), moving)
-        self._watch(moving)
         return moving and self._decide()
 
     def _judge(self, window: list[tuple[float, Sight]], kept: float, moving: bool) -> None:
-        """How rough the path is for every error, and the head's: what polynomials leave of it."""
+        """How rough the path is for every error: what polynomials leave of it."""
         stamps = np.array([stamp for stamp, _ in window])
         times = np.array(self._times)
         placed = stamps[:, None] - _ERRORS
         centred = (stamps - stamps.mean()) / (stamps[-1] - stamps[0])
         basis = np.linalg.qr(np.vander(centred, max(_DEGREES) + 1, increasing=True))[0]
-        rough, own, off = np.zeros(self._roughness.shape), 0.0, 0.0
+        rough = np.zeros(self._roughness.shape)
         for joint in (0, 1):
             angles = np.array([reading[joint] for reading in self._readings])
             seen = np.array([sight[joint] for _, sight in window])
@@ -151,30 +115,14 @@ class StampError:
             paths = np.repeat(seen[:, None], len(_ERRORS), axis=1)
             if moving:
                 paths += np.interp(placed, times, angles) - head[:, None]
-            own += _beside_line(head, basis)
-            off += _beside_line(seen - head, basis)
             shares = np.cumsum((basis.T @ paths) ** 2, axis=0)
             rough += (paths * paths).sum(axis=0) - shares[list(_DEGREES)]
         self._roughness = kept * self._roughness + rough
-        self._own = kept * self._own + own
-        self._off = kept * self._off + off
         self._weight = kept * self._weight + len(window)
-
-    def _watch(self, moving: bool) -> None:
-        """Whether the head turns to and fro as no target does, or as if there were none."""
-        swings = self._own > self._weight * _SWING**2
-        swings = swings and any(turns.often(self._times[-1]) for turns in self._turns)
-        target = float(self._roughness[0].min())
-        alone = target < _OWN * self._own
-        lost = moving and self._off > _LOST * self._own and target > _ALIKE * self._own
-        if not swings or not (alone or lost):
-            self._swinging_since = None
-        elif self._swinging_since is None:
-            self._swinging_since = self._judged
 
     def _decide(self) -> bool:
         """Whether another error makes a path so much smoother that it is believed now."""
-        coarse, fine = self._roughness[1:]
+        coarse, fine = self._roughness
         for rough, other, rougher in ((coarse, fine, _ROUGHER[0]), (fine, coarse, _ROUGHER[1])):
             present = float(np.interp(self.value, _ERRORS, rough))
             least = int(rough.argmin())
@@ -187,9 +135,6 @@ class StampError:
             error = _minimum(rough, least)
             if abs(error - self.value) < _SAME:
                 return False
-            if abs(error - self.value) > _ELSE:
-                self._forget_swing()
-                self._changes.append(self._judged)
             self.value = error
             return True
         return False
@@ -208,35 +153,6 @@ class StampError:
             before[0] + share * (after[0] - before[0]),
             before[1] + share * (after[1] - before[1]),
         )
-
-
-def _beside_line(angles: Array, basis: Array) -> float:
-    """What a straight line leaves of angles, squared and summed up [rad^2]."""
-    return float(angles @ angles - ((basis[:, :2].T @ angles) ** 2).sum())
-
-
-class _Turns:
-    """How often a joint turns round."""
-
-    def __init__(self) -> None:
-        self._lowest, self._highest = math.inf, -math.inf
-        self._side = 0
-        self._stamps: deque[float] = deque(maxlen=_TURNS)
-
-    def take(self, stamp: float, position: float) -> None:
-        """Takes a position [rad] as measured at `stamp` [s]."""
-        self._lowest, self._highest = min(self._lowest, position), max(self._highest, position)
-        side = (position > self._lowest + _TURN) - (position < self._highest - _TURN)
-        if side in (0, self._side):
-            return
-        if self._side:
-            self._stamps.append(stamp)
-        self._side = side
-        self._lowest = self._highest = position
-
-    def often(self, now: float) -> bool:
-        """Whether it has turned round so often lately that it swings."""
-        return len(self._stamps) == _TURNS and now - self._stamps[0] < _TURNING
 
 
 def _minimum(rough: Array, least: int) -> float:

@@ -32,7 +32,6 @@ class TargetState(StrEnum):
     RECENTERING = "recentering"
     SEARCHING = "searching"
     STALLED = "stalled"
-    CAUTIOUS = "cautious"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +69,13 @@ class TargetStateMachine:
         enabled: targets are followed.
         off: why not, while they are not.
         refusal: why a target has led to nothing lately; empty if none has.
-        swung: why the head is steered cautiously; empty: it is not.
         stalled: which joints do not do what they are told, and why that may be; empty: they do.
     """
 
     def __init__(self, head: PanTiltHead, parameters: TargetStateParameters) -> None:
         self.parameters = parameters
         self.enabled, self.off = True, "tracking is switched off"
-        self.stalled = self.swung = ""
+        self.stalled = ""
         self._state = TargetState.IDLE
         self._reason = "no target has come yet"
         self.refusal, self._refused = "", 0.0
@@ -94,16 +92,14 @@ class TargetStateMachine:
         """What the head does, by what its servos do."""
         if not self.enabled:
             return TargetState.DISABLED
-        if self.stalled:
-            return TargetState.STALLED
-        return TargetState.CAUTIOUS if self.swung else self._state
+        return TargetState.STALLED if self.stalled else self._state
 
     @property
     def reason(self) -> str:
         """Why."""
         if not self.enabled:
             return self.off
-        reason = self.stalled or self.swung or self._reason
+        reason = self.stalled or self._reason
         return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
 
     def enable(self, on: bool) -> None:
@@ -131,7 +127,7 @@ class TargetStateMachine:
         """Back to before the first target."""
         self._seen = self._held = None
         self._centring = False
-        self.refusal = self.stalled = self.swung = ""
+        self.refusal = self.stalled = ""
         self._become(TargetState.IDLE, reason)
 
     def recenter(self) -> None:

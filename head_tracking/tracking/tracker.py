@@ -14,7 +14,8 @@ from head_tracking.tracking.estimator import (
     TargetEstimator,
     Verdict,
 )
-from head_tracking.tracking.laws import JointReading, PositionLaw, PredictiveLaw, TrackingLaw
+from head_tracking.tracking.following import FollowingWatch
+from head_tracking.tracking.laws import JointReading, TrackingLaw
 from head_tracking.tracking.mounting import Mounting
 from head_tracking.tracking.stamp_error import StampError
 from head_tracking.tracking.target import HeadBase
@@ -29,11 +30,7 @@ _VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
 _INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
-"""What a head may do [rad/s] that has swung by itself, or has been stopped."""
-_FIRST_PAUSE, _LONGEST_PAUSE = 2.5, 60.0  # s; doubled each time the head has swung by itself
-_AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
-_STALL_TIME = 0.8  # s
-_STALLED = 0.2  # of the way that was commanded
+"""The greatest speed of a head after a stop, until it is on its target [rad/s]."""
 _SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
 
 
@@ -108,17 +105,14 @@ class Tracker:
         self.at_most = math.inf
         self._base = base
         self._stall_watches = (
-            StallWatch(head.pan_joint),
-            StallWatch(head.tilt_joint),
+            FollowingWatch(head.pan_joint),
+            FollowingWatch(head.tilt_joint),
         )
         self._readings: deque[JointReading] = deque()
         self.stamp_error = StampError()
         self.mounting = Mounting(head)
         self._seen: deque[tuple[float, Sight]] = deque()
         self._upright = Rotation.identity()
-        self._cautious = PositionLaw(head, 0.02, law.limits)
-        self._cautious.at_most = CAUTIOUS_SPEED
-        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
@@ -209,25 +203,6 @@ class Tracker:
                 self.estimator.add(then_corrected, error.corrected(then, seen), then_corrected)
         return error.corrected(stamp, sight) if moving else sight
 
-    def _steering(self, now: float) -> TrackingLaw:
-        """The law that steers: a cautious one for a while if the head has swung by itself."""
-        if self.stamp_error.swings and isinstance(self.law, PredictiveLaw):
-            self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
-            self._cautious_until = now + self._pause
-            self.stamp_error.calm_down()
-        cautious = now < self._cautious_until
-        if cautious:
-            self._cautious.limits = self.law.limits
-        elif now > self._cautious_until + 2.0 * self._pause:
-            self._pause = _FIRST_PAUSE
-        self.machine.swung = (
-            f"the head swung by itself: law position at {CAUTIOUS_SPEED:g} rad/s for "
-            f"{self._pause:.0f} s (wrong stamps or servo_delay, or a heavy head?)"
-            if cautious
-            else ""
-        )
-        return self._cautious if cautious else self.law
-
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
         if not self._readings or not self.machine.enabled:
@@ -243,7 +218,7 @@ class Tracker:
             target = self._from_base(estimate, now)
             if target is None:
                 return TrackingStep()
-            command, gaze = self._steering(now).follow(target, joints, now)
+            command, gaze = self.law.follow(target, joints, now)
             there = self.head.point(target.sight_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
@@ -296,7 +271,6 @@ class Tracker:
         self._seen.clear()
         self.stamp_error.reset()
         self.mounting.reset()
-        self._cautious_until, self._pause = -math.inf, _FIRST_PAUSE
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None
@@ -369,60 +343,8 @@ class TargetFromBase(TargetEstimate):
         return pan, tilt
 
 
-class StallWatch:
-    """Notices a joint that does not do what it is told.
-
-    Args:
-        joint: its name.
-        patience: how long it must not have moved [s].
-
-    Attributes:
-        joint: as given.
-        patience: as given.
-    """
-
-    def __init__(self, joint: str, patience: float = _STALL_TIME) -> None:
-        self.joint = joint
-        self.patience = patience
-        self._stalls = False
-        self._side = 0.0
-        self.restart()
-
-    def restart(self) -> None:
-        """Nothing is known of the joint."""
-        self._stalls, self._since = False, math.nan
-
-    def stalls(self, goal: float, speed: float, position: float, now: float) -> bool:
-        """Whether the joint stands still although its goal is elsewhere.
-
-        Args:
-            goal: of the newest command [rad].
-            speed: of the newest command [rad/s].
-            position: as measured [rad].
-            now: the time [s].
-        """
-        way = goal - position
-        if abs(way) < _AT_GOAL or way * self._side < 0.0:
-            self.restart()
-        self._side = way
-        if math.isnan(self._since):
-            self._since, self._last, self._commanded = now, now, 0.0
-            self._lowest = self._highest = position
-            return self._stalls
-        self._commanded += min(speed * (now - self._last), abs(way))
-        self._last = now
-        self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
-        moved = self._highest - self._lowest
-        if moved > _AT_GOAL:
-            self._stalls = False
-        if now - self._since > self.patience and self._commanded > _AT_GOAL:
-            self._stalls = moved < min(_STALLED * self._commanded, _AT_GOAL)
-            self._since = math.nan
-        return self._stalls
-
-
 def stalled(
-    watches: Sequence[StallWatch],
+    watches: Sequence[FollowingWatch],
     goals: Sequence[float],
     speeds: Sequence[float],
     positions: Sequence[float],
@@ -440,7 +362,7 @@ def stalled(
     standing = [
         watch.joint
         for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
-        if watch.stalls(goal, speed, position, now)
+        if watch.check(goal, speed, position, now)
     ]
     return (
         f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"

@@ -47,7 +47,6 @@ _WORDS = {
     TargetState.RECENTERING: Word.MOVING,
     TargetState.SEARCHING: Word.MOVING,
     TargetState.STALLED: Word.FAULT,
-    TargetState.CAUTIOUS: Word.MOVING,
     TargetState.DISABLED: Word.HOLDING,
 }
 _FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)

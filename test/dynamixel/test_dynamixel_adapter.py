@@ -108,32 +108,71 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     assert stable_name(str(device), tmp_path / "nowhere") == ""
 
 
-def test_adapter_that_got_another_name_is_found_by_its_serial_number(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Device:
-        line = None
-        adapter = Adapter()
+def test_serial_number_of_the_usb_device_is_read(tmp_path: Path) -> None:
+    kernel = Kernel(tmp_path / "sys", "1\n")
+    assert prepare_adapter("/dev/ttyUSB0", 3, sysfs=kernel.root).serial == ""
+    usb = tmp_path / "sys" / "devices" / "1-1"
+    (usb / "1-1:1.0" / "ttyUSB1").mkdir(parents=True)
+    (usb / "serial").write_text("FT1234\n")
+    (kernel.root / "class" / "tty" / "ttyUSB1").mkdir()
+    os.symlink(usb / "1-1:1.0" / "ttyUSB1", kernel.root / "class" / "tty" / "ttyUSB1" / "device")
+    assert prepare_adapter("/dev/ttyUSB1", 3, sysfs=kernel.root).serial == "FT1234"
 
-        def close(self) -> None:
-            pass
 
-    opened: list[str] = []
-    there = {"/dev/ttyUSB0"}
+class Udev:
+    """Two adapters, the names that they have now, and what was opened."""
 
-    def open_device(name: str, baud_rate: int) -> Device:
-        if name not in there:
+    def __init__(self) -> None:
+        self.adapters = {"/dev/ttyUSB0": "A", "/dev/ttyUSB1": "B"}
+        self.opened: list[str] = []
+
+    def stable_name(self, name: str) -> str:
+        return f"/dev/serial/by-id/{self.adapters[name]}" if name in self.adapters else ""
+
+    def open_device(self, name: str, baud_rate: int) -> Device:
+        links = {self.stable_name(device): serial for device, serial in self.adapters.items()}
+        if name not in self.adapters | links:
             raise PortMissingError(name, [])
-        opened.append(name)
+        self.opened.append((self.adapters | links)[name])
         return Device()
 
-    monkeypatch.setattr(port_module, "stable_name", lambda name: "/dev/serial/by-id/mine")
-    port = DynamixelPort("/dev/ttyUSB0", open_device=open_device)  # type: ignore[arg-type]
+
+class Device:
+    line = None
+    adapter = Adapter()
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def udev(monkeypatch: pytest.MonkeyPatch) -> Udev:
+    udev = Udev()
+    monkeypatch.setattr(port_module, "stable_name", udev.stable_name)
+    return udev
+
+
+def test_adapters_that_swapped_their_names_are_opened_by_serial_number(udev: Udev) -> None:
+    ports = [
+        DynamixelPort(name, open_device=udev.open_device)  # type: ignore[arg-type]
+        for name in ("/dev/ttyUSB0", "/dev/ttyUSB1")
+    ]
+    for port in ports:
+        port.open()
+        port.close()
+    udev.adapters = {"/dev/ttyUSB0": "B", "/dev/ttyUSB1": "A"}  # after a USB reset
+    for port in ports:
+        port.open()
+    assert udev.opened == ["A", "B", "A", "B"]
+
+
+def test_adapter_with_the_name_of_a_missing_one_is_not_opened(udev: Udev) -> None:
+    port = DynamixelPort("/dev/ttyUSB0", open_device=udev.open_device)  # type: ignore[arg-type]
     port.open()
     port.close()
-    there.clear()
+    udev.adapters = {"/dev/ttyUSB0": "B"}
     with pytest.raises(PortMissingError):
         port.open()
-    there.add("/dev/serial/by-id/mine")
+    udev.adapters = {"/dev/ttyUSB7": "A"}
     port.open()
-    assert opened == ["/dev/ttyUSB0", "/dev/serial/by-id/mine"]
+    assert udev.opened == ["A", "A"]

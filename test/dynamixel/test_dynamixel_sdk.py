@@ -9,11 +9,13 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from serial.tools import list_ports
 from waiting import eventually
 
 from head_tracking.dynamixel import (
@@ -35,6 +37,7 @@ from head_tracking.dynamixel import (
     ReplyTimeoutError,
     serial_ports,
 )
+from head_tracking.dynamixel import port as port_module
 from head_tracking.dynamixel.port import Failed, Retried
 from head_tracking.dynamixel.serial_port import port_error
 
@@ -463,10 +466,33 @@ def test_opening_twice_and_closing_twice_is_harmless(peer: Peer) -> None:
 def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(PortMissingError, match=r"cannot open /dev/ttyNone: there is no such"):
         DynamixelPort("/dev/ttyNone").open()
-    error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), ["/dev/ttyUSB0", "/dev/ttyACM0"])
-    assert "exist: /dev/ttyUSB0, /dev/ttyACM0" in str(error)
-    error = port_error("/dev/ttyNone", OSError(errno.ENOENT, ""), [])
-    assert "is the adapter plugged in?" in str(error)
+    monkeypatch.setattr(port_module, "serial_ports", lambda: ("/dev/ttyUSB0", "/dev/ttyACM0"))
+    with pytest.raises(PortMissingError, match="exist: /dev/ttyUSB0, /dev/ttyACM0"):
+        DynamixelPort("/dev/ttyNone").open()
+    monkeypatch.setattr(port_module, "serial_ports", tuple)
+    with pytest.raises(PortMissingError, match=r"is the adapter plugged in\?"):
+        DynamixelPort("/dev/ttyNone").open()
+
+
+def test_a_port_that_has_gone_is_looked_for_without_listing_the_others(
+    peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / "servos"
+    link.symlink_to(peer.name)
+    port = DynamixelPort(str(link))
+    port.open()
+    port.close()
+    link.unlink()
+    listed: list[object] = []
+
+    def comports() -> list[object]:
+        listed.append(None)
+        return []
+
+    monkeypatch.setattr(list_ports, "comports", comports)
+    with pytest.raises(PortMissingError):
+        port.open()
+    assert not listed
 
 
 def test_second_program_finds_the_port_busy(peer: Peer, port: DynamixelPort) -> None:
@@ -493,7 +519,7 @@ def test_forbidden_port_names_the_group(peer: Peer) -> None:
 
 
 def test_group_is_dialout_when_the_device_does_not_tell() -> None:
-    error = port_error("/dev/ttyNone", OSError(errno.EACCES, ""), [])
+    error = port_error("/dev/ttyNone", OSError(errno.EACCES, ""))
     assert isinstance(error, PortPermissionError)
     assert "group dialout" in str(error)
 
@@ -501,7 +527,7 @@ def test_group_is_dialout_when_the_device_does_not_tell() -> None:
 def test_file_is_no_port() -> None:
     with pytest.raises(PortError, match="must be a serial device"):
         DynamixelPort("/etc/passwd").open()
-    for_others = port_error("/etc/passwd", OSError(errno.EACCES, ""), [])
+    for_others = port_error("/etc/passwd", OSError(errno.EACCES, ""))
     assert "must be a serial device" in str(for_others)
 
 

@@ -77,7 +77,7 @@ class Bench:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
             if baud_rate == self.impossible:
-                raise port_error(name, ValueError("Failed to set custom baud rate"), ())
+                raise port_error(name, ValueError("Failed to set custom baud rate"))
             line = SimulatedLine(
                 self.bus, self.clock, baud_rate, match_baud_rate=not self.deaf_to_baud
             )

@@ -1,0 +1,54 @@
+"""Whether a joint follows its commands, from goals, speeds and measured positions."""
+
+import pytest
+
+from head_tracking.tracking import FollowingWatch, NotFollowing
+
+DT = 0.02
+
+
+def watched(position, goal=lambda t: 1.0, speed=0.5, seconds=2.0, patience=0.8):
+    """What a watch reports at every reading."""
+    watch = FollowingWatch("pan", patience)
+    return [
+        watch.check(goal(k * DT), speed, position(k * DT), k * DT) for k in range(int(seconds / DT))
+    ]
+
+
+def test_a_joint_that_stands_is_reported_with_facts_after_the_patience():
+    problems = watched(lambda t: 0.001)
+    first = next(k for k, problem in enumerate(problems) if problem)
+    assert first * DT == pytest.approx(0.8, abs=2.1 * DT)
+    assert isinstance(problems[first], NotFollowing)
+    assert problems[first].joint == "pan"
+    assert problems[first].commanded == pytest.approx(0.4, abs=0.05)
+    assert problems[first].measured == 0.0
+    assert problems[-1] is not None
+
+
+def test_patience_is_the_callers():
+    problems = watched(lambda t: 0.0, patience=0.3)
+    first = next(k for k, problem in enumerate(problems) if problem)
+    assert first * DT == pytest.approx(0.3, abs=2.1 * DT)
+
+
+@pytest.mark.parametrize("share", [0.4, 1.0])
+def test_a_joint_that_comes_after_follows(share):
+    assert not any(watched(lambda t: share * 0.5 * t))
+
+
+def test_a_joint_near_its_goal_need_not_move():
+    assert not any(watched(lambda t: 0.97))
+
+
+def test_it_follows_again_once_it_moves():
+    problems = watched(lambda t: max(0.0, t - 2.0), seconds=3.0)
+    assert problems[99] is not None
+    assert problems[-1] is None
+
+
+def test_a_goal_on_the_other_side_starts_anew():
+    problems = watched(lambda t: 0.0, goal=lambda t: 1.0 if t < 1.5 else -1.0, seconds=2.0)
+    assert problems[74] is not None
+    assert problems[75] is None
+    assert problems[-1] is None
