@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntFlag
 
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
-from head_tracking.dynamixel.models import AX_12, ServoModel
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
 
 
@@ -38,7 +38,7 @@ class ServoCalibration:
     init: int
     min: int
     max: int
-    model: ServoModel = AX_12
+    model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     reversed: bool = field(init=False, repr=False, compare=False)
     _sign: int = field(init=False, repr=False, compare=False)
     _radians_per_tick: float = field(init=False, repr=False, compare=False)
@@ -160,7 +160,7 @@ class JointConfiguration:
     max: int = 1023
     joint_speed: float = 2.0
     max_speed: float | None = None
-    model: ServoModel = AX_12
+    model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     second: ServoCalibration | None = None
     calibration: ServoCalibration = field(init=False, repr=False, compare=False)
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
 from head_tracking.dynamixel.exceptions import DynamixelError
-from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.models import ServoModel, all_models
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
@@ -168,7 +168,9 @@ def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> i
 
 
 def _relax_all(port: DynamixelPort) -> None:
-    registers = {(model.protocol, model.control_table["Torque Enable"].address) for model in MODELS}
+    registers = {
+        (model.protocol, model.control_table["Torque Enable"].address) for model in all_models()
+    }
     for protocol, address in sorted(registers):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
 

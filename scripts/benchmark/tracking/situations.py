@@ -151,13 +151,17 @@ def any_servo(rng: Random, exam: bool) -> Setup:
 
 
 def sway(amplitude: float, frequency: float) -> Callable[[float], tuple[float, float, float]]:
-    """A base that turns to and fro [rad, Hz]."""
-    return lambda t: (0.0, 0.0, amplitude * math.sin(math.tau * frequency * t))
+    """A base that turns to and fro [rad, Hz], more and more within 2 s."""
+    return lambda t: (
+        0.0,
+        0.0,
+        min(0.5 * t, 1.0) * amplitude * math.sin(math.tau * frequency * t),
+    )
 
 
 def drive(t: float) -> tuple[float, float, float]:
     """A base that drives an arc to and fro, at up to 1 rad/s."""
-    yaw = math.sin(t)
+    yaw = math.sin(0.25 * t * t if t < 2.0 else t - 1.0)
     return 0.3 * math.sin(yaw), 0.1 * yaw, yaw
 
 
