@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +50,7 @@ class Score(NamedTuple):
         blind: ratio of the time in which no camera saw a target that was to be seen.
         delay: by how much a learned servo delay is off at most while its deviation says that it is
             not off by 3 deviations [ms]; nan: not measured.
-        step, point: mean processor times [us].
+        step, point: mean times, in gazes; what another process interrupted is left out.
     """
 
     rms: float
@@ -74,17 +76,23 @@ class Job:
     exam: bool = False
 
 
+def tracker(law: str, loop: ClosedLoop, conditions: Conditions) -> Tracker:
+    """Make the package's tracker for a loop."""
+    moves = conditions.base is not None
+    base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
+    return Tracker(HEAD, LAWS[law](HEAD, 1.0 / conditions.rate), base=base)
+
+
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
     def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
-        moves = conditions.base is not None
-        base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
-        self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
+        self.tracker = tracker(law, loop, conditions)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
         self.delay = 0.0
-        self._loop, self._moves, self._servos = loop, moves, conditions.servos
+        self._loop, self._servos = loop, conditions.servos
+        self._moves = conditions.base is not None
 
     def observe(self, now: float) -> None:
         tracker = self.tracker
@@ -115,6 +123,24 @@ class _Watch:
             )
             / 2.0
         )
+
+
+@cache
+def gaze_time() -> float:
+    """Return the median time of one exact gaze [s]."""
+    times = []
+    for k in range(300):
+        before = time.perf_counter()
+        for j in range(10):
+            HEAD.gaze((math.cos(0.003 * k), 0.5, 0.1 * j), 0.0, 0.0)
+        times.append(time.perf_counter() - before)
+    return float(np.median(times)) / 10.0
+
+
+def cost(times: Sequence[float]) -> float:
+    """Return a mean time in gazes, without what took 20 times the median: interruptions."""
+    found = np.array(times or [math.nan])
+    return float(found[~(found > 20.0 * np.median(found))].mean()) / gaze_time()
 
 
 def judge(job: Job) -> Score:
@@ -152,7 +178,7 @@ def judge(job: Job) -> Score:
         overshoot=1e3 * max(float(beyond.max()), 0.0),
         farthest=float(np.abs(trace.positions).max()),
         blind=blind,
-        step=1e6 * float(np.mean(outcome.costs)),
+        step=cost(outcome.costs),
     )
     if watch is None:
         return score
@@ -160,7 +186,7 @@ def judge(job: Job) -> Score:
         oscillating=watch.oscillating / watch.steps,
         delay=1e3 * watch.delay,
         nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
-        point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
+        point=cost(outcome.point_costs),
     )
 
 
