@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
-from head_tracking.gaze import HeadCommand, PanTiltHead
+from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
@@ -33,7 +33,6 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_ARRIVED = 0.03  # rad
 _SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
 _FAST = 3.0  # rad/s; as fast a head is not slow
 _KNOWN = 0.05  # s; a stamp error with a larger deviation is not shown
@@ -123,7 +122,7 @@ class HeadTrackerNode(Node):
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
         self._slow_for += self._pace.period
         tracker.at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
-        if error < _ARRIVED or tracker.at_most > _FAST:
+        if error < AT_GOAL or tracker.at_most > _FAST:
             self.interface.slow = False
             tracker.at_most = math.inf
 
@@ -211,6 +210,8 @@ class HeadTrackerNode(Node):
         else:
             state, reason = self._tracker.machine.state, self._tracker.machine.reason
         text = f"{state}: {reason}"
+        if state is TargetState.IDLE and self.interface.unheard:
+            text += f"; {self.interface.unheard}"
         if text == self._text:
             return
         if not self._text.startswith(f"{state}:"):
@@ -240,7 +241,10 @@ class HeadTrackerNode(Node):
                 "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
                 "stamps of the camera too late by (ms)": self._stamp_error(self._tracker),
             }
-        hampered = self.interface.trouble or self._state is TargetState.STALLED
+        unheard = self.interface.unheard
+        if unheard:
+            values["not heard"] = unheard
+        hampered = self.interface.trouble or unheard or self._state is TargetState.STALLED
         level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
         if self._tracker is not None and self._tracker.fault:
             level = DiagnosticStatus.ERROR

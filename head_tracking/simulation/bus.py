@@ -6,20 +6,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from head_tracking.dynamixel.protocol import (
-    BROADCAST_ID,
+from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
+from head_tracking.simulation.motion import STEP, Coupling
+from head_tracking.simulation.packets import (
+    BROADCAST,
     LONGEST,
     DamagedPacket,
     Instruction,
     Packet,
     PacketParser,
     Status,
-    decode_packet,
-    encode_packet,
+    decode,
+    encode,
+    encode_joint_status,
     encode_status,
-    joint_status,
 )
-from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
 from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import WriteLog
 
@@ -97,6 +98,8 @@ class SimulatedBus:
         for servo in self._servos:
             servo.write_log = self.write_log
         self._line, self._faults, self._echo = line, faults, echo
+        self._couplings: list[Coupling] = []
+        self._now = 0
         self.allow_gaps(_MAX_GAP)
 
     def __iter__(self) -> Iterator[SimulatedServo]:
@@ -126,8 +129,31 @@ class SimulatedBus:
 
     def advance(self, now: int) -> None:
         """Let time pass up to `now`, ns."""
+        if self._couplings:
+            self._advance_coupled(now)
         for servo in self._servos:
             servo.advance(now)
+
+    def couple(self, first: int, second: int, direction: int = -1) -> None:
+        """Join the shafts of two servos, as they stand, by a stiff bracket: they drive one joint.
+
+        Args:
+            first: Id of one.
+            second: Id of the other one.
+            direction: -1 if they turn against each other, face to face; else 1.
+        """
+        self._couplings.append(self[first].couple(self[second], direction))
+
+    def _advance_coupled(self, now: int) -> None:
+        """Let shafts that are joined move in small steps, so that each follows the other."""
+        time = self._now or now
+        while time + STEP < now and not self.at_rest:
+            time += STEP
+            for servo in self._servos:
+                servo.advance(time)
+            for coupling in self._couplings:
+                coupling.pull()
+        self._now = now
 
     def receive(self, data: bytes, now: int, baud_rate: int | None = None) -> list[Answer]:
         """Take bytes from the master and return what goes back.
@@ -146,7 +172,7 @@ class SimulatedBus:
             return answers
         for protocol, parser in self._parsers.items():
             begun = parser.pending > 0
-            whole = None if begun else decode_packet(protocol, data)
+            whole = None if begun else decode(protocol, data)
             found = parser.feed(data, now) if whole is None else [whole]
             for packet in _not_swallowed(found, protocol, data) if begun else found:
                 hearers = [
@@ -176,7 +202,7 @@ def _not_swallowed(
     heard: list[Packet | DamagedPacket] = []
     for packet in reversed(found):
         if isinstance(packet, Packet):
-            whole = encode_packet(protocol, *packet)
+            whole = encode(protocol, packet)
             at = data.rfind(whole)
             ends = (data.startswith(whole[-count:]) for count in range(1, len(whole)))
             if at < 0 and not any(ends):
@@ -203,7 +229,7 @@ def _answers(
     is missing, those behind it say nothing (as users of real servos report, DynamixelSDK issue
     331).
     """
-    if isinstance(packet, Packet) and packet.id == BROADCAST_ID:
+    if isinstance(packet, Packet) and packet.id == BROADCAST:
         if packet.code == Instruction.PING and protocol == 2:
             for turn, servo_id in enumerate(sorted({servo.id for servo in servos})):
                 for servo in servos:
@@ -275,7 +301,7 @@ def _read_in_turn(
             break
     size = sum(length + 4 for _, _, length in reads)
     if shares and size <= LONGEST[2]:  # a longer one is not a packet any more
-        yield Answer(joint_status(shares, [length for _, _, length in reads]), first_delay)
+        yield Answer(encode_joint_status(shares, [length for _, _, length in reads]), first_delay)
 
 
 def _takes_part(servo: SimulatedServo, fast: bool) -> bool:

@@ -180,7 +180,7 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     for bus in single:
         bus.step()
     assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_ON_REQUEST}
+    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:
@@ -217,3 +217,21 @@ def test_ending_a_request_that_fails_to_end_does_not_keep_the_others_from_ending
     queue.discard_older()
     assert ended == [0, 1, 2]
     assert all(isinstance(future.exception(0.0), StoppedError) for future in futures)
+
+
+def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> None:
+    port = FakePort()
+    bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
+    bus.connect()
+    bus.run(bus.switching_torque(None, True))
+
+    def steps() -> Steps[None]:
+        try:
+            while True:
+                yield 0.0
+        finally:
+            raise RuntimeError("cannot end")
+
+    bus.submit(steps())
+    assert bus.close() == ()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]

@@ -13,16 +13,17 @@ import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from dynamixel_fakes import speed_ticks
 from plant import JointsRead, Make, Servos, angles, in_camera, turned
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
+from head_tracking.dynamixel.protocol import read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation.packets import decode_status
 from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
 from head_tracking.transforms import (
     RobotModel,
@@ -126,7 +127,7 @@ class SimulatedHead:
             time += _ADAPTER + len(sent) * _BYTE
             (answer,) = self._bus.receive(sent, time)
             time += answer.delay + len(answer.data) * _BYTE + _ANSWERED
-            status = find_status(1, answer.data).status
+            status = decode_status(1, answer.data)
             assert status is not None
             stamps.append((asked + time) // 2)
             positions.append(joint.position(int.from_bytes(status.data, "little")))
@@ -262,6 +263,7 @@ class Conditions(Camera):
         start: pan and tilt at first [rad].
         base: position x, y [m] and yaw [rad] of the robot at a time [s]; paths are given in the
             head's base frame as it is where these are 0. None: it never moves.
+        fixed_frame: the frame in which the package keeps targets, if there is a base.
         more: further cameras.
         seed: of all that is random.
         servos: both joints.
@@ -274,6 +276,7 @@ class Conditions(Camera):
     lateness: tuple[float, float] = (0.06, 0.15)
     start: tuple[float, float] = (0.0, 0.0)
     base: Callable[[float], tuple[float, float, float]] | None = None
+    fixed_frame: str = "odom"
     more: tuple[Camera, ...] = ()
     seed: int = 1
     servos: Make = field(default_factory=ax12)
@@ -327,10 +330,11 @@ class ClosedLoop:
         self._servos = c.servos(c.start)
         self._random = random.Random(c.seed)
         self._cameras: tuple[Camera, ...] = (c, *c.more)
+        self._is_raw = False
         self._inbox: list[tuple[float, int, Target, bool]] = []
         self.buffer = TransformBuffer()
         self.buffer.set_model(kinectbot())
-        fixed = BASE_FRAME if c.base is None else "odom"
+        fixed = BASE_FRAME if c.base is None else c.fixed_frame
         self._placer = TargetPlacer(self.buffer, fixed, 1.0)
 
     def truth(self, time: float) -> Vector3:
@@ -343,9 +347,9 @@ class ClosedLoop:
         dx, dy = point[0] - x, point[1] - y
         return c * dx + s * dy, c * dy - s * dx, point[2]
 
-    def run(self, controller: Controller | RawController) -> Outcome:
+    def run(self, controller: Any) -> Outcome:
         """Run from the start to the end: in each cycle read, update, write."""
-        outcome = Outcome(Trace())
+        outcome, self._is_raw = Outcome(Trace()), isinstance(controller, RawController)
         stepped = -math.inf
         for event in self._events():
             now = event.time
@@ -366,14 +370,12 @@ class ClosedLoop:
                     outcome.goals.append(self._servos.goals)
         return outcome
 
-    def _update(
-        self, controller: Controller | RawController, now: float, outcome: Outcome
-    ) -> HeadCommand | None:
+    def _update(self, controller: Any, now: float, outcome: Outcome) -> HeadCommand | None:
         arrived = []
         while self._inbox and self._inbox[0][0] <= now:
             arrived.append(heapq.heappop(self._inbox))
         before = time.perf_counter()
-        if isinstance(controller, RawController):
+        if self._is_raw:
             for _, _, target, on_head in arrived:
                 stamp = target.stamp * 1e-9 - START
                 controller.camera_saw(stamp, target.point, now, on_head=on_head)
@@ -413,11 +415,11 @@ class ClosedLoop:
         self,
         stamp: int,
         positions: tuple[float, float],
-        controller: Controller | RawController,
+        controller: Any,
     ) -> None:
         base, at = self._conditions.base, stamp * 1e-9
         pose = (0.0, 0.0, 0.0) if base is None else base(at - _ODOMETRY_LATE)
-        if isinstance(controller, RawController):
+        if self._is_raw:
             controller.joints_read(at, positions)
             controller.base_moved(at, pose)
             return

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from closed_loop import START, ClosedLoop, kinectbot
-from plant import Streamed, angles
+from closed_loop import START, ClosedLoop, Conditions, kinectbot
+from plant import Pair, Streamed, angles
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import LAWS, HeadBase, SetpointStream, Tracker
@@ -22,7 +24,8 @@ HEAD = PanTiltHead(
     kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
 )
 _AHEAD = 0.1  # s from now to the prediction whose deviation is judged
-_SETTLED = 4.0  # s after which a learned delay counts
+_SETTLED = 8.0  # s after which a learned delay counts
+_WRITTEN = 0.0013  # s from a step to the command
 
 OPPONENTS: dict[str, Callable[[], SimpleLaw]] = {
     "position": SimpleLaw,
@@ -47,7 +50,7 @@ class Score(NamedTuple):
         blind: ratio of the time in which no camera saw a target that was to be seen.
         delay: by how much a learned servo delay is off at most while its deviation says that it is
             not off by 3 deviations [ms]; nan: not measured.
-        step, point: mean processor times [us].
+        step, point: mean times, in gazes; what another process interrupted is left out.
     """
 
     rms: float
@@ -73,19 +76,37 @@ class Job:
     exam: bool = False
 
 
+def tracker(law: str, loop: ClosedLoop, conditions: Conditions) -> Tracker:
+    """Make the package's tracker for a loop."""
+    moves = conditions.base is not None
+    base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
+    return Tracker(HEAD, LAWS[law](HEAD, 1.0 / conditions.rate), base=base)
+
+
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
-    def __init__(self, law: str, loop: ClosedLoop, moves: bool) -> None:
-        base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
-        self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
+    def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
+        self.tracker = tracker(law, loop, conditions)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
-        self._loop, self._moves = loop, moves
+        self.delay = 0.0
+        self._loop, self._servos = loop, conditions.servos
+        self._moves = conditions.base is not None
 
     def observe(self, now: float) -> None:
         tracker = self.tracker
         self.steps += 1
+        servos = self._servos
+        if isinstance(servos, Pair) and not self.steps % 10 and now > _SETTLED:
+            delays = tracker.law.delays
+            unsure = getattr(tracker.law, "deviations", (0.0, 0.0))
+            for servo, delay, deviation in zip(
+                (servos.pan, servos.tilt), delays, unsure, strict=True
+            ):
+                off = abs(delay - servo.dead_time - servo.lag - _WRITTEN)
+                if servo.profile == math.inf and off > 3.0 * deviation:
+                    self.delay = max(self.delay, off)
         self.oscillating += tracker.state.name == "CAUTIOUS"
         estimate = tracker.estimator.estimate
         if self._moves or self.steps % 5 or now < 2.0 or estimate is None:
@@ -104,6 +125,24 @@ class _Watch:
         )
 
 
+@cache
+def gaze_time() -> float:
+    """Return the median time of one exact gaze [s]."""
+    times = []
+    for k in range(300):
+        before = time.perf_counter()
+        for j in range(10):
+            HEAD.gaze((math.cos(0.003 * k), 0.5, 0.1 * j), 0.0, 0.0)
+        times.append(time.perf_counter() - before)
+    return float(np.median(times)) / 10.0
+
+
+def cost(times: Sequence[float]) -> float:
+    """Return a mean time in gazes, without what took 20 times the median: interruptions."""
+    found = np.array(times or [math.nan])
+    return float(found[~(found > 20.0 * np.median(found))].mean()) / gaze_time()
+
+
 def judge(job: Job) -> Score:
     """Run a job."""
     path, conditions = SITUATIONS[job.situation].setup(job.seed, job.exam)
@@ -115,7 +154,7 @@ def judge(job: Job) -> Score:
             stream = replace(conditions.servos, stream=lambda: SetpointStream(0.02, 0.0))
             conditions = replace(conditions, servos=stream)
         loop = ClosedLoop(path, conditions, lambda now: watch.observe(now) if watch else None)
-        watch = _Watch(law or "predictive", loop, conditions.base is not None)
+        watch = _Watch(law or "predictive", loop, conditions)
         controller = watch.tracker
     else:
         controller = OPPONENTS[name]()
@@ -139,14 +178,15 @@ def judge(job: Job) -> Score:
         overshoot=1e3 * max(float(beyond.max()), 0.0),
         farthest=float(np.abs(trace.positions).max()),
         blind=blind,
-        step=1e6 * float(np.mean(outcome.costs)),
+        step=cost(outcome.costs),
     )
     if watch is None:
         return score
     return score._replace(
         oscillating=watch.oscillating / watch.steps,
+        delay=1e3 * watch.delay,
         nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
-        point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
+        point=cost(outcome.point_costs),
     )
 
 
