@@ -29,6 +29,8 @@ _RIGHT = 0.9  # prior probability that the stamps are right
 _USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
 _WORTH = 0.025  # s; an error is applied if it is larger than this
 _CLEAR = 4.0  # and than so many deviations
+_EXACT = 0.03  # s; with less deviation what is applied is confirmed by the points,
+_CONTRADICTED = 20.0  # and is given up only if its score falls so far behind the best
 _SURE = 0.95  # probability at which the stamps are right after all,
 _BETTER = 3.0  # if their score is better by this
 
@@ -93,6 +95,7 @@ class HeadCamera:
         self.applied = 0.0
         self._head, self._readings, self._base = head, readings, base
         self._came = -math.inf
+        self._confirmed = False
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
         self._timing = _RayBank(head, readings, base, _ERRORS, np.zeros(len(_ERRORS), int), _EVERY)
         self.check_mounting()
@@ -160,13 +163,19 @@ class HeadCamera:
     def _decide_error(self, scores: Array) -> None:
         """Apply the most likely error if it is clear, and none if that is clear again."""
         mean, deviation = _moments(scores + _PRIOR)
+        applied = float(np.interp(self.applied, _ERRORS, scores))
+        if abs(mean - self.applied) < _OTHERWISE:
+            self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
+        elif self._confirmed and applied > -_CONTRADICTED:
+            return
+        before = self.applied
         if abs(mean) > max(_CLEAR * deviation, _WORTH):
             self.applied = _peak(scores)
         elif self.applied:
             right = np.exp(scores + _PRIOR)
-            applied = float(np.interp(self.applied, _ERRORS, scores))
             if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
                 self.applied = 0.0
+        self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
 
     def _decide_mounting(self, bank: _RayBank) -> None:
         """Report a mounting that is clearly wrong; exclude those that the points contradict."""
