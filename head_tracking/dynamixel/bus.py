@@ -147,7 +147,9 @@ class ServoBus:
         self._all = tuple(self._joints.values())
         self._protection = Protection(self._note, self._cut, settings)
         self._told = self._protection.told
-        self._diagnosis = Diagnosis(self._note, self._cut, self._enqueue, settings)
+        self._diagnosis = Diagnosis(
+            self._note, self._cut, self._enqueue, self._clear_watchdog, settings
+        )
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._connected = False
@@ -1062,11 +1064,16 @@ class ServoBus:
             for servo in joint.servos
         }
         changed = {}
-        for servo in joint.servos:
-            changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
-        for servo in joint.servos:
-            if not joint.stopped and not servo.lost:
-                yield from servo.identify()
+        self._drop_goal(joint)
+        joint.writing = True
+        try:
+            for servo in joint.servos:
+                changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
+            for servo in joint.servos:
+                if not joint.stopped and not servo.lost:
+                    yield from servo.identify()
+        finally:
+            joint.writing = False
         return changed
 
     # Owner's thread: who goes and who comes
@@ -1088,14 +1095,16 @@ class ServoBus:
         A tripped watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            watched = any(servo.watched for servo in joint.servos)
-            if joint.on and watched and joint.complete and not joint.busy:
-                self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
+            if joint.on and joint.complete and any(servo.watched for servo in joint.servos):
+                self._clear_watchdog(joint, f"the bus stood still for {gap * 1e-9:.1f} s")
 
-    def _holding(self, joint: Joint, gap: int) -> Steps[None]:
+    def _clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
+        if not joint.busy:
+            self._enqueue(self._exclusively(joint, self._holding(joint, why)))
+
+    def _holding(self, joint: Joint, why: str) -> Steps[None]:
         problem = yield from joint.pin(powered=True)
-        text = f"the bus stood still for {gap * 1e-9:.1f} s"
-        self._note(EventKind.HELD, joint, f"{text}; {problem or 'it holds where it is'}")
+        self._note(EventKind.HELD, joint, f"{why}; {problem or 'it holds where it is'}")
 
     def _lose(self, joint: Joint, servo: Servo) -> None:
         now = self._monotonic()
