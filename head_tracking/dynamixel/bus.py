@@ -1201,7 +1201,7 @@ class ServoBus:
             self._port.open()
         except PortError:
             return False
-        if not any(answering(iter((servo,)), tries=1) for _, servo in self._each_servo()):
+        if not self._is_the_same_line():
             self._port.close()  # it may be somebody else's by now
             return False
         self._look_again_at = None
@@ -1211,6 +1211,19 @@ class ServoBus:
         if stopped:  # perhaps while nobody could tell them
             self._enqueue(self._relaxing(stopped, stop=True), despite_stop=True)
         return True
+
+    def _is_the_same_line(self) -> bool:
+        """Return whether servos answer, and all that do are those that were there before.
+
+        After a reset of the USB bus two adapters may have swapped their names.
+        """
+        found = False
+        for _, servo in self._each_servo():
+            with suppress(CommunicationError):
+                if not servo.is_same():
+                    return False
+                found = True
+        return found
 
     def _lose_port(self, why: str) -> None:
         self._port.close()
