@@ -374,6 +374,10 @@ class Mount(Protocol):
     def init(self) -> int:
         """Tick of position 0."""
 
+    @property
+    def reversed(self) -> bool:
+        """Whether rising ticks are falling positions."""
+
     def ticks(self, position: float) -> int:
         """Return the tick of a position of the joint, rad."""
 
@@ -386,10 +390,6 @@ class Mounting(Protocol):
         """The joint."""
 
     @property
-    def id(self) -> int:
-        """Id of the servo whose encoder counts."""
-
-    @property
     def calibrations(self) -> Sequence[Mount]:
         """Its servos."""
 
@@ -400,8 +400,8 @@ class Mounting(Protocol):
 class SimulatedJoints:
     """The servos of a configuration, simulated: a port to open, and the truth about the joints.
 
-    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos
-    on one joint turn each for itself: no shaft joins them.
+    They stand at position 0 at first, on a wire that takes its time. A context manager. A stiff
+    bracket joins two servos on one joint.
 
     Attributes:
         port: the port of the bus that they share.
@@ -414,7 +414,12 @@ class SimulatedJoints:
             for joint in self._joints.values()
             for mount in joint.calibrations
         ]
-        self.port = SimulatedPort(servos, paced=True)
+        bus = SimulatedBus(servos)
+        for joint in self._joints.values():
+            if len(joint.calibrations) == 2:
+                one, other = joint.calibrations
+                bus.couple(one.id, other.id, 1 if one.reversed == other.reversed else -1)
+        self.port = SimulatedPort(bus, paced=True)
 
     @property
     def port_name(self) -> str:
@@ -424,7 +429,7 @@ class SimulatedJoints:
     def true_position(self, joint_name: str) -> float:
         """Where the joint really is [rad], finer than any encoder tells."""
         joint = self._joints[joint_name]
-        return joint.position(self.port.true_ticks(joint.id))
+        return joint.position(self.port.true_ticks(joint.calibrations[0].id))
 
     def lead(self, joint_name: str, position: float, duration: float) -> None:
         """Lets a hand lead the joint to a position [rad] within `duration` [s]."""

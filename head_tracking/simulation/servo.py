@@ -7,7 +7,7 @@ from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.models import Named, Register, SimulatedModel, simulated_model
-from head_tracking.simulation.motion import Drive
+from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
     ALERT,
     BROADCAST,
@@ -275,6 +275,10 @@ class SimulatedServo:
         way = self._registers.ticks(1.0) - self._registers.ticks(0.0)
         angle = self.true_position + (ticks - self.true_ticks) / way
         self._drive.lead(angle, duration, strength)
+
+    def couple(self, other: SimulatedServo, direction: int) -> Coupling:
+        """Return a bracket that joins the shafts of two servos; see `SimulatedBus.couple`."""
+        return Coupling(self._drive, other._drive, direction)
 
     def impede(self, share: float) -> None:
         """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
