@@ -139,9 +139,9 @@ class HeadCamera:
                 self._mounting.waiting.append((stamp, ray))
         return self._placed(stamp, ray) if self.applied else (stamp, point)
 
-    def corrected_again(self) -> list[tuple[float, Vector3]]:
-        """Return the points of the last second, corrected by what is known now."""
-        return [self._placed(*ray) for ray in self._recent if ray[0] > self._came - _RECENT]
+    def forget_target(self) -> None:
+        """Forget the points of the target; what they have told of the camera is kept."""
+        self._recent.clear()
 
     def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
         """Return when a ray was seen [s], and the point in the frame that stands still [m]."""
@@ -150,18 +150,22 @@ class HeadCamera:
         point = self._head.placed_in_base(ray, pan, tilt)
         return taken, point if self._base is None else self._base.at(taken) @ point
 
-    def update(self) -> bool:
+    def update(self) -> list[tuple[float, Vector3]]:
         """Judge the points for which joint readings have come.
 
         Returns:
-            Whether the applied error has changed by more than 20 ms.
+            If the applied error has changed by more than 20 ms, the points of the last second as
+            they are by the new error: stamps [s] and points in the frame that stands still [m].
         """
         before = self.applied
         if self._timing.judge():
             self._decide_error(self._timing.scores)
         if self._mounting is not None and self._mounting.judge():
             self._decide_mounting(self._mounting)
-        return abs(self.applied - before) > _OTHERWISE
+        latest = self._readings.latest
+        if latest is None or abs(self.applied - before) < _OTHERWISE:
+            return []
+        return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
     def _decide_error(self, scores: Array) -> None:
         """Apply the most likely error if it is clear, and none if that is clear again."""
@@ -264,7 +268,7 @@ class _RayBank:
         if not waiting or waiting[0][0] + self._wait > latest:
             return False
         if not (self._telling @ self._readings.ranges(latest - _LOOKED_BACK) > _TURNED).any():
-            while len(waiting) > _KEPT:
+            while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
         while waiting and waiting[0][0] + self._wait <= latest:
