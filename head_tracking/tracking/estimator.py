@@ -320,10 +320,12 @@ class TargetEstimator:
 
     def _judge(self, index: int, stamp: float, sight: Sight) -> Verdict:
         """Use a point that comes at this place among the others, or suspect it."""
-        before = self._described(index - 1)
-        away, unlikely = self._off(before, stamp, sight)
+        estimate = self._estimate
+        if estimate is None or estimate.stamp != self._stamps[index - 1]:
+            estimate = self._described(index - 1)
+        away, unlikely = self._off(estimate, stamp, sight)
         threshold = self.parameters.jump_threshold
-        farthest = max(_FAR * threshold, _FAST * (stamp - before.stamp))
+        farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
         if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
             self._suspects = [each for each in self._suspects if each.stamp > stamp]
             self._insert(index, [(stamp, sight)])
@@ -335,12 +337,13 @@ class TargetEstimator:
         points = sorted([*((each.stamp, each.sight) for each in alike), (stamp, sight)])
         (start, _), (end, _) = points[0], points[-1]
         among = sum(start <= each.stamp <= end for each in self._suspects)
-        if not alike or end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
+        if not alike or 2 * len(points) <= among:
             return Verdict.JUMP
-        if 2 * len(points) <= among:
+        jumped = self._jumped(estimate, points)
+        if jumped and end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
             return Verdict.JUMP
         self._suspects.clear()
-        if not self._jumped(before, points):
+        if not jumped:
             for point in points:
                 self._insert(bisect_right(self._stamps, point[0]), [point])
             return Verdict.TAKEN
@@ -383,7 +386,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing)
         )
-        self._began = stamp
+        self._began, self._estimate = stamp, None
         self._note(_Snapshot(stamp, sight, bearings, Range.seen_once(sight.distance)))
         for each in others:
             self._append(*each)
@@ -406,7 +409,7 @@ class TargetEstimator:
         before = snapshots[-1]
         index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
         judged, ahead = snapshots[index].bearings, stamp - stamps[index]
-        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings.joints))
+        turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
         distance = before.range.after(stamp - before.stamp, sight.distance, turning)
         stamps.append(stamp)
         self._pans.append(sight.pan)
