@@ -22,10 +22,10 @@ _FAST = 2.5  # rad/s
 _UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
-_TRUST = 1.3  # of the horizon
+_SHORTEST_TRUST = 0.2  # s; over which an acceleration is believed
+_TRUST = 1.2  # of the horizon
 _REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
-_FADING = 0.3  # s
+_FADING = 0.2  # s
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
