@@ -52,23 +52,23 @@ def run(head, path, conditions):
     return watched, ClosedLoop(path, conditions).run(watched).recording
 
 
-@pytest.mark.parametrize("late", [-0.15, -0.06, 0.04, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("late", [-0.15, 0.05, 0.2, 0.4])
 @pytest.mark.parametrize("path", [still, swing, circle])
 def test_the_error_is_found(head, path, late):
-    watched, _ = run(head, path, replace(ON_HEAD, stamp_error=late, field=(3.0, 3.0), seed=7))
+    conditions = replace(ON_HEAD, duration=5.0, stamp_error=late, field=(3.0, 3.0), seed=7)
+    watched, _ = run(head, path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=0.015)
 
 
-@pytest.mark.parametrize("points", [5.0, 8.0, 30.0])
-@pytest.mark.parametrize("delay", [0.1, 0.4])
-@pytest.mark.parametrize("path", [swing, circle, lambda t: around(0.3 * math.sin(math.tau * t))])
+@pytest.mark.parametrize(("points", "delay"), [(5.0, 0.1), (8.0, 0.4), (30.0, 0.1)])
+@pytest.mark.parametrize("path", [swing, lambda t: around(0.3 * math.sin(math.tau * t))])
 def test_no_error_is_believed_where_there_is_none(head, path, delay, points):
-    conditions = replace(ON_HEAD, duration=15.0, points=points, delay=delay, seed=3)
+    conditions = replace(ON_HEAD, duration=12.0, points=points, delay=delay, seed=3)
     watched, _ = run(head, path, replace(conditions, field=(3.0, 3.0)))
     assert not any(watched.applied)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_a_target_that_stands_still_is_soon_at_rest_though_stamped_too_early(head, seed):
     _, recording = run(head, still, replace(ON_HEAD, stamp_error=-0.08, seed=seed))
     assert recording.between(1.5).rms < 0.02
@@ -107,7 +107,7 @@ def test_points_from_the_future_do_not_pile_up(head):
     assert len(tracker.camera._timing.waiting) < 100
 
 
-@pytest.mark.parametrize("moment", [0.4, 0.6, 0.8, 1.0])
+@pytest.mark.parametrize("moment", [0.5, 0.8])
 @pytest.mark.parametrize("error", [-0.08, 0.12])
 def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head, moment, error):
     watched = Watched(head)
