@@ -430,8 +430,9 @@ class DynamixelPort:
         size = request.size
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        buffer, prefix = self._buffer, request.prefix
-        while len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
+        prefix = request.prefix
+        buffer = self._buffer or line.read(_CHUNK, deadline)
+        while 0 < len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
             if not data:
                 break
