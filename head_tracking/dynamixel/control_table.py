@@ -61,7 +61,7 @@ class Memory(Enum):
 
 
 class Sign(Enum):
-    """How a register tells negative values."""
+    """How a register stores negative values."""
 
     NONE = "none"
     MAGNITUDE = "bit 10"
@@ -101,7 +101,7 @@ class Register:
         minimum: Lowest value a write may carry; None for read-only registers.
         maximum: Highest value a write may carry; None for read-only registers.
         unit: What one count stands for.
-        sign: How it tells negative values.
+        sign: How it stores negative values.
     """
 
     name: str
@@ -241,7 +241,7 @@ class Block:
             raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
         for register, value in zip(self.registers, values, strict=True):
             if not register.admits(value):
-                register.encode(value)  # says why
+                register.encode(value)  # raises
         if not self._gapless:
             raise RangeError("the block has gaps, so it can be read but not written")
         return self.layout.pack(*values)
