@@ -16,7 +16,6 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, suppress
 from enum import StrEnum
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TypeVar
 
 from head_tracking.control import JointOwners
@@ -271,7 +270,8 @@ class Head:
         """
         target, epoch = _target(point, frame, stamp), self._permit()
         if frame not in self.frames.frames():
-            raise FrameError(frame, f"the frame {frame!r} does not exist; there are {self._frames}")
+            known = ", ".join(self.frames.frames())
+            raise FrameError(frame, f"the frame {frame!r} does not exist; there are {known}")
         self._motion.follow(target, epoch)
         try:
             self._permit(epoch)
@@ -353,12 +353,7 @@ class Head:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # What is known
@@ -414,10 +409,6 @@ class Head:
         at, patience = (LATEST, 0.0) if stamp is None else (round(stamp * 1e9), _PATIENCE)
         found = _known(lambda: self.frames.lookup_transform(frame, link, at, patience), link)
         return found.transform
-
-    @property
-    def _frames(self) -> str:
-        return ", ".join(self.frames.frames())
 
     # Inside
 

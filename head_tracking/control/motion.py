@@ -92,6 +92,8 @@ class HeadMotion:
         self._look: Look | None = None
         self._following = False
         self._epoch = 0
+        self._period = period
+        self._stepped = 0.0
         self._cautious_since: float | None = None  # 0: not begun
 
     @property
@@ -194,7 +196,8 @@ class HeadMotion:
             self._tracker.joints_read(seen, self.joints.positions)
             if self._look is not None:
                 self._write(self._step_look(self._look, self.joints, now), self._epoch)
-            elif self._following:
+            elif self._following and abs(now - self._stepped) > 0.5 * self._period:
+                self._stepped = now  # (cycles that were late come one after the other)
                 command = self._step_target(joints, now)
                 if command is not None:
                     self._write(command, self._epoch)

@@ -348,7 +348,9 @@ def faulty_cycles() -> str:
     line = SimulatedLine(simulated, clock)
     joints = [
         JointConfiguration("ax", "ax_controller", 1, 512, 300, 800),
-        JointConfiguration("xm", "xm_controller", 2, 2048, 1024, 3072, model=servos[1].model),
+        JointConfiguration(
+            "xm", "xm_controller", 2, 2048, 1024, 3072, model=servo_model("XM430-W350")
+        ),
     ]
     port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
     driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)

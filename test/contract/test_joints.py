@@ -165,7 +165,7 @@ def test_one_joint_is_stopped_and_started_without_the_other(bench, person):
 def test_limits_change_while_the_head_runs_and_nonsense_is_refused(person):
     assert person.set("servo_bus", f"{PAN}.motor.max", 600).successful
     person.complaint("servo_bus", JOINTS[0], of=lambda: person.command(PAN, 0.9))
-    for name, bad in (("motor.max", 2000), ("max_speed", 1.0), ("joint_speed", "fast")):
+    for name, bad in (("motor.max", 2000), ("max_speed", 50.0), ("joint_speed", "fast")):
         refused = person.set("servo_bus", f"{PAN}.{name}", bad)
         assert not refused.successful
         assert refused.reason

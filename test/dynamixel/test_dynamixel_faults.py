@@ -43,7 +43,7 @@ def test_all_faults_at_once_on_mixed_models(names: list[str]) -> None:
 def test_adapter_that_echoes_everything_is_tolerated() -> None:
     servos = [SimulatedServo(1), SimulatedServo(2, servo_model("XM430-W350"))]
     bench = Bench(SimulatedBus(servos, echo=True))
-    joints = [ordeal_joint(servo.id, servo.model) for servo in servos]
+    joints = [ordeal_joint(servo.id, servo_model(servo.model.name)) for servo in servos]
     bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
     bus.connect()
     for _ in range(100):

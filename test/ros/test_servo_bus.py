@@ -2,6 +2,8 @@
 
 import math
 
+import pytest
+from rclpy.parameter import Parameter
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 
@@ -21,8 +23,6 @@ def test_two_buses_in_one_node(make_robot):
 
     def connect(joints: list[JointConfiguration]) -> str:
         return ports[joints[0].id - 1].port_name
-
-    from rclpy.parameter import Parameter
 
     overrides = [Parameter("head_tilt_controller.port_name", value="/dev/ttyUSB1")]
     loop = ControlLoop(None)
@@ -49,3 +49,19 @@ def test_joints_that_answer_in_another_order_keep_their_names():
     for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
         filled = message.filled(states)
         assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}
+
+
+@pytest.mark.parametrize("name", ["joint_speed", "max_speed"])
+def test_every_speed_that_is_described_as_allowed_is_taken(make_robot, name):
+    make_robot("--mode", "point")  # ROS is up
+    name = f"head_pan_controller.{name}"
+    with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as simulated:
+        node = ServoBusNode(connect=lambda joints: simulated.port_name, namespace="second")
+        try:
+            (allowed,) = node.describe_parameter(name).floating_point_range
+            for speed in (allowed.to_value, 0.999 * allowed.to_value, max(0.1, allowed.from_value)):
+                assert node.set_parameters([Parameter(name, value=speed)])[0].successful
+            beyond = Parameter(name, value=1.01 * allowed.to_value)
+            assert not node.set_parameters([beyond])[0].successful
+        finally:
+            node.destroy_node()
