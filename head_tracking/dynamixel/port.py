@@ -275,6 +275,10 @@ class LateReplies:
         """Note that the reply to a request may still come; it was due at a time, s."""
         self.due.setdefault((request.protocol, request.id), {})[request.length] = due
 
+    def resembles(self, request: Request) -> bool:
+        """Return whether the reply to a request has the length of a late one."""
+        return request.length in self.due.get((request.protocol, request.id), ())
+
     def told_apart(self, group: ReadGroup) -> ReadGroup:
         """Return the group, or a longer one, whose replies have the length of no late reply.
 
@@ -284,10 +288,7 @@ class LateReplies:
         self.forget()
         for extra in range(_MOST_EXTRA + 1):
             longer = group.longer(extra) if extra else group
-            if not any(
-                request.length in self.due.get((request.protocol, request.id), ())
-                for request in longer.requests
-            ):
+            if not any(map(self.resembles, longer.requests)):
                 return longer
         raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
 
@@ -676,7 +677,12 @@ class DynamixelPort:
                 break
             buffer += data
         packet = buffer[:size]
-        if packet.startswith(prefix) and len(packet) == size and packet not in self._sent:
+        if (
+            packet.startswith(prefix)
+            and len(packet) == size
+            and packet not in self._sent
+            and not (self._late.due and self._late.resembles(request))
+        ):
             status = decode_status(request.protocol, packet)
             if status is not None:
                 self._buffer = buffer[size:]
@@ -694,21 +700,26 @@ class DynamixelPort:
         protocol = request.protocol
         end = max(deadline, due + _LONGEST)
         received = len(self._buffer)
-        stray: Status | None = None
+        doubtful: Status | None = None
         was_damaged = self._echoed = False
+        ambiguous = self._late.resembles(request)  # the first of two replies may be the late one
         while True:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
                 if status.id != request.id:
                     self._note_surplus(status.id)
+                elif ambiguous and doubtful is None and len(status.data) == request.length:
+                    doubtful = status
                 elif len(status.data) == request.length or _refuses(protocol, status):
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
+                    if ambiguous:
+                        self._late.take(protocol, status)
                     return status
                 elif not self._is_late(protocol, status):
                     self._note_surplus(request.id)
-                    stray = status
+                    doubtful = status
                 continue
             now = self.clock()
             if damaged and received >= request.size:  # that was it
@@ -721,8 +732,8 @@ class DynamixelPort:
             received += len(data)
             self._buffer += data
         self._wire_free = self.clock()
-        if stray is not None:
-            return stray  # no reply to what was asked: the caller says so
+        if doubtful is not None:
+            return doubtful  # if it is no reply to what was asked, the caller says so
         self._late.add(request, due)
         if self._buffer or was_damaged:
             raise CorruptReplyError(f"servo {request.id}: damaged reply")

@@ -221,6 +221,13 @@ class Servo:
         """Ask the servo whether it is there; return its error byte."""
         return self._try(tries, lambda: self._port.ping(self.id, self._protocol))
 
+    def is_same(self) -> bool:
+        """Return whether the servo that answers now has the model and the firmware known before."""
+        known = self.identity
+        return self.get("Model Number", 1) == self.model.model_number and (
+            known is None or self.get("Firmware Version", 1) == known.firmware_version
+        )
+
     def read(self, block: Block, tries: int = _TRIES) -> tuple[int, ...]:
         """Read registers and return one value for each."""
         return block.decode(self._read(block.address, block.length, tries))

@@ -305,3 +305,18 @@ def test_a_node_of_another_process_takes_the_head_over_by_asking(robot):
     wait_for(lambda: robot.composition.nodes["head_tracker"].interface.off)
     assert robot.call("head_tracker/enable", True).success
     wait_for(lambda: "head_pan_joint: /head_tracker" in owners[-1].data)
+
+
+@pytest.mark.parametrize("short", [True, False])
+def test_services_of_the_bus_are_private_and_short_names_can_be_left_out(make_robot, short):
+    robot = make_robot("--target", "none", ros_args=["-p", f"servo_bus:short_names:={short}"])
+    assert robot.call("servo_bus/torque_enable", True).success
+    assert torque(robot) == [1, 1]
+    assert robot.call("servo_bus/stop").success
+    assert torque(robot) == [0, 0]
+    assert not robot.call("servo_bus/recover").success
+    assert robot.call("servo_bus/relax").success
+    assert robot.call("servo_bus/resume").success
+    names = {name for name, _ in robot.node.get_service_names_and_types()}
+    for name in ("stop", "resume", "relax", "recover", "torque_enable"):
+        assert (f"/{name}" in names) is short
