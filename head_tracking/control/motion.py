@@ -16,6 +16,7 @@ from head_tracking.gaze import HeadCommand, PanTiltHead, PointingResult
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     ClockWatch,
+    JointReading,
     PredictiveLaw,
     Target,
     TargetPlacer,
@@ -23,7 +24,6 @@ from head_tracking.tracking import (
     Tracker,
     Turn,
 )
-from head_tracking.tracking.laws import JointReading
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 
 PATIENCE = 1.0
