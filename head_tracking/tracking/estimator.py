@@ -219,16 +219,14 @@ class TargetEstimate:
             beyond = min(ahead - self.trust, fading)
             ahead = self.trust + beyond - 0.5 * beyond * beyond / fading
             pace = 1.0 - beyond / fading
-        (x, u), (y, v) = (self._bounded(motion, ahead) for motion in self.motions)
-        return (x, pace * u), (y, pace * v)
-
-    @staticmethod
-    def _bounded(motion: Motion, ahead: float) -> tuple[float, float]:
-        position, velocity = motion.after(ahead)
-        way = position - motion.position
-        if abs(way) > _FARTHEST_AHEAD:
-            return motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
-        return position, velocity
+        motions = []
+        for motion in self.motions:
+            position, velocity = motion.after(ahead)
+            way = position - motion.position
+            if abs(way) > _FARTHEST_AHEAD:
+                position, velocity = motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
+            motions.append((position, pace * velocity))
+        return motions[0], motions[1]
 
 
 class _Snapshot(NamedTuple):
@@ -340,7 +338,7 @@ class TargetEstimator:
         farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
         if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
             self._suspects = [each for each in self._suspects if each.stamp > stamp]
-            self._insert(index, [(stamp, sight)])
+            self._insert(stamp, sight)
             return Verdict.TAKEN
         if index == len(self._stamps) and self._returns(stamp, sight, away):
             return self._jump([(stamp, sight)])
@@ -360,7 +358,7 @@ class TargetEstimator:
             return self._jump(points)
         self._suspects.clear()
         for point in points:
-            self._insert(bisect_right(self._stamps, point[0]), [point])
+            self._insert(*point)
         return Verdict.TAKEN
 
     def _jump(self, points: Sequence[tuple[float, Sight]]) -> Verdict:
@@ -423,36 +421,39 @@ class TargetEstimator:
             else before.bearings.restarted(bearing)
         )
         self._began, self._estimate = stamp, None
-        self._note(_Snapshot(stamp, sight, bearings, Range.seen_once(sight.distance)))
+        self._append(stamp, sight, bearings)
         for each in others:
             self._append(*each)
 
-    def _insert(self, index: int, points: Sequence[tuple[float, Sight]]) -> None:
-        """Sort points in and compute anew what follows them."""
+    def _insert(self, stamp: float, sight: Sight) -> None:
+        """Sort a point in and compute anew what follows it."""
+        index = bisect_right(self._stamps, stamp)
         later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
         self._cut(index)
-        for stamp, sight in (*points, *later):
-            self._append(stamp, sight)
+        for each in ((stamp, sight), *later):
+            self._append(*each)
 
-    def _note(self, snapshot: _Snapshot) -> None:
-        self._snapshots.append(snapshot)
-        self._stamps.append(snapshot.stamp)
-        self._pans.append(snapshot.sight.pan)
-        self._tilts.append(snapshot.sight.tilt)
-
-    def _append(self, stamp: float, sight: Sight) -> None:
+    def _append(self, stamp: float, sight: Sight, bearings: Bearings | None = None) -> None:
+        """Take the next point; with `bearings` it is the first of a motion."""
         stamps, snapshots = self._stamps, self._snapshots
-        before = snapshots[-1]
-        index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
-        judged, ahead = snapshots[index].bearings, stamp - stamps[index]
-        turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
-        distance = before.range.after(stamp - before.stamp, sight.distance, turning)
         stamps.append(stamp)
         self._pans.append(sight.pan)
         self._tilts.append(sight.tilt)
-        bearings = before.bearings.after(
-            stamps, (self._pans, self._tilts), distance.receding, judged, ahead
-        )
+        if bearings is not None:
+            distance = Range.seen_once(sight.distance)
+        else:
+            before = snapshots[-1]
+            earlier = bisect_right(stamps, stamp - self.horizon) - 1
+            judged = snapshots[min(max(earlier, 0), len(snapshots) - 1)]
+            turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
+            distance = before.range.after(stamp - before.stamp, sight.distance, turning)
+            bearings = before.bearings.after(
+                stamps,
+                (self._pans, self._tilts),
+                distance.receding,
+                judged.bearings,
+                stamp - judged.stamp,
+            )
         snapshots.append(_Snapshot(stamp, sight, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
