@@ -31,6 +31,7 @@ _WORTH = 0.025  # s; an error is applied if it is larger than this
 _CLEAR = 4.0  # and than so many deviations
 _EXACT = 0.03  # s; with less deviation what is applied is confirmed by the points,
 _CONTRADICTED = 20.0  # and is given up only if its score falls so far behind the best
+_LITTLE, _MORE = 6.0, 20.0  # 1/s; so far at least, and farther for a larger error
 _SURE = 0.95  # probability at which the stamps are right after all,
 _BETTER = 3.0  # if their score is better by this
 
@@ -51,8 +52,8 @@ _TURNS: Array = np.array(
 mounting; the first is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
 """The errors of the stamps at which wrong mountings are compared [s]."""
-_WRONG = 7.0  # of a score: so much better, a wrong mounting is believed
-_EXCLUDED = 10.0  # so much worse, it is excluded
+_WRONG = 3.4  # of a score: so much better, a wrong mounting is believed
+_EXCLUDED = 6.0  # so much worse, it is excluded
 
 _OTHERWISE = 0.02  # s; a change of the applied error by more makes the estimator start anew
 _OFTEN, _SELDOM = 0.015, 0.12  # s between two points that are judged; once the error is confirmed
@@ -173,7 +174,7 @@ class HeadCamera:
         applied = float(np.interp(self.applied, _ERRORS, scores))
         if abs(mean - self.applied) < _OTHERWISE:
             self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
-        elif self._confirmed and applied > -_CONTRADICTED:
+        elif applied > -max(_CONTRADICTED * self._confirmed, _LITTLE + _MORE * abs(mean)):
             return
         before = self.applied
         if abs(mean) > max(_CLEAR * deviation, _WORTH):
