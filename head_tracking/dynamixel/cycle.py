@@ -20,17 +20,11 @@ from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.diagnosis import Diagnosis
 from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.port import (
-    DynamixelPort,
-    Failed,
-    ReadGroup,
-    ReadMethod,
-    Reply,
-    Retried,
-)
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Events, Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
 from head_tracking.dynamixel.requests import Request, RequestQueue
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState

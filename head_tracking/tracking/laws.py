@@ -16,6 +16,7 @@ from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead, toget
 from head_tracking.parameters import parameter
 from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_controller import JointController, MotionLimits, Reference
+from head_tracking.tracking.joint_readings import JointReading
 from head_tracking.transforms import JointLimits
 
 
@@ -87,21 +88,6 @@ class PredictiveLawParameters:
 @dataclass(frozen=True, slots=True)
 class NoParameters:
     """Of a law that has none of its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class JointReading:
-    """The joints of the head at one moment.
-
-    Attributes:
-        stamp: when they were measured [s].
-        positions: of pan and tilt [rad].
-        velocities: of pan and tilt [rad/s].
-    """
-
-    stamp: float
-    positions: tuple[float, float]
-    velocities: tuple[float, float] = (0.0, 0.0)
 
 
 def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, float]:
