@@ -341,3 +341,24 @@ def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert latched(robot, "stopped", Bool)[-1].data
     assert isinstance(tracker.failure, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("mode", ["track", "point"])
+def test_what_a_controller_does_is_published_as_fields_too(make_robot, mode):
+    robot = make_robot("--mode", mode, "--target", "fictitious")
+    name = {"track": "head_tracker", "point": "point_head"}[mode]
+    messages = latched(robot, f"{name}/status", DiagnosticStatus)
+
+    def fields():
+        found = {each.key: each.value for each in messages[-1].values}
+        return found["state"], found["enabled"], found["stopped"], found["slow"]
+
+    moving = {"track": "tracking", "point": "turning"}[mode]
+    wait_for(lambda: fields() == (moving, "true", "false", "false"))
+    assert messages[-1].level == DiagnosticStatus.OK
+    assert robot.call("stop").success
+    wait_for(lambda: fields()[:3] == ("disabled", "false", "true"))
+    assert messages[-1].level == DiagnosticStatus.WARN
+    assert messages[-1].message == latched(robot, f"{name}/state", String)[-1].data
+    assert robot.call("resume").success
+    wait_for(lambda: fields()[1:] == ("true", "false", "true"))
