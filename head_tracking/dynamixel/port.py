@@ -1,11 +1,11 @@
 """Transactions: what is asked of servos on one serial line, and what they reply.
 
-Only one may speak at a time. Nothing is asked while a reply may still be on the wire, and a servo
-whose reply cannot be used is asked again before any other.
+Only one device may send at a time. Nothing is asked while a reply may still be on the wire, and a
+servo whose reply cannot be used is asked again before any other.
 
 Protocol 1.0 has no sequence numbers: a reply that comes late looks like the reply to the next
 request. After a failure the next requests to that servo ask for more bytes than needed, until the
-late reply has come or a second has passed, so that the length tells them apart. A received packet
+late reply has come or a second has passed, so that the lengths differ. A received packet
 that equals one that was sent is the echo of an adapter that joins both directions.
 """
 
@@ -14,12 +14,9 @@ from __future__ import annotations
 import termios
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from enum import Enum
-from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 from head_tracking.dynamixel.adapter import Adapter, stable_name
 from head_tracking.dynamixel.exceptions import (
@@ -35,277 +32,40 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.protocol import (
     ALERT,
     BROADCAST_ID,
-    OVERHEAD,
     STATUS,
     ErrorBits,
     Instruction,
     Status,
     StatusCode,
-    bulk_read_packet,
     decode_status,
     describe_errors,
     describe_status,
     encode_packet,
     find_packet,
-    joint_status_size,
-    read_packet,
     split_joint_status,
-    status_prefix,
-    sync_read_packet,
     sync_write_packet,
     write_packet,
 )
+from head_tracking.dynamixel.reading import (
+    Failed,
+    ReadGroup,
+    ReadMethod,
+    Reply,
+    Request,
+    Retried,
+    request_for,
+    single_read_group,
+)
 from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate, serial_ports
+from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
 _QUIET: Final = 0.0005  # s of silence after which a line on which something went wrong is free
-_SHORTEST: Final = 0.0017
-"""s. A quiet machine wakes the reader up within a millisecond; less would cry wolf."""
-_LONGEST: Final = 0.025
-"""s. Leaves room for an FTDI adapter's 16 ms, which it takes unless told otherwise."""
-_MARGIN: Final = 0.0012
-_DEVIATIONS: Final = 6.0
-_GAIN: Final = 1.0 / 16.0
-_GAP: Final = 0.02  # s to wait for a gap between the packets of somebody else, before a request
-_SUSPECT: Final = 1.0  # s for which a line on which somebody said too much is listened to
-_FORGOTTEN: Final = 1.0
-"""s after which no reply is still on its way, through whatever adapter."""
-_MOST_EXTRA: Final = 24  # bytes
+_GAP: Final = 0.02  # s to wait for a gap between the packets of another program, before a request
+_SUSPECT: Final = 1.0  # s for which a line with surplus packets is listened to before a request
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0
-
-
-class Reply(NamedTuple):
-    """What a servo replied to a read.
-
-    Attributes:
-        data: Exactly the bytes that were asked for.
-        error: The error byte of the status packet. In protocol 1.0 its bits are the servo's state
-            (`ErrorBits`), in protocol 2.0 only the alert bit is; the data are valid all the same.
-        stamp: When the servo had received the request, on the port's clock, s.
-    """
-
-    data: bytes
-    error: int
-    stamp: float = 0.0
-
-
-class Failed(NamedTuple):
-    """A read that failed, each time it was tried.
-
-    Attributes:
-        causes: Why, once for each try.
-    """
-
-    causes: tuple[CommunicationError, ...]
-
-
-class Retried(NamedTuple):
-    """A read that was successful in the end.
-
-    Attributes:
-        reply: What was read.
-        causes: Why it failed before, once for each try.
-    """
-
-    reply: Reply
-    causes: tuple[CommunicationError, ...]
-
-
-class ReadMethod(Enum):
-    """How the same registers of several servos are read."""
-
-    EACH = "one packet for each"
-    BULK = "bulk read"
-    SYNC = "sync read"
-    FAST_SYNC = "fast sync read"
-
-
-class Request(NamedTuple):
-    """A packet that is sent, and the reply of one servo that is expected.
-
-    Attributes:
-        packet: What is sent.
-        protocol: 1 or 2.
-        id: The servo; BROADCAST_ID if several reply in one packet.
-        length: Bytes of data of the reply.
-        size: Bytes of the reply.
-        prefix: First bytes of the reply.
-        what: What is asked for, for messages.
-    """
-
-    packet: bytes
-    protocol: int
-    id: int
-    length: int
-    size: int
-    prefix: bytes
-    what: str
-
-
-def _request(packet: bytes, protocol: int, servo_id: int, length: int, what: str) -> Request:
-    prefix = status_prefix(protocol, servo_id, length)
-    return Request(packet, protocol, servo_id, length, OVERHEAD[protocol] + length, prefix, what)
-
-
-Plausible = Callable[[bytes], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class ReadGroup:
-    """The same registers of one or more servos.
-
-    Attributes:
-        method: How they are read.
-        protocol: Their protocol, 1 or 2.
-        address: First register byte.
-        length: Number of bytes.
-        ids: The servos.
-        plausible: Returns whether a servo can have said that; the checksum of protocol 1.0 is weak,
-            two damaged bits can cancel each other out.
-        requests: The replies to the packet that reads all of them; none if each is asked alone.
-        alone: The groups that read each of several servos alone.
-    """
-
-    method: ReadMethod
-    protocol: int
-    address: int
-    length: int
-    ids: tuple[int, ...]
-    plausible: Plausible | None = None
-    requests: tuple[Request, ...] = field(init=False, repr=False, compare=False)
-    alone: tuple[ReadGroup, ...] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        ids, alone = self.ids, tuple(map(self._one, self.ids)) if len(self.ids) > 1 else ()
-        object.__setattr__(self, "alone", alone)
-        object.__setattr__(self, "requests", tuple(self._requests(ids)))
-
-    def _one(self, servo_id: int) -> ReadGroup:
-        each = ReadMethod.EACH
-        return ReadGroup(
-            each, self.protocol, self.address, self.length, (servo_id,), self.plausible
-        )
-
-    def _requests(self, ids: tuple[int, ...]) -> Iterator[Request]:
-        protocol, address, length, method = self.protocol, self.address, self.length, self.method
-        what = f"read of {length} byte(s) at {address}"
-        if not self.alone:
-            for servo_id in ids:
-                packet = read_packet(protocol, servo_id, address, length)
-                yield _request(packet, protocol, servo_id, length, what)
-        elif method is ReadMethod.FAST_SYNC:
-            packet = sync_read_packet(ids, address, length, fast=True)
-            yield _request(packet, 2, BROADCAST_ID, joint_status_size(len(ids), length), what)
-        elif method is not ReadMethod.EACH:
-            read_together = bulk_read_packet if method is ReadMethod.BULK else sync_read_packet
-            packet = read_together(ids, address, length)
-            for servo_id in ids:
-                yield _request(packet, protocol, servo_id, length, what)
-
-    def longer(self, extra: int) -> ReadGroup:
-        """Return the group that reads some bytes more, before its own where there are as many."""
-        first = self.address - extra if self.address >= extra else self.address
-        return ReadGroup(self.method, self.protocol, first, self.length + extra, self.ids)
-
-
-_read_group = lru_cache(maxsize=512)(ReadGroup)
-
-
-class ReplyTimeout:
-    """How long a reply is waited for besides its time on the wire.
-
-    Follows the time between the last byte of a request and the last byte of its reply: the servo's
-    return delay, the adapter's latency and the time until this program runs. Mean and mean
-    deviation are followed as TCP does it (RFC 6298).
-
-    Args:
-        fixed: Always allow this time, s, instead; None follows.
-        adapter: What the adapter is known to take, s; None if it does not tell.
-
-    Attributes:
-        allowance: That time, s.
-    """
-
-    def __init__(self, fixed: float | None = None, adapter: float | None = None) -> None:
-        self._fixed = fixed
-        self._mean = self._deviation = -1.0
-        if fixed is not None:
-            self.allowance = fixed
-        else:
-            self.allowance = _LONGEST if adapter is None else min(_LONGEST, adapter + 0.008)
-
-    def learn(self, latency: float) -> None:
-        """Take account of a reply, unless it took too long to ever wait for; s."""
-        if self._fixed is not None or latency > _LONGEST:
-            return
-        mean = self._mean
-        if self._deviation < 0.0:
-            self._mean, self._deviation = latency, latency / 2.0
-        else:
-            error = latency - mean
-            self._mean = mean + _GAIN * error
-            self._deviation += _GAIN * ((error if error > 0.0 else -error) - self._deviation)
-        wanted = self._mean + _DEVIATIONS * self._deviation + _MARGIN
-        if wanted < _SHORTEST:
-            wanted = _SHORTEST
-        self.allowance = wanted if wanted < _LONGEST else _LONGEST
-
-    def learn_late(self, latency: float) -> None:
-        """Take account of a reply that was found after that time, s, and came before."""
-        self.learn(min(latency, 2.0 * self.allowance, _LONGEST))
-
-
-class LateReplies:
-    """Replies that nobody waits for any more.
-
-    Args:
-        clock: Monotonic time, s.
-
-    Attributes:
-        due: When they were due, s, by protocol and id, and by bytes of data.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self.due: dict[tuple[int, int], dict[int, float]] = {}
-        self._clock = clock
-
-    def add(self, request: Request, due: float) -> None:
-        """Note that the reply to a request may still come; it was due at a time, s."""
-        self.due.setdefault((request.protocol, request.id), {})[request.length] = due
-
-    def resembles(self, request: Request) -> bool:
-        """Return whether the reply to a request has the length of a late one."""
-        return request.length in self.due.get((request.protocol, request.id), ())
-
-    def told_apart(self, group: ReadGroup) -> ReadGroup:
-        """Return the group, or a longer one, whose replies have the length of no late reply.
-
-        Raises:
-            ReplyTimeoutError: There is none, after many failures in a second.
-        """
-        self.forget()
-        for extra in range(_MOST_EXTRA + 1):
-            longer = group.longer(extra) if extra else group
-            if not any(map(self.resembles, longer.requests)):
-                return longer
-        raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
-
-    def take(self, protocol: int, status: Status) -> float | None:
-        """Note that such a reply has come; return how late it is, s, or None if none is due."""
-        due = self.due.get((protocol, status.id), {}).pop(len(status.data), None)
-        self.forget()
-        return None if due is None else self._clock() - due
-
-    def forget(self) -> None:
-        """Drop what is too old to come."""
-        oldest = self._clock() - _FORGOTTEN
-        for key, late in list(self.due.items()):
-            recent = {length: due for length, due in late.items() if due >= oldest}
-            self.due[key] = recent
-            if not recent:
-                del self.due[key]
 
 
 class DynamixelPort:
@@ -329,8 +89,8 @@ class DynamixelPort:
         clock: Monotonic time, s.
         adapter: What is known about the device since it was opened.
         searches: Replies that were not just what was expected, and had to be searched for.
-        surplus: Status packets that nobody had asked for, by servo id: two servos have that id, or
-            somebody repeats packets.
+        surplus: Number of status packets that were not asked for, by servo id: two servos have that
+            id, packets are repeated, or another program asks.
 
     Raises:
         ConfigurationError: The SDK cannot set this baud rate, or a timeout is not above 0.
@@ -369,7 +129,7 @@ class DynamixelPort:
         self._sent: deque[bytes] = deque(maxlen=4)
         self._buffer = b""
         self._wire_free = 0.0
-        self._suspect_until = 0.0  # somebody sends more status packets than were asked for
+        self._suspect_until = 0.0  # surplus status packets have come
         self._echoed = False  # the last request came back
 
     @property
@@ -403,7 +163,7 @@ class DynamixelPort:
         try:
             device = self._open_device(self._stable_name or self.name, self.baud_rate)
         except PortMissingError:
-            if self._was_open:  # it is looked for between cycles, where a list takes too long
+            if self._was_open:  # searched between cycles: a list of all ports takes too long
                 raise
             raise PortMissingError(self.name, serial_ports()) from None
         self._was_open = True
@@ -451,7 +211,7 @@ class DynamixelPort:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        group = _read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
+        group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
         outcome = self.read_group(group)[0]
         if isinstance(outcome, Failed):
             raise outcome.causes[0]
@@ -479,7 +239,7 @@ class DynamixelPort:
         """Ask several servos with one packet, which they answer one after the other, or in one.
 
         Behind a silent one the others may wait for ever, so that they count as silent too. Who did
-        not answer is asked alone once nobody speaks any more.
+        not answer is asked alone once the line is quiet.
         """
         outcomes: list[Status | CommunicationError] = []
         asked, stamp = group, 0.0
@@ -509,9 +269,9 @@ class DynamixelPort:
         return replies
 
     def _prepare(self, group: ReadGroup) -> ReadGroup:
-        """Make sure that nobody speaks and no late reply will look like a new one."""
+        """Wait until the line is free; return what to read, so that no late reply is ambiguous."""
         self._clear()
-        return self._late.told_apart(group) if self._late.due else group
+        return self._late.distinct(group) if self._late.due else group
 
     def _reply(self, group: ReadGroup, asked: ReadGroup, status: Status, stamp: float) -> Reply:
         """Return the bytes that were wanted, of those that were asked for."""
@@ -536,7 +296,7 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         packet = encode_packet(protocol, servo_id, Instruction.PING)
-        request = _request(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
+        request = request_for(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
         try:
             return self._command(request)
         except ReplyTimeoutError:
@@ -566,10 +326,10 @@ class DynamixelPort:
         """
         packet = write_packet(protocol, servo_id, address, data)
         if not acknowledged:
-            self._tell(packet)
+            self._send_only(packet)
             return 0
         what = f"write of {len(data)} byte(s) at {address}"
-        return self._command(_request(packet, protocol, servo_id, 0, what))
+        return self._command(request_for(packet, protocol, servo_id, 0, what))
 
     def reboot(self, servo_id: int) -> None:
         """Restart a protocol 2.0 servo; it answers nothing for a while.
@@ -579,7 +339,7 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         packet = encode_packet(2, servo_id, Instruction.REBOOT)
-        self._command(_request(packet, 2, servo_id, 0, "reboot"))
+        self._command(request_for(packet, 2, servo_id, 0, "reboot"))
 
     def sync_write(
         self,
@@ -589,14 +349,14 @@ class DynamixelPort:
         *,
         patience: float = 0.0,
     ) -> None:
-        """Write the same registers of several servos in one packet, by id; nobody answers.
+        """Write the same registers of several servos in one packet, by id; there is no reply.
 
         Args:
             address: First register byte.
             data: What to write, by servo id.
             protocol: 1 or 2.
-            patience: How long to wait for a gap between the packets of somebody else, s; 0: not at
-                all. For what must reach the servos, such as STOP.
+            patience: How long to wait for a gap between the packets of another program, s; 0: do
+                not wait. For what must reach the servos, such as STOP.
 
         Raises:
             LineBusyError: There was no gap; nothing was sent.
@@ -670,8 +430,9 @@ class DynamixelPort:
         size = request.size
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        buffer, prefix = self._buffer, request.prefix
-        while len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
+        prefix = request.prefix
+        buffer = self._buffer or line.read(_CHUNK, deadline)
+        while 0 < len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
             if not data:
                 break
@@ -698,7 +459,7 @@ class DynamixelPort:
         line = self._line
         assert line is not None
         protocol = request.protocol
-        end = max(deadline, due + _LONGEST)
+        end = max(deadline, due + LONGEST)
         received = len(self._buffer)
         doubtful: Status | None = None
         was_damaged = self._echoed = False
@@ -725,7 +486,7 @@ class DynamixelPort:
             if damaged and received >= request.size:  # that was it
                 deadline = min(deadline, max(due, now) + _QUIET)
             elif self._buffer and deadline < now + _QUIET:
-                deadline = min(now + _QUIET, end)  # somebody is speaking
+                deadline = min(now + _QUIET, end)  # a packet is coming in
             data = line.read(_CHUNK, deadline) if now < end else b""
             if not data:
                 break
@@ -733,7 +494,7 @@ class DynamixelPort:
             self._buffer += data
         self._wire_free = self.clock()
         if doubtful is not None:
-            return doubtful  # if it is no reply to what was asked, the caller says so
+            return doubtful  # if it does not fit the request, the caller raises
         self._late.add(request, due)
         if self._buffer or was_damaged:
             raise CorruptReplyError(f"servo {request.id}: damaged reply")
@@ -761,7 +522,7 @@ class DynamixelPort:
         return None, damaged or found.damaged
 
     def _is_late(self, protocol: int, status: Status) -> bool:
-        """Return whether a reply is one that nobody waits for any more, and learn from it."""
+        """Return whether a reply is a late one; if so, learn from it how long replies take."""
         late = self._late.take(protocol, status)
         if late is not None:
             self._timeout.learn_late(late)
@@ -772,10 +533,10 @@ class DynamixelPort:
         self._suspect_until = self.clock() + _SUSPECT
 
     def _clear(self) -> None:
-        """Forget what was received; where somebody sends too much, wait until nobody speaks.
+        """Forget what was received; after surplus packets, wait until the line is free.
 
         Raises:
-            LineBusyError: Somebody speaks without pause.
+            LineBusyError: Another program sends without a pause.
         """
         line = self._line
         assert line is not None
@@ -795,7 +556,7 @@ class DynamixelPort:
         self._buffer = b""
 
     def _wait_for_gap(self, patience: float) -> None:
-        """Wait until nobody speaks, or a reply to somebody else has just ended.
+        """Wait until the line is quiet, or a reply to another program has just ended.
 
         Raises:
             LineBusyError: There was no gap for so long, s.
@@ -803,7 +564,7 @@ class DynamixelPort:
         line = self._line
         assert line is not None
         deadline = self.clock() + patience
-        line.discard_input()  # of what is old, nobody knows when it ended
+        line.discard_input()  # when old bytes ended is not known
         self._buffer = b""
         while not self._ends_with_status():
             now = self.clock()
@@ -815,7 +576,7 @@ class DynamixelPort:
             self._buffer = (self._buffer + data)[-_CHUNK:]
 
     def _ends_with_status(self) -> bool:
-        """Return whether the last thing heard is a whole packet that nobody will answer.
+        """Return whether what was received ends with a reply, so that no other follows at once.
 
         In protocol 1.0 a status packet whose error byte is not 0 looks like an instruction.
         """
@@ -828,7 +589,7 @@ class DynamixelPort:
                     return True
         return False
 
-    def _tell(self, packet: bytes) -> None:
+    def _send_only(self, packet: bytes) -> None:
         if self._line is None:
             self._open_line()
         try:
@@ -849,7 +610,7 @@ class DynamixelPort:
 def _split(
     group: ReadGroup, joint: Status | CommunicationError
 ) -> list[Status | CommunicationError]:
-    """Return what each servo said in the joint answer to a fast sync read."""
+    """Return the reply of each servo in the joint reply to a fast sync read."""
     if isinstance(joint, CommunicationError):
         raise joint
     shares = split_joint_status(joint, group.length, len(group.ids))
@@ -859,7 +620,7 @@ def _split(
 
 
 def _refuses(protocol: int, status: Status) -> bool:
-    """Return whether a servo says by a status without data why it does not do what was asked."""
+    """Return whether a status without data carries an error: the servo refuses the request."""
     if status.data:
         return False
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
@@ -871,8 +632,8 @@ def _check(protocol: int, status: Status, length: int, what: str) -> None:
     if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
         raise CorruptReplyError(f"servo {status.id} received a damaged {what}")
     if len(status.data) != length:
-        told = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
+        errors = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
         raise CorruptReplyError(
             f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; error "
-            f"bits: {told}"
+            f"bits: {errors}"
         )

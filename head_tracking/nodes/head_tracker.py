@@ -131,9 +131,10 @@ class HeadTrackerNode(Node):
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
             return
-        self._law = parameters.law
-        if self._tracker is not None:
-            self._tracker.law = self._make_law(self._tracker.head)
+        with self.interface.lock:
+            self._law = parameters.law
+            if self._tracker is not None:
+                self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
     def _tune(self, _: object) -> None:
@@ -212,28 +213,30 @@ class HeadTrackerNode(Node):
             self.get_logger().info(text)
         self._state, self._text = state, text
 
-    @staticmethod
-    def _stamp_error(tracker: Tracker) -> str:
-        """Return what points are corrected by, and the deviation of what the points tell."""
-        error = tracker.camera.stamp_error
-        if error.deviation > _KNOWN:
-            return "not observable yet"
-        return f"{1e3 * tracker.camera.applied:.0f} ±{1e3 * error.deviation:.0f}"
+    def _measured(self) -> dict[str, str]:
+        """Return how late everything is, for `/diagnostics`."""
+        if self._tracker is None:
+            return {}
+        delays, camera = self._tracker.delays, self._tracker.camera
+        pan, tilt = delays.servos
+        deviation = camera.stamp_error.deviation
+        return {
+            "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
+            "age of a target (ms)": f"{1e3 * delays.message:.1f}",
+            "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
+            "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
+            "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
+            "stamps of the camera too late by (ms)": (
+                f"{1e3 * camera.applied:.0f} ±{1e3 * deviation:.0f}"
+                if deviation < _KNOWN
+                else "not observable yet"
+            ),
+        }
 
     def _publish_diagnostics(self) -> None:
         """What the head does, by which law, and how late everything is."""
-        values = {"law": self._law}
-        if self._tracker is not None:
-            delays = self._tracker.delays
-            pan, tilt = delays.servos
-            values |= {
-                "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
-                "age of a target (ms)": f"{1e3 * delays.message:.1f}",
-                "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
-                "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
-                "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
-                "stamps of the camera too late by (ms)": self._stamp_error(self._tracker),
-            }
+        with self.interface.lock:
+            values = {"law": self._law, **self._measured()}
         unheard = self.interface.unheard
         if unheard:
             values["not heard"] = unheard
