@@ -29,6 +29,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
     ServoModeError,
     ServoNotFoundError,
+    StoppedError,
     TorqueError,
     UnknownRegisterError,
     WrongModelError,
@@ -42,6 +43,7 @@ from head_tracking.dynamixel.protocol import (
     XL320Errors,
     describe_errors,
 )
+from head_tracking.dynamixel.requests import Epoch
 from head_tracking.dynamixel.serial_port import serial_ports
 from head_tracking.dynamixel.servo import Servo, ServoIdentity
 from head_tracking.dynamixel.state import (
@@ -80,6 +82,7 @@ __all__ = [
     "DynamixelError",
     "DynamixelPort",
     "EepromSettings",
+    "Epoch",
     "ErrorBits",
     "EventKind",
     "Goal",
@@ -112,6 +115,7 @@ __all__ = [
     "ServoNotFoundError",
     "ServoState",
     "ServoStatistics",
+    "StoppedError",
     "Symptom",
     "Torque",
     "TorqueError",

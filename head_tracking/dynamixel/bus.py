@@ -12,11 +12,9 @@ with trouble.
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -54,7 +52,8 @@ from head_tracking.dynamixel.port import (
 )
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.dynamixel.servo import Servo, ServoIdentity, Steps, answering, run, summary
+from head_tracking.dynamixel.requests import Epoch, Request, RequestQueue, Steps
+from head_tracking.dynamixel.servo import Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (
     BusEvent,
     BusReading,
@@ -80,18 +79,6 @@ _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
 _MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
 _GAIN: Final = 0.05
-
-
-class _Task(NamedTuple):
-    """Steps that are taken between the work of cycles.
-
-    Attributes:
-        steps: What is left of them.
-        future: What came of them, for whoever waits; cancelled if nobody does any more.
-    """
-
-    steps: Steps[Any]
-    future: Future[Any]
 
 
 class _Part(NamedTuple):
@@ -127,6 +114,10 @@ class ServoBus:
         monotonic: Time that never jumps, ns.
         settings: How to deal with silence, faults and heat.
         pause: Waits so many seconds, outside the cycle.
+        epoch: Counts STOPs; shared with everything that is stopped together. None: its own.
+
+    Attributes:
+        requests: What is to be done, and the goals that have not been written.
 
     Raises:
         ConfigurationError: The joints contradict each other.
@@ -141,6 +132,7 @@ class ServoBus:
         monotonic: Callable[[], int] = time.monotonic_ns,
         settings: BusSettings | None = None,
         pause: Callable[[float], object] = time.sleep,
+        epoch: Epoch | None = None,
     ) -> None:
         self._settings = settings = settings or BusSettings()
         self._port = port
@@ -169,11 +161,9 @@ class ServoBus:
         self._lost: tuple[str, ...] = ()
         self._missing = True  # some servo may be lost
         self._watched = False
-        self._tasks: deque[_Task] = deque()
-        self._waiting: dict[int, int] = {}  # until when, ns, by the task's future
+        self.requests = RequestQueue(epoch or Epoch(), monotonic)
+        self._obeyed = self.requests.epoch.value  # the last STOP that has been carried out
         self._events: list[BusEvent] = []
-        self._lock = threading.Lock()
-        self._inbox: dict[str, Goal] = {}
         self._refused = self._clamped = 0
         self._problems: dict[int, tuple[str, int]] = {}
 
@@ -185,6 +175,7 @@ class ServoBus:
         *,
         clamp: bool = False,
         claim: Callable[[Iterable[str]], object] | None = None,
+        epoch: int | None = None,
     ) -> CommandResult:
         """Set the goals of some joints, all or none; the newest goal of a joint wins.
 
@@ -196,15 +187,21 @@ class ServoBus:
             clamp: Move positions outside the limits to the limit instead of refusing them. One
                 tick of excess always counts as being on the limit.
             claim: Gets the joints that shall move before they do; it may refuse, by raising.
+            epoch: When the command was made, see `Epoch`; None: now.
 
         Raises:
             GoalError: A joint is unknown or takes no commands now, a position is not finite or
                 outside the limits, a speed is not finite or not above 0, or no joint of the
                 command answers. Nothing has changed.
+            StoppedError: STOP came after the command was made. Nothing has changed.
             NotConnectedError: `connect` has not been called.
         """
         if not self._connected:
             self._require_connection()
+        if epoch is None:
+            epoch = self.requests.epoch.value
+        else:
+            self.requests.check(epoch)
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
@@ -233,8 +230,7 @@ class ServoBus:
             raise
         if claim is not None:
             claim(positions)
-        with self._lock:
-            self._inbox.update(admitted)
+        self.requests.put_goals(admitted, epoch)
         if clamped:
             self._clamped += 1
         return CommandResult(positions, clamped, lost)
@@ -267,6 +263,11 @@ class ServoBus:
     def check_limits(self, joint: str, lowest: int, highest: int) -> None:
         """Refuse what `set_limits` would refuse; changes nothing."""
         self._joint(joint).check(lowest, highest)
+
+    @property
+    def epoch(self) -> Epoch:
+        """Counts STOPs."""
+        return self.requests.epoch
 
     @property
     def port_name(self) -> str:
@@ -345,9 +346,9 @@ class ServoBus:
         except BaseException:
             self._port.close()
             raise
-        with self._lock:
-            self._inbox.clear()
+        self.requests.drop_goals()
         self._look_again_at = None
+        self._obeyed = self.requests.epoch.value
         self._connected = True
         self._plan = None
         self._last_cycle = self._monotonic()
@@ -389,8 +390,7 @@ class ServoBus:
             Joints that did not confirm that they are relaxed.
         """
         unconfirmed: list[str] = []
-        for task in list(self._tasks):
-            self._end(task, BusStoppedError("the servo bus has stopped"))
+        self.requests.end_all(BusStoppedError("the servo bus has stopped"))
         try:
             if self._connected:
                 with suppress(DynamixelError):
@@ -450,8 +450,7 @@ class ServoBus:
             NotConnectedError: `connect` has not been called.
         """
         self._require_connection()
-        with self._lock:
-            self._inbox.clear()
+        self.requests.drop_goals()
         for joint in self._all:
             joint.hold(self._settings.retries)
         self._write_goals(also_silent=True)
@@ -483,6 +482,8 @@ class ServoBus:
         failed: tuple[str, ...] = ()
         self._there = self._troubled = False
         self._spent = 0
+        if self._obeyed != self.requests.epoch.value:
+            self._obey_stop()
         try:
             if (self._look_again_at is None and self._port.is_open) or self._port_is_there():
                 if self._watched and start - self._last_cycle > self._watchdog:
@@ -501,7 +502,8 @@ class ServoBus:
         except PortLostError as cause:
             self._forgive(cause)
         self._took = self._monotonic() - start
-        return BusReading(self._cycles, stamp, states, failed, self._lost, self._told_events())
+        events = self._take_events() if self._events else ()
+        return BusReading(self._cycles, stamp, states, failed, self._lost, events)
 
     def write(self) -> tuple[BusEvent, ...]:
         """End a cycle: write all goals, take steps of what is under way.
@@ -516,12 +518,15 @@ class ServoBus:
             return ()
         start = self._monotonic()
         try:
-            if self._inbox:
+            requests = self.requests
+            if self._obeyed != requests.epoch.value:
+                self._obey_stop()
+            if requests.goals:
                 self._take_goals()
-            if self._tasks:
+            if requests.under_way:
                 self._troubled = True
                 self._take_steps(self._spent)
-                if self._inbox:
+                if requests.goals:
                     self._take_goals()  # of a joint whose torque has come on
             self._write_goals()
             if not (self._troubled or self._spent):
@@ -529,16 +534,14 @@ class ServoBus:
                 self._usual += _GAIN * (took - self._usual) if self._usual else took
         except PortLostError as cause:
             self._forgive(cause)
-        return self._told_events()
+        return self._take_events() if self._events else ()
 
     def _forgive(self, cause: PortLostError) -> None:
         if not self._port.comes_back:
             raise cause
         self._lose_port(str(cause))
 
-    def _told_events(self) -> tuple[BusEvent, ...]:
-        if not self._events:
-            return ()
+    def _take_events(self) -> tuple[BusEvent, ...]:
         events, self._events = tuple(self._events), []
         return events
 
@@ -690,17 +693,14 @@ class ServoBus:
         return plan
 
     def _take_goals(self) -> None:
-        with self._lock:
-            goals, self._inbox = self._inbox, {}
-        for name, goal in goals.items():
+        for name, goal in self.requests.take_goals().items():
             joint = self._joints[name]
             if joint.on and not joint.busy:
                 joint.aim(goal.position, goal.speed, self._last_cycle)
                 continue
             if joint.lost or joint.torque.waits:
                 continue  # since the command was accepted
-            with self._lock:
-                self._inbox.setdefault(name, goal)  # until its torque is on
+            self.requests.keep_goal(name, goal)  # until its torque is on
             unseen = [s for s in joint.servos if not s.lost and (s.failed_cycles or s.unseen)]
             if not (joint.busy or joint.awaited or unseen):  # torque needs to know where it stands
                 joint.awaited = True
@@ -738,53 +738,37 @@ class ServoBus:
 
     # Owner's thread: what takes longer than one transaction
 
-    def submit(self, steps: Steps[_T], future: Future[_T] | None = None) -> Future[_T]:
+    def submit(
+        self,
+        steps: Steps[_T],
+        future: Future[_T] | None = None,
+        *,
+        despite_stop: bool = False,
+    ) -> Future[_T]:
         """Take steps, the first one now and the others between the work of the next cycles.
 
         Args:
             steps: The steps.
             future: Gets what comes of them; if it is cancelled, no further step is taken.
+            despite_stop: Whether they go on after a STOP; see `Request`.
         """
-        task = self._enqueue(steps, future)
-        self._advance(task)
-        return task.future
+        request = self.requests.start(steps, future=future, despite_stop=despite_stop)
+        self._advance(request)
+        return request.future
 
-    def _enqueue(self, steps: Steps[_T], future: Future[_T] | None = None) -> _Task:
+    def _enqueue(self, steps: Steps[Any], *, despite_stop: bool = False) -> None:
         """Take steps between the work of the next cycles."""
-        task = _Task(steps, future or Future())
-        self._tasks.append(task)
-        return task
+        self.requests.start(steps, despite_stop=despite_stop)
 
-    def _advance(self, task: _Task) -> None:
-        """Take one step of a task."""
-        if task.future.cancelled():
-            self._end(task, None)
-            return
+    def _advance(self, request: Request) -> None:
         try:
-            wait = next(task.steps)
-        except StopIteration as end:
-            self._end(task, None, end.value)
-        except PortLostError as cause:
-            self._end(task, cause)
+            ended = self.requests.advance(request)
+        except PortLostError:
+            self._plan = None
             raise
-        except Exception as cause:
-            self._end(task, cause)
-        else:
-            if wait > 0.0:
-                self._waiting[id(task.future)] = self._monotonic() + round(wait * 1e9)
-
-    def _end(self, task: _Task, error: BaseException | None, result: Any = None) -> None:
-        self._plan = None
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
-        with suppress(ValueError):
-            self._tasks.remove(task)
-        self._waiting.pop(id(task.future), None)
-        task.steps.close()
-        with suppress(InvalidStateError):  # nobody waits for it any more
-            if error is None:
-                task.future.set_result(result)
-            else:
-                task.future.set_exception(error)
+        if ended:
+            self._plan = None
+            self._lost = tuple([joint.name for joint in self._all if joint.lost])
 
     def _take_steps(self, spent: int) -> None:
         """Take as many steps as leave the cycle within twice its usual time, but one at least.
@@ -797,25 +781,15 @@ class ServoBus:
         if spent and 2 * spent > self._usual:
             return
         for _ in range(_MOST_STEPS):
-            task = self._next_task(now)
-            if task is None:
+            request = self.requests.next_due(now)
+            if request is None:
                 return
             before = now
-            self._advance(task)
+            self._advance(request)
             now = self._monotonic()
             longest = max(longest, now - before)
             if now - begin + longest > self._usual:
                 return
-
-    def _next_task(self, now: int) -> _Task | None:
-        for _ in range(len(self._tasks)):
-            task = self._tasks[0]
-            self._tasks.rotate(-1)
-            due = self._waiting.get(id(task.future), 0)
-            if due <= now or task.future.cancelled():
-                self._waiting.pop(id(task.future), None)
-                return task
-        return None
 
     def _exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while nobody else takes any for this joint."""
@@ -829,10 +803,10 @@ class ServoBus:
 
     def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
         """Take steps at once, after those that are under way; raises what they raise."""
-        while self._tasks:
-            self._waiting.clear()
-            self._advance(self._tasks[0])
-            self._tasks.rotate(-1)
+        under_way = self.requests.under_way
+        while under_way:
+            self._advance(under_way[0])
+            under_way.rotate(-1)
         self._plan = None
         return run(steps, pause)
 
@@ -883,16 +857,19 @@ class ServoBus:
         if problems:
             raise TorqueError(False, problems)
 
-    def relax_at_once(self, timeout: float) -> Mapping[str, str]:
-        """Relax all joints, whatever else is under way, and go on trying where that fails.
+    def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
+        """STOP: relax all joints, whatever else is under way, and go on trying where that fails.
 
         Args:
             timeout: How long servos may take to confirm, s.
+            epoch: Begun by this STOP; None: it begins one.
 
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
         deadline = self._monotonic() + round(timeout * 1e9)
+        self._obeyed = self.requests.epoch.advance() if epoch is None else epoch
+        self.requests.discard_older()
         for joint in self._all:
             self._drop_goal(joint)
             joint.relaxed = True
@@ -908,8 +885,14 @@ class ServoBus:
                 problems[joint.name] = self._relaxed_by(joint, deadline)
         if self._connected and any(problems.values()):
             troubled = [name for name, problem in problems.items() if problem]
-            self._enqueue(self._relaxing(troubled, stop=False))
+            self._enqueue(self._relaxing(troubled, stop=False), despite_stop=True)
         return problems
+
+    def _obey_stop(self) -> None:
+        """Carry a STOP out that could not wait until this thread had left the port."""
+        self._obeyed = self.requests.epoch.value
+        self.requests.discard_older()
+        self._enqueue(self._relaxing(None, stop=False), despite_stop=True)
 
     def _relaxed_by(self, joint: Joint, deadline: int) -> str:
         """What keeps a joint from confirming by a time, ns, that it is relaxed."""
@@ -1091,7 +1074,7 @@ class ServoBus:
         self._drop_goal(joint)
         joint.cut()
         self._plan = None
-        self._enqueue(self._confirming(joint))
+        self._enqueue(self._confirming(joint), despite_stop=True)
 
     def _confirming(self, joint: Joint) -> Steps[None]:
         yield 0.0
@@ -1217,19 +1200,17 @@ class ServoBus:
         self._note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
         stopped = [joint.name for joint in self._all if joint.stopped]
         if stopped:  # perhaps while nobody could tell them
-            self._enqueue(self._relaxing(stopped, stop=True))
+            self._enqueue(self._relaxing(stopped, stop=True), despite_stop=True)
         return True
 
     def _lose_port(self, why: str) -> None:
         self._port.close()
         self._port_losses += 1
         self._look_again_at = self._monotonic()
-        for task in list(self._tasks):
-            self._end(task, PortLostError(self._port.name, why))
+        self.requests.end_all(PortLostError(self._port.name, why))
         for joint in self._all:
             joint.busy = joint.awaited = False  # also of steps that had not begun
-        with self._lock:
-            self._inbox.clear()
+        self.requests.drop_goals()
         for joint in self._all:
             if not joint.stopped:
                 for servo in joint.servos:
@@ -1246,8 +1227,7 @@ class ServoBus:
         return ((joint, servo) for joint in self._all for servo in joint.servos)
 
     def _drop_goal(self, joint: Joint) -> None:
-        with self._lock:
-            self._inbox.pop(joint.name, None)
+        self.requests.drop_goals(joint.name)
 
     def _note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
         text = f"{joint.name} (id {joint.servos[0].id}): {text}"

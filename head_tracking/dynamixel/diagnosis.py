@@ -16,7 +16,8 @@ from typing import Final
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.servo import Servo, ServoIdentity, Steps
+from head_tracking.dynamixel.requests import Steps
+from head_tracking.dynamixel.servo import Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
 
 _NS: Final = 1_000_000_000

@@ -35,6 +35,10 @@ class BusStoppedError(DynamixelError):
     """The thread that owns the bus does not run, so a request cannot be carried out."""
 
 
+class StoppedError(DynamixelError):
+    """STOP came after a request or a goal was made, so it was not carried out."""
+
+
 class GoalError(DynamixelError):
     """A command was refused; nothing has changed."""
 

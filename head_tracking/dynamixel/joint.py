@@ -21,7 +21,8 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.servo import Servo, Steps
+from head_tracking.dynamixel.requests import Steps
+from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
 _REMEDIES = {

@@ -8,7 +8,7 @@ cycles; `run` takes them at once.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
@@ -37,11 +37,10 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
     describe_status,
 )
+from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 
 _T = TypeVar("_T")
-Steps = Generator[float, None, _T]
-"""Yields seconds to wait before the next step; 0 where none is needed."""
 
 EEPROM_PAUSE: Final = 0.025
 """Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for

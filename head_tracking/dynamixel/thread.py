@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from concurrent.futures import Future, InvalidStateError
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
 from head_tracking.dynamixel.configuration import JointConfiguration
@@ -20,7 +18,7 @@ from head_tracking.dynamixel.exceptions import (
     DynamixelError,
     GoalError,
 )
-from head_tracking.dynamixel.servo import Steps
+from head_tracking.dynamixel.requests import Epoch, Steps
 from head_tracking.dynamixel.state import BusReading, CommandResult, Goal, Torque
 
 _T = TypeVar("_T")
@@ -110,9 +108,9 @@ class BusThread:
         self._on_reading = on_reading
         self._on_error = on_error
         self._update = update
-        self._wake = threading.Condition()
+        self._requests = bus.requests
+        self._wake = bus.requests.arrived
         self._owner = threading.Lock()  # held while the bus is used
-        self._requests: deque[tuple[Callable[[ServoBus], Any], Future[Any]]] = deque()
         self._stopping = False
         self._ended = False
         self._error: BaseException | None = None
@@ -182,7 +180,13 @@ class BusThread:
                     "callback does not return. The servos were relaxed without it"
                 )
 
-    def call(self, function: Callable[[ServoBus], Steps[_T] | _T]) -> Future[_T]:
+    def call(
+        self,
+        function: Callable[[ServoBus], Steps[_T] | _T],
+        epoch: int | None = None,
+        *,
+        despite_stop: bool = False,
+    ) -> Future[_T]:
         """Run a function in the owner's thread between two cycles.
 
         Steps that it returns are taken there, the first at once, the others between the work of
@@ -190,18 +194,15 @@ class BusThread:
 
         Args:
             function: Gets the bus; for example `lambda bus: bus.switching_torque(None, False)`.
+            epoch: When the request was made, see `Epoch`; None: now.
+            despite_stop: Whether it is carried out although STOP came after it; for requests that
+                relax, or change what moves nothing.
 
         Returns:
-            Its result or exception; BusStoppedError if the thread does not run (any more).
+            Its result or exception; StoppedError if STOP came after it was made; BusStoppedError
+            if the thread does not run (any more).
         """
-        future: Future[_T] = Future()
-        with self._wake:
-            if not self._ended and not self._stopping:
-                self._requests.append((function, future))
-                self._wake.notify()
-                return future
-        future.set_exception(BusStoppedError("the servo bus has stopped"))
-        return future
+        return self._requests.add(lambda: function(self._bus), epoch, despite_stop)
 
     def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
         """Run a function in this thread, whatever the owner's does, as soon as the port is free.
@@ -240,12 +241,8 @@ class BusThread:
             try:
                 self._unconfirmed = self._bus.close()
             finally:
-                with self._wake:
-                    self._ended = True
-                    requests, self._requests = self._requests, deque()
-                for _, future in requests:
-                    if future.set_running_or_notify_cancel():
-                        future.set_exception(BusStoppedError("the servo bus has stopped"))
+                self._ended = True
+                self._requests.close()
 
     def _run_cycles(self) -> None:
         schedule = CycleSchedule(round(_SECOND / self._update_rate), time.monotonic_ns())
@@ -279,34 +276,17 @@ class BusThread:
             with self._wake:
                 if self._stopping:
                     return False
-                if not self._requests:
+                if not self._requests.has_waiting():
                     left = due - time.monotonic_ns()
                     if left <= 0:
                         return True
                     self._wake.wait(left * 1e-9)
                     continue
-                function, future = self._requests.popleft()
             with self._owner:
                 if not self._ended:
-                    self._serve(function, future)
+                    self._requests.begin_next()
             if due <= time.monotonic_ns():
                 return not self._stopping  # a stream of requests must not starve the cycle
-
-    def _serve(self, function: Callable[[ServoBus], Any], future: Future[Any]) -> None:
-        if future.cancelled():
-            return
-        try:
-            result = function(self._bus)
-            if isinstance(result, Generator):
-                self._bus.submit(result, future)
-                return
-        except Exception as error:  # of a port that has gone, the next cycle finds out, too
-            result = error
-        with suppress(InvalidStateError):  # nobody waits for it any more
-            if isinstance(result, Exception):
-                future.set_exception(result)
-            else:
-                future.set_result(result)
 
 
 class Buses:
@@ -318,9 +298,14 @@ class Buses:
         on_reading: Gets the bus and each of its readings, in its thread; see `BusThread`.
         on_error: Gets the exception that ended a thread, in that thread.
         update: Gets the bus and each of its readings before the goals are written; see `BusThread`.
+        epoch: Counts STOPs; all buses were made with it. None: that of the first bus.
+
+    Attributes:
+        epoch: The same.
 
     Raises:
-        ConfigurationError: Two buses have a joint or a controller of the same name.
+        ConfigurationError: Two buses have a joint or a controller of the same name, or not the same
+            epoch.
     """
 
     def __init__(
@@ -330,7 +315,13 @@ class Buses:
         on_reading: Callable[[ServoBus, BusReading], object],
         on_error: Callable[[BaseException], object],
         update: Callable[[ServoBus, BusReading], object] = lambda *_: None,
+        epoch: Epoch | None = None,
     ) -> None:
+        self.epoch = buses[0].epoch if epoch is None else epoch
+        if any(bus.epoch is not self.epoch for bus in buses):
+            raise ConfigurationError(
+                "these buses do not share an epoch; make them with the same one"
+            )
         self._threads = [
             (
                 bus,
@@ -406,13 +397,17 @@ class Buses:
         *,
         clamp: bool = False,
         claim: Callable[[Iterable[str]], object] | None = None,
+        epoch: int | None = None,
     ) -> CommandResult:
         """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
 
         Raises:
             GoalError: A joint is unknown, and nothing has changed; or a bus refuses.
+            StoppedError: STOP came after the command was made.
             NotConnectedError: A bus is not connected.
         """
+        if epoch is None:
+            epoch = self.epoch.value
         shares: dict[ServoBus, dict[str, Goal]] = {}
         for name, goal in goals.items():
             bus = self.bus_of(name) if len(self._threads) > 1 else self._threads[0][0]
@@ -421,7 +416,7 @@ class Buses:
         refusals: list[str] = []
         for bus, share in shares.items():
             try:
-                results.append(bus.command(share, clamp=clamp, claim=claim))
+                results.append(bus.command(share, clamp=clamp, claim=claim, epoch=epoch))
             except GoalError as refusal:
                 refusals.append(str(refusal))
         if refusals:
@@ -436,12 +431,17 @@ class Buses:
         self,
         joints: Iterable[str] | None,
         function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
+        epoch: int | None = None,
+        *,
+        despite_stop: bool = False,
     ) -> list[Future[_T]]:
         """Run a function in the owner's thread of each bus that has some of these joints.
 
         Args:
             joints: The joints; None for all.
             function: Gets the bus and its share of the joints.
+            epoch: When the request was made; None: now. See `BusThread.call`.
+            despite_stop: Whether it is carried out although STOP came after it.
 
         Raises:
             GoalError: A joint is unknown; nothing was run.
@@ -452,8 +452,10 @@ class Buses:
             shares.setdefault(self._find(name)[1], []).append(name)
 
         def on(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
-            return thread.call(lambda bus: function(bus, share))
+            return thread.call(lambda bus: function(bus, share), epoch, despite_stop=despite_stop)
 
+        if epoch is None:
+            epoch = self.epoch.value
         return [on(thread, tuple(share)) for thread, share in shares.items()]
 
     def relax_at_once(self, timeout: float = 0.4) -> dict[str, str]:
@@ -465,14 +467,15 @@ class Buses:
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
+        epoch = self.epoch.advance()  # first: a thread that cannot be waited for relaxes, too
         problems: dict[str, str] = {}
 
         def relax(bus: ServoBus, thread: BusThread) -> None:
             try:
-                problems.update(thread.at_once(lambda b: b.relax_at_once(timeout), timeout / 2))
+                stop = partial(ServoBus.relax_at_once, timeout=timeout, epoch=epoch)
+                problems.update(thread.at_once(stop, timeout / 2))
             except DynamixelError as cause:
                 problems.update((joint.joint_name, str(cause)) for joint in bus.joints)
-                thread.call(_relaxing)  # as soon as it can
 
         helpers = [threading.Thread(target=relax, args=pair) for pair in self._threads[1:]]
         for helper in helpers:
@@ -489,7 +492,3 @@ class Buses:
             raise GoalError(
                 f"no joint {joint!r} on any bus; there are {', '.join(self._by_joint)}"
             ) from None
-
-
-def _relaxing(bus: ServoBus) -> Any:
-    return bus.switching_torque(None, False)

@@ -21,6 +21,7 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     DynamixelError,
     DynamixelPort,
+    Epoch,
     EventKind,
     Goal,
     JointConfiguration,
@@ -88,6 +89,7 @@ class ServoBusNode(Node):
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
         self._settings = bus_settings(p, temperature)
+        self._epoch = Epoch()
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
@@ -205,6 +207,7 @@ class ServoBusNode(Node):
             joints,
             clock=lambda: int(self.get_clock().now().nanoseconds),
             settings=self._settings,
+            epoch=self._epoch,
         )
 
     def _connect(self, allow_missing: bool) -> None:
@@ -403,7 +406,9 @@ class ServoBusNode(Node):
             if future.exception() is not None:
                 self.get_logger().error(f"{joint}: limits not set: {future.exception()}")
 
-        (future,) = self._buses.call([joint], lambda bus, _: bus.set_limits(joint, **limits))
+        (future,) = self._buses.call(
+            [joint], lambda bus, _: bus.set_limits(joint, **limits), despite_stop=True
+        )
         future.add_done_callback(done)
 
     def _statuses(self) -> list[BusStatus]:

@@ -94,11 +94,11 @@ class BusServices:
         self._node.create_service(SetBool, name, callback, callback_group=self._group)
 
     async def _switch(self, joints: Joints, on: bool) -> str:
-        await self._run(joints, lambda bus, share: bus.switching_torque(share, on), cancel=on)
+        await self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
     async def _stop(self, joints: Joints) -> str:
-        await self._run(joints, lambda bus, share: bus.stopping(share), cancel=False)
+        await self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
         return f"{', '.join(joints)}: stopped"
 
     async def _start(self, joints: Joints) -> str:
@@ -133,7 +133,12 @@ class BusServices:
         return "; ".join(changes) or "nothing to change"
 
     async def _run(
-        self, joints: Joints, request: Request, timeout: float | None = None, *, cancel: bool = True
+        self,
+        joints: Joints,
+        request: Request,
+        timeout: float | None = None,
+        *,
+        relaxes: bool = False,
     ) -> list[Any]:
         """What came of it on each bus; raises the first error after all have ended.
 
@@ -142,13 +147,13 @@ class BusServices:
                 relax, which nobody takes back.
         """
         timeout = timeout or _TIMEOUT
-        futures: list[Future[Any]] = self._buses.call(joints, request)
+        futures: list[Future[Any]] = self._buses.call(joints, request, despite_stop=relaxes)
         await _Done(futures, time.monotonic() + timeout)
         late = [future for future in futures if not future.done()]
-        if late and cancel:
+        if late and not relaxes:
             late = [future for future in late if future.cancel()]
         if late:
-            more = "nothing more of it will be done" if cancel else "it goes on trying"
+            more = "it goes on trying" if relaxes else "nothing more of it will be done"
             raise TimeoutError(f"the bus has not done it within {timeout} s; {more}")
         errors = [error for error in (future.exception() for future in futures) if error]
         if errors:

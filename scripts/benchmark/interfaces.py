@@ -12,13 +12,15 @@ from itertools import pairwise
 from typing import Any
 
 import rclpy
-from closed_loop import ClosedLoop, Conditions, Make, Path, ax12, kinectbot
+from closed_loop import ClosedLoop, Conditions, Path, ax12, kinectbot
+from plant import Make
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
-from tracking import HEAD, NOISE, PATHS, ours
+from tracking import HEAD, PATHS
 from trajectory_follower import followed
 
 from head_tracking.share import robot_file
+from head_tracking.tracking import LAWS, Tracker
 from head_tracking.transforms import load_robot_model
 
 GOALS = 500  # of each robot
@@ -205,7 +207,7 @@ def _error(path: Path, servos: Make) -> float:
     """The median of some seeds [mrad rms]."""
     errors = []
     for seed in SEEDS:
-        conditions = Conditions(12.0, noise=NOISE, seed=seed, servos=servos)
-        outcome = ClosedLoop(HEAD, path, conditions).run(ours())
+        conditions = Conditions(duration=12.0, noise=0.002, seed=seed, servos=servos)
+        outcome = ClosedLoop(path, conditions).run(Tracker(HEAD, LAWS["predictive"](HEAD, 0.02)))
         errors.append(1e3 * outcome.recording.between(3.0).rms)
     return statistics.median(errors)

@@ -42,7 +42,12 @@ def main() -> None:
         "instead of measuring what it costs",
     )
     parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
-    options = parser.parse_args()
+    options, others = parser.parse_known_args()
+    if options.name == "tracking" and others:
+        print(resolve_name("tracking:main")(others))
+        return
+    if others:
+        parser.error(f"unknown arguments: {' '.join(others)}")
     name, minutes = options.name, options.minutes
     if name == "viewer" and minutes:
         name = "viewer-open"

@@ -31,12 +31,12 @@ def tracker(head, law="predictive", rate=50.0, limits=None, parameters=None):
 
 
 def run(head, path, conditions, controller=None):
-    return ClosedLoop(head, path, conditions).run(controller or tracker(head))
+    return ClosedLoop(path, conditions).run(controller or tracker(head))
 
 
 @pytest.fixture(scope="module")
 def calm(head):
-    return Conditions(5.0, noise=0.002)
+    return Conditions(duration=5.0, noise=0.002)
 
 
 @pytest.mark.parametrize(("frequency", "most"), [(0.2, 0.006), (0.5, 0.015), (1.0, 0.045)])
@@ -61,34 +61,36 @@ def test_points_that_get_lost_double_or_jump_do_no_harm(head, calm):
 
 
 def test_the_tutorials_law_trails(head):
-    conditions = Conditions(6.0, rate=10.0)
+    conditions = Conditions(duration=6.0, rate=10.0)
     limits = SpeedLimits(max_joint_speed=2.0)
     theirs = run(head, sine(0.5), conditions, tracker(head, "speed", 10.0, limits))
     assert 0.3 < theirs.recording.between(2.0).rms < 0.45
 
 
 def test_a_step_is_made_quickly_and_without_overshoot(head):
-    recording = run(head, lambda t: around(0.5 if t >= 1.0 else 0.0), Conditions(2.0)).recording
+    recording = run(
+        head, lambda t: around(0.5 if t >= 1.0 else 0.0), Conditions(duration=2.0)
+    ).recording
     assert recording.between(1.0).settled(0.02) < 1.4
     assert recording.positions[:, 0].max() < 0.51
 
 
 def test_at_rest_the_servos_are_left_alone(head):
-    outcome = run(head, lambda t: around(0.3), Conditions(4.0))
+    outcome = run(head, lambda t: around(0.3), Conditions(duration=4.0))
     late = outcome.goals[100:]
     assert len(set(late)) <= 2
     assert outcome.recording.between(2.0).maximum < 0.01
 
 
 def test_a_target_that_stops_is_met_and_left_alone(head):
-    outcome = run(head, lambda t: around(min(t, 1.5) - 0.5), Conditions(4.0))
+    outcome = run(head, lambda t: around(min(t, 1.5) - 0.5), Conditions(duration=4.0))
     assert outcome.recording.between(2.5).maximum < 0.012
     assert len(set(outcome.goals[-50:])) == 1
 
 
 @pytest.mark.parametrize("rate", [10.0, 25.0, 100.0])
 def test_it_works_at_other_rates(head, rate):
-    conditions = Conditions(4.0, rate=rate)
+    conditions = Conditions(duration=4.0, rate=rate)
     outcome = run(head, sine(0.3), conditions, tracker(head, rate=rate))
     assert outcome.recording.between(2.0).rms < (0.05 if rate < 20 else 0.02)
 
@@ -96,20 +98,20 @@ def test_it_works_at_other_rates(head, rate):
 def test_a_stated_delay_is_used(head):
     parameters = PredictiveLawParameters(servo_delay=0.04)
     controller = tracker(head, parameters=parameters)
-    outcome = run(head, sine(0.5), Conditions(4.0), controller)
+    outcome = run(head, sine(0.5), Conditions(duration=4.0), controller)
     assert controller.delays.servos == (0.04, 0.04)
     assert outcome.recording.between(2.0).rms < 0.02
 
 
 def test_the_delay_of_the_servos_is_found(head):
     controller = tracker(head)
-    run(head, sine(0.5), Conditions(5.0), controller)
+    run(head, sine(0.5), Conditions(duration=5.0), controller)
     assert 0.02 < controller.delays.servos[0] < 0.06
 
 
 def test_commands_stay_a_short_way_ahead(head):
     """If the node dies, the head moves on for a moment only."""
-    outcome = run(head, sine(1.0), Conditions(3.0))
+    outcome = run(head, sine(1.0), Conditions(duration=3.0))
     positions = outcome.recording
     for time, command in outcome.commands[20:]:
         pan = float(positions.between(time - 0.003, time + 0.003).positions[0, 0])
@@ -146,7 +148,7 @@ def test_another_target_is_no_jerk(head):
     outcome = run(
         head,
         lambda t: around(bearings[min(int(t), 3)]),
-        Conditions(4.0),
+        Conditions(duration=4.0),
         tracker(head, parameters=parameters),
     )
     recording = outcome.recording
@@ -171,7 +173,7 @@ class Switched:
 
 
 def test_switched_off_it_stands_still_and_on_again_it_follows(head):
-    outcome = run(head, sine(0.3), Conditions(6.0), Switched(tracker(head), 2.0, 3.0))
+    outcome = run(head, sine(0.3), Conditions(duration=6.0), Switched(tracker(head), 2.0, 3.0))
     recording = outcome.recording
     standing = recording.between(2.3, 3.0).positions[:, 0]
     assert standing.max() - standing.min() < 0.006
@@ -220,7 +222,7 @@ def soft(servo):
 )
 def test_servos_that_do_follow_are_not_taken_for_stalled(head, law, servo, path):
     watched = Watched(tracker(head, law))
-    run(head, path, Conditions(6.0, noise=0.003, servos=ax12(servo)), watched)
+    run(head, path, Conditions(duration=6.0, noise=0.003, servos=ax12(servo)), watched)
     assert TargetState.STALLED not in {state for _, state in watched.states}
 
 
@@ -231,7 +233,7 @@ def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
     def held(servo):
         servo.inertia *= 1e6
 
-    run(head, lambda t: around(0.6), Conditions(4.0, servos=ax12(held)), watched)
+    run(head, lambda t: around(0.6), Conditions(duration=4.0, servos=ax12(held)), watched)
     assert {state for now, state in watched.states if now > 1_002.0} == {TargetState.STALLED}
 
 
@@ -249,7 +251,7 @@ class ServosWithoutTorque(SimulatedHead):
 
 @pytest.mark.parametrize("until", [0.8, 1.3, 1.45])
 def test_servos_that_are_let_go_turn_to_the_target_and_not_beyond(head, until):
-    conditions = Conditions(4.0, servos=lambda start: ServosWithoutTorque(start, until))
+    conditions = Conditions(duration=4.0, servos=lambda start: ServosWithoutTorque(start, until))
     recording = run(head, lambda t: around(0.2 + 0.2 * t), conditions).recording
     beyond = recording.positions[:, 0] - recording.wanted[:, 0]
     assert beyond.max() < 0.02

@@ -30,8 +30,8 @@ def test_a_target_is_followed_about_as_well_as_by_the_servo_bus(
 
     def error(servos):
         tracker = Tracker(head, LAWS["predictive"](head, 0.02))
-        conditions = Conditions(8.0, noise=0.002, servos=servos)
-        return ClosedLoop(head, sine, conditions).run(tracker).recording.between(3.0).rms
+        conditions = Conditions(duration=8.0, noise=0.002, servos=servos)
+        return ClosedLoop(sine, conditions).run(tracker).recording.between(3.0).rms
 
     late = error(followed(time_from_start, from_measured=from_measured))
     assert late < 1.5 * error(ax12())

@@ -11,6 +11,7 @@ from head_tracking.dynamixel import (
     Buses,
     BusReading,
     ConfigurationError,
+    Epoch,
     Goal,
     GoalError,
     JointConfiguration,
@@ -27,7 +28,10 @@ def ignore(bus: ServoBus, reading: BusReading) -> None:
 
 def make(*joints: JointConfiguration) -> tuple[Buses, list[FakePort]]:
     ports = [FakePort(joint.id) for joint in joints]
-    buses = [ServoBus(port, [joint]) for port, joint in zip(ports, joints, strict=True)]
+    epoch = Epoch()
+    buses = [
+        ServoBus(port, [joint], epoch=epoch) for port, joint in zip(ports, joints, strict=True)
+    ]
     for bus in buses:
         bus.connect()
     return Buses(buses, 50.0, ignore, lambda error: None), ports
@@ -84,6 +88,7 @@ def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
     other = replace(TILT, joint_name="head_pan_joint")
     same = replace(TILT, controller=PAN.controller)
     for joint in (other, same):
-        buses = [ServoBus(FakePort(), [PAN]), ServoBus(FakePort(), [joint])]
+        epoch = Epoch()
+        buses = [ServoBus(FakePort(), [each], epoch=epoch) for each in (PAN, joint)]
         with pytest.raises(ConfigurationError, match="on two buses"):
             Buses(buses, 50.0, ignore, lambda error: None)

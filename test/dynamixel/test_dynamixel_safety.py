@@ -23,6 +23,7 @@ from head_tracking.dynamixel import (
     CorruptReplyError,
     DynamixelError,
     DynamixelPort,
+    Epoch,
     EventKind,
     Goal,
     GoalError,
@@ -240,7 +241,11 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 
 def two_buses(on_reading: Callable[[ServoBus, BusReading], object]) -> tuple[Buses, list[FakePort]]:
     ports = [FakePort(1), FakePort(2)]
-    buses = [ServoBus(port, [each]) for port, each in zip(ports, (PAN, TILT), strict=True)]  # type: ignore[arg-type]
+    epoch = Epoch()
+    buses = [
+        ServoBus(port, [each], epoch=epoch)  # type: ignore[arg-type]
+        for port, each in zip(ports, (PAN, TILT), strict=True)
+    ]
     for bus in buses:
         bus.connect()
     return Buses(buses, 100.0, on_reading, lambda error: None), ports

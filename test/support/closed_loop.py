@@ -1,7 +1,7 @@
-"""A head, its servos, a camera on it or beside it, and a target: one run, in simulated time.
+"""A head, its servos, cameras on it or beside it, and a target: one run, in simulated time.
 
-What benchmarks and closed-loop tests drive. Points go through the transforms and the placing that
-a node uses, whether the camera moves with the head or not.
+Benchmarks and closed-loop tests drive it. What a camera sees and by how much a head misses is
+computed by `plant`, without the package; points go to the tracker through the package's transforms.
 """
 
 from __future__ import annotations
@@ -11,75 +11,72 @@ import heapq
 import math
 import random
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from dynamixel_fakes import speed_ticks
+from plant import JointsRead, Make, Servos, angles, in_camera, turned
 
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
-from head_tracking.gaze import HeadCommand, PanTiltHead
+from head_tracking.gaze import HeadCommand
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
-from head_tracking.transforms import RobotModel, TransformBuffer, Vector3, load_robot_model
+from head_tracking.transforms import (
+    RobotModel,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    Vector3,
+    load_robot_model,
+)
 
 Path = Callable[[float], Vector3]
 """Where a target is [m], in the head's base frame, at a time [s]."""
 
-_START = 1_000.0  # s
+START = 1_000.0
+"""What the package's clock shows when a run starts [s]."""
+
+BASE_FRAME, CAMERA_FRAME = "head_pan_link", "camera_link"
 _SAMPLES = 250.0  # of the truth, a second
 _CYCLES = 50.0  # of the bus, a second
 _UPDATE = 1_000_000  # ns from a reading to the packet that answers it
 _SEEN = 0.0063  # s by which points come after cycles: at 30 a second they wait 10 ms on average
+_ODOMETRY_LATE = 0.02  # s
 
 
 class Controller(Protocol):
-    """What turns a head; `Tracker` is one."""
+    """A controller of the package; `Tracker` is one."""
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """Takes pan and tilt [rad] as measured at `stamp` [s]."""
+        """Accept pan and tilt [rad] as measured at `stamp` [s]."""
 
     def target_seen(
         self, stamp: float, point: Vector3, now: float, *, moving: bool = False
     ) -> object:
-        """Takes a point [m] that was seen at `stamp` [s], perhaps by a camera on the head."""
+        """Accept a point [m] that was seen at `stamp` [s], perhaps by a camera on the head."""
 
     def step(self, now: float) -> TrackingStep:
-        """What to do now."""
+        """Return the command for now."""
 
 
-class JointsRead(NamedTuple):
-    """What came of a reading.
+@runtime_checkable
+class RawController(Protocol):
+    """A controller that shares nothing with the package; times begin at 0."""
 
-    Attributes:
-        stamp: the middle of it [ns].
-        end: when it was complete [ns].
-        positions: of pan and tilt [rad].
-    """
+    def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
+        """Accept pan and tilt [rad] as measured at `stamp` [s]."""
 
-    stamp: int
-    end: int
-    positions: tuple[float, float]
+    def base_moved(self, now: float, pose: tuple[float, float, float]) -> None:
+        """Accept the latest x, y [m] and yaw [rad] of the robot."""
 
+    def camera_saw(self, stamp: float, point: Vector3, now: float, *, on_head: bool) -> None:
+        """Accept a point [m] as the camera measured it, in its own or the head's base frame."""
 
-class Servos(Protocol):
-    """Pan and tilt; times in ns."""
-
-    @property
-    def goals(self) -> tuple[int, int] | None:
-        """What was written last, in steps of the servos."""
-
-    def read(self, now: int) -> JointsRead:
-        """Asks both servos where they are."""
-
-    def write(self, command: HeadCommand, now: int) -> None:
-        """Sends both servos their goals."""
-
-    def true_positions(self, now: int) -> tuple[float, float]:
-        """Where pan and tilt really are [rad]."""
+    def command(self, now: float) -> HeadCommand | None:
+        """Return the command for now."""
 
 
 @functools.cache
@@ -158,9 +155,6 @@ class SimulatedHead:
         self.goals = ticks
 
 
-Make: TypeAlias = Callable[[tuple[float, float]], Servos]
-
-
 def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
     """Simulated AX-12 servos, down to the bytes on the wire."""
     return lambda start: SimulatedHead(start, modify)
@@ -191,124 +185,96 @@ class Mounted:
         return by_pan[0] * pan + by_tilt[0] * tilt, by_pan[1] * pan + by_tilt[1] * tilt
 
 
-@dataclass(frozen=True)
-class PlainServo:
-    """A servo of no make, by its equations: what the law's own model knows nothing of.
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera and the way of its points to the tracker.
 
     Attributes:
-        dead_time: from a command to the start of the motion [s].
-        lag: of the position loop [s].
-        speed: highest [rad/s].
-        acceleration: highest [rad/s^2].
-        dead_band: errors below this are not driven [rad].
-        play: between gear and camera, to either side [rad].
-        resolution: of the encoder [rad].
+        points: of the target, a second.
+        delay: mean age of a point when it arrives [s].
+        delay_jitter: standard deviation of that [s]; points may overtake each other.
+        batch: points wait and arrive together, at multiples of this time [s]; 0: at once.
+        noise: standard deviation of the bearing, in both directions [rad].
+        range_noise: standard deviation of the distance, as a ratio.
+        depth_noise: standard deviation of the distance [m].
+        on_head: the camera moves with the head; else points come in the head's base frame.
+        field: width and height of what a camera on the head sees [rad].
+        extrinsic: how far the camera is really turned to the left and up from the model [rad].
+        stamp_error: what stamps are off by [s]; above 0: they are too late.
+        stamp_jitter: standard deviation of that [s].
+        jitter: standard deviation of the times between points, as a ratio.
+        lost: the probability that a point never comes.
+        outage: mean time that lost points are lost in a row [s]; 0: one by one.
+        gaps: from when to when [s] none comes.
+        outliers: the probability that a point is elsewhere.
+        outlier: how far away these are at most, in both directions [rad].
     """
 
-    dead_time: float = 0.01
-    lag: float = 0.025
-    speed: float = 6.0
-    acceleration: float = 100.0
-    dead_band: float = 0.002
-    play: float = 0.0
-    resolution: float = 0.0015
+    points: float = 30.0
+    delay: float = 0.0
+    delay_jitter: float = 0.0
+    batch: float = 0.0
+    noise: float = 0.0
+    range_noise: float = 0.0
+    depth_noise: float = 0.0
+    on_head: bool = False
+    field: tuple[float, float] = (math.radians(60.0), math.radians(45.0))
+    extrinsic: tuple[float, float] = (0.0, 0.0)
+    stamp_error: float = 0.0
+    stamp_jitter: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
+    outage: float = 0.0
+    gaps: tuple[tuple[float, float], ...] = ()
+    outliers: float = 0.0
+    outlier: float = 0.15
 
-    def __call__(self, start: tuple[float, float]) -> Servos:
-        """Both joints of a head."""
-        return _PlainHead(self, start)
+    def captures(self, duration: float, rng: random.Random) -> list[float]:
+        """Draw the times at which points are seen [s]."""
+        times, is_lost = [], False
+        for k in range(int(duration * self.points)):
+            time = max(0.0, (k + rng.gauss(0.0, self.jitter)) / self.points) + _SEEN
+            if self.outage > 0.0:
+                leave = 1.0 / (self.outage * self.points)
+                enter = leave * self.lost / max(1.0 - self.lost, 1e-9)
+                is_lost = rng.random() >= leave if is_lost else rng.random() < enter
+            else:
+                is_lost = rng.random() < self.lost
+            if not is_lost and not any(a <= time < b for a, b in self.gaps):
+                times.append(time)
+        return sorted(times)
 
-
-class _PlainHead:
-    def __init__(self, servo: PlainServo, start: tuple[float, float]) -> None:
-        self.goals: tuple[int, int] | None = None
-        self._joints = tuple(_PlainJoint(servo, position) for position in start)
-
-    def read(self, now: int) -> JointsRead:
-        stamp = now + 1_000_000
-        step = self._joints[0].servo.resolution
-        pan, tilt = (step * round(position / step) for position in self.true_positions(stamp))
-        return JointsRead(stamp, now + 2_000_000, (pan, tilt))
-
-    def write(self, command: HeadCommand, now: int) -> None:
-        written, step = now * 1e-9, self._joints[0].servo.resolution
-        self._joints[0].commands.append((written, command.pan, command.pan_speed))
-        self._joints[1].commands.append((written, command.tilt, command.tilt_speed))
-        self.goals = round(command.pan / step), round(command.tilt / step)
-
-    def true_positions(self, now: int) -> tuple[float, float]:
-        pan, tilt = (joint.advance(now) for joint in self._joints)
-        return pan, tilt
-
-
-class _PlainJoint:
-    def __init__(self, servo: PlainServo, position: float) -> None:
-        self.servo = servo
-        self.commands: deque[tuple[float, float, float]] = deque()
-        self._position = self._setpoint = self._goal = self._camera = position
-        self._velocity = self._speed = 0.0
-        self._milliseconds = 0
-
-    def advance(self, now: int) -> float:
-        s, dt = self.servo, 0.001
-        while self._milliseconds * 1_000_000 < now:
-            self._milliseconds += 1
-            time = self._milliseconds * dt
-            while self.commands and self.commands[0][0] + s.dead_time <= time:
-                _, self._goal, self._speed = self.commands.popleft()
-            way = self._goal - self._setpoint
-            self._setpoint += min(max(way, -self._speed * dt), self._speed * dt)
-            off = self._setpoint - self._position
-            off = 0.0 if abs(off) < s.dead_band else off - math.copysign(s.dead_band, off)
-            wanted = min(max(off / s.lag, -s.speed), s.speed)
-            change = min(max((wanted - self._velocity) / 0.008, -s.acceleration), s.acceleration)
-            self._velocity += change * dt
-            self._position += self._velocity * dt
-            self._camera = min(max(self._camera, self._position - s.play), self._position + s.play)
-        return self._camera
+    def arrival(self, time: float, rng: random.Random) -> float:
+        """Draw when a point that was seen at a time [s] arrives."""
+        arrives = time + max(self.delay + rng.gauss(0.0, self.delay_jitter), 0.1 * self.delay)
+        return arrives if self.batch == 0.0 else math.ceil(arrives / self.batch) * self.batch
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
-    """What a run is like.
+class Conditions(Camera):
+    """What a run is like; the attributes of `Camera` are those of its first camera.
 
     Attributes:
         duration: [s].
         rate: commands a second.
-        points: of the target, a second.
-        delay: age of a point when it comes [s].
-        noise: standard deviation of its bearing, in both directions [rad].
-        range_noise: standard deviation of its distance, as a share of it.
-        depth_noise: standard deviation of its distance [m].
-        camera: whether the camera moves with the head; else points come in the base frame.
-        stamp_error: what stamps are off by [s]; above 0: they are too late.
-        stamp_jitter: standard deviation of that [s].
-        jitter: standard deviation of the times between points, as a share of them.
-        lost: the share of the points that never come.
-        gap: from when to when [s] none comes.
-        outliers: the share of the points that are elsewhere.
-        outlier: how far away they are at most, in both directions [rad].
+        late: the probability that a cycle is late.
+        lateness: how late such a cycle is, from and to [s].
         start: pan and tilt at first [rad].
+        base: position x, y [m] and yaw [rad] of the robot at a time [s]; paths are given in the
+            head's base frame as it is where these are 0. None: it never moves.
+        more: further cameras.
         seed: of all that is random.
         servos: both joints.
         spoil: what becomes of a point (time, place) on its way; None: it is lost.
     """
 
-    duration: float
+    duration: float = 10.0
     rate: float = 50.0
-    points: float = 30.0
-    delay: float = 0.0
-    noise: float = 0.0
-    range_noise: float = 0.0
-    depth_noise: float = 0.0
-    camera: bool = False
-    stamp_error: float = 0.0
-    stamp_jitter: float = 0.0
-    jitter: float = 0.0
-    lost: float = 0.0
-    gap: tuple[float, float] = (0.0, 0.0)
-    outliers: float = 0.0
-    outlier: float = 0.15
+    late: float = 0.0
+    lateness: tuple[float, float] = (0.06, 0.15)
     start: tuple[float, float] = (0.0, 0.0)
+    base: Callable[[float], tuple[float, float, float]] | None = None
+    more: tuple[Camera, ...] = ()
     seed: int = 1
     servos: Make = field(default_factory=ax12)
     spoil: Callable[[float, Vector3], Vector3 | None] = lambda time, point: point
@@ -316,14 +282,15 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a run.
+    """The result of a run.
 
     Attributes:
         recording: of the true angles.
         commands: time [s] and command.
         goals: what was written, cycle by cycle, in steps of the servo.
         costs: of each step [s].
-        point_costs: of taking each point [s].
+        point_costs: of each point [s].
+        seen: times [s] of the points that any camera saw.
     """
 
     recording: Trace
@@ -331,154 +298,180 @@ class Outcome:
     goals: list[tuple[int, int]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
     point_costs: list[float] = field(default_factory=list)
-
-
-class _Event(NamedTuple):
-    time: float
-    order: int
-    kind: str
-    at: float = 0.0
+    seen: list[float] = field(default_factory=list)
 
 
 class ClosedLoop:
-    """Runs a controller against servos.
+    """Runs a controller against servos and cameras, in simulated time.
+
+    A `Controller` is given points as a node gives them, transformed by the package; a
+    `RawController` is given what the cameras measured.
 
     Args:
-        head: the head that is turned, the kinectbot's.
         path: of the target.
         conditions: of the run.
+        observe: called after each step with the time [s].
+
+    Attributes:
+        buffer: the robot's transforms as the package knows them.
     """
 
-    def __init__(self, head: PanTiltHead, path: Path, conditions: Conditions) -> None:
-        model = kinectbot()
-        self._head = head
-        self._path = path
-        self._conditions = conditions
-        self._servos = conditions.servos(conditions.start)
-        self._random = random.Random(conditions.seed)
-        self._buffer = TransformBuffer()
-        self._buffer.set_model(model)
-        self._placer = TargetPlacer(self._buffer, head.base_frame, 1.0)
-        self._camera = model.chain(head.base_frame, head.pointing_frame)
+    def __init__(
+        self,
+        path: Path,
+        conditions: Conditions,
+        observe: Callable[[float], None] = lambda now: None,
+    ) -> None:
+        c = conditions
+        self._path, self._conditions, self._observe = path, c, observe
+        self._servos = c.servos(c.start)
+        self._random = random.Random(c.seed)
+        self._cameras: tuple[Camera, ...] = (c, *c.more)
+        self._inbox: list[tuple[float, int, Target, bool]] = []
+        self.buffer = TransformBuffer()
+        self.buffer.set_model(kinectbot())
+        fixed = BASE_FRAME if c.base is None else "odom"
+        self._placer = TargetPlacer(self.buffer, fixed, 1.0)
 
-    def run(self, controller: Controller) -> Outcome:
-        """One run from the start to the end: in each cycle read, update, write."""
+    def truth(self, time: float) -> Vector3:
+        """Return where the target is in the head's base frame [m]."""
+        point = self._path(time)
+        if self._conditions.base is None:
+            return point
+        x, y, yaw = self._conditions.base(time)
+        c, s = math.cos(yaw), math.sin(yaw)
+        dx, dy = point[0] - x, point[1] - y
+        return c * dx + s * dy, c * dy - s * dx, point[2]
+
+    def run(self, controller: Controller | RawController) -> Outcome:
+        """Run from the start to the end: in each cycle read, update, write."""
         outcome = Outcome(Trace())
-        seen: deque[tuple[float, Target]] = deque()
         stepped = -math.inf
         for event in self._events():
             now = event.time
-            if event.kind == "seen":
-                target = self._seen(now)
-                if target is not None:
-                    seen.append((now + self._conditions.delay, target))
-            elif event.kind == "truth":
+            if event.camera is not None:
+                self._capture(now, event.camera, outcome)
+            elif not event.is_cycle:
                 self._judge(now, outcome.recording)
             else:
                 read = self._servos.read(_ns(now))
-                stamp = _START + read.stamp * 1e-9
-                self._hear(stamp, read.positions)
-                controller.joints_read(stamp, read.positions)
+                self._hear(read.stamp, read.positions, controller)
                 if now - stepped > 0.99 / self._conditions.rate:
                     stepped = now
-                    command = self._update(controller, read.end * 1e-9, seen, outcome)
+                    command = self._update(controller, read.end * 1e-9, outcome)
                     if command is not None:
                         self._servos.write(command, read.end + _UPDATE)
+                    self._observe(read.end * 1e-9)
                 if self._servos.goals is not None:
                     outcome.goals.append(self._servos.goals)
         return outcome
 
     def _update(
-        self,
-        controller: Controller,
-        now: float,
-        seen: deque[tuple[float, Target]],
-        outcome: Outcome,
+        self, controller: Controller | RawController, now: float, outcome: Outcome
     ) -> HeadCommand | None:
+        arrived = []
+        while self._inbox and self._inbox[0][0] <= now:
+            arrived.append(heapq.heappop(self._inbox))
         before = time.perf_counter()
-        while seen and seen[0][0] <= now:
-            self._placer.offer(seen.popleft()[1], _START + now)
-        for placed, point in self._placer.place(_START + now, {}):
-            controller.target_seen(
-                placed.stamp * 1e-9, point, _START + now, moving=self._conditions.camera
-            )
-            outcome.point_costs.append(time.perf_counter() - before)
+        if isinstance(controller, RawController):
+            for _, _, target, on_head in arrived:
+                stamp = target.stamp * 1e-9 - START
+                controller.camera_saw(stamp, target.point, now, on_head=on_head)
+            command = controller.command(now)
+        else:
+            for _, _, target, _ in arrived:
+                self._placer.offer(target, START + now)
+            for placed, point in self._placer.place(START + now, {}):
+                moving = placed.frame_id != BASE_FRAME
+                controller.target_seen(placed.stamp * 1e-9, point, START + now, moving=moving)
+                outcome.point_costs.append(time.perf_counter() - before)
+                before = time.perf_counter()
             before = time.perf_counter()
-        before = time.perf_counter()
-        command = controller.step(_START + now).command
+            command = controller.step(START + now).command
         outcome.costs.append(time.perf_counter() - before)
         if command is not None:
             outcome.commands.append((now, command))
         return command
 
     def _events(self) -> list[_Event]:
-        """Everything that happens, in order."""
-        c = self._conditions
-
-        def every(rate: float, first: float, order: int, kind: str) -> Iterator[_Event]:
-            return (_Event(k / rate + first, order, kind) for k in range(int(c.duration * rate)))
-
-        captures = sorted(
-            max(0.0, (k + self._random.gauss(0.0, c.jitter)) / c.points) + _SEEN
-            for k in range(int(c.duration * c.points))
-            if self._random.random() >= c.lost
-        )
-        return list(
-            heapq.merge(
-                every(max(_CYCLES, c.rate), 0.0, 0, "cycle"),
-                (_Event(at, 1, "seen") for at in captures if not c.gap[0] <= at < c.gap[1]),
-                every(_SAMPLES, 0.0039, 2, "truth"),
-            )
-        )
-
-    def _hear(self, stamp: float, positions: tuple[float, float]) -> None:
-        head = self._head
-        joints = dict(zip((head.pan_joint, head.tilt_joint), positions, strict=True))
-        self._buffer.set_joint_positions(_ns(stamp), joints)
-
-    def _seen(self, at: float) -> Target | None:
+        """Return everything that happens, in order."""
         c, rng = self._conditions, self._random
-        point: Vector3 | None = self._path(at)
-        aside, upwards = rng.gauss(0.0, c.noise), rng.gauss(0.0, c.noise)
-        away = rng.gauss(0.0, c.range_noise)
-        deeper, late = rng.gauss(0.0, c.depth_noise), rng.gauss(0.0, c.stamp_jitter)
-        if rng.random() < c.outliers:
-            aside += rng.uniform(-c.outlier, c.outlier)
-            upwards += rng.uniform(-c.outlier, c.outlier)
-        assert point is not None
-        frame = self._head.base_frame
-        if c.camera:
-            positions = self._servos.true_positions(_ns(at))
-            known = dict(zip((self._head.pan_joint, self._head.tilt_joint), positions, strict=True))
-            camera = self._camera.transform(*(known[name] for name in self._camera.joints))
-            point, frame = camera.inverse() @ point, self._head.pointing_frame
-        if c.noise or c.outliers:
-            point = turned(point, aside, upwards)
-        distance = math.hypot(*point)
-        scale = max(0.05, math.exp(away) + deeper / distance)
-        point = c.spoil(at, (point[0] * scale, point[1] * scale, point[2] * scale))
-        if point is None:
-            return None
-        return Target(_ns(_START + at + c.stamp_error + late), frame, point)
+        streams = [
+            [_Event(at, 1, camera=index) for at in camera.captures(c.duration, rng)]
+            for index, camera in enumerate(self._cameras)
+        ]
+        cycles, now = [], 0.0
+        while now < c.duration:
+            is_late = rng.random() < c.late
+            cycles.append(_Event(now + (rng.uniform(*c.lateness) if is_late else 0.0), 0, True))
+            period = 1.0 / max(_CYCLES, c.rate)
+            now = period * math.ceil(cycles[-1].time / period + 0.5)
+        truth = [_Event(k / _SAMPLES + 0.0039, 2) for k in range(int(c.duration * _SAMPLES))]
+        return list(heapq.merge(cycles, truth, *streams))
+
+    def _hear(
+        self,
+        stamp: int,
+        positions: tuple[float, float],
+        controller: Controller | RawController,
+    ) -> None:
+        base, at = self._conditions.base, stamp * 1e-9
+        pose = (0.0, 0.0, 0.0) if base is None else base(at - _ODOMETRY_LATE)
+        if isinstance(controller, RawController):
+            controller.joints_read(at, positions)
+            controller.base_moved(at, pose)
+            return
+        self.buffer.set_joint_positions(
+            _ns(START) + stamp, dict(zip((PAN.joint_name, TILT.joint_name), positions, strict=True))
+        )
+        if base is not None:
+            x, y, yaw = pose
+            self.buffer.set_transform(
+                _ns(START + at - _ODOMETRY_LATE),
+                "odom",
+                "base_link",
+                Transform((x, y, 0.0), Rotation.from_rpy(0.0, 0.0, yaw)),
+            )
+        controller.joints_read(START + at, positions)
+
+    def _capture(self, at: float, index: int, outcome: Outcome) -> None:
+        camera, rng = self._cameras[index], self._random
+        point, frame = self.truth(at), BASE_FRAME
+        left, up = rng.gauss(0.0, camera.noise), rng.gauss(0.0, camera.noise)
+        away, deeper = rng.gauss(0.0, camera.range_noise), rng.gauss(0.0, camera.depth_noise)
+        late, arrives = rng.gauss(0.0, camera.stamp_jitter), camera.arrival(at, rng)
+        is_outlier = rng.random() < camera.outliers
+        wild = [rng.uniform(-camera.outlier, camera.outlier) for _ in range(2)]
+        if camera.on_head:
+            point, frame = in_camera(point, *self._servos.true_positions(_ns(at))), CAMERA_FRAME
+            point = turned(point, -camera.extrinsic[0], -camera.extrinsic[1])
+            x, y, z = point
+            width, height = camera.field
+            if abs(math.atan2(y, x)) > 0.5 * width or abs(math.atan2(z, x)) > 0.5 * height:
+                return
+        outcome.seen.append(at)
+        point = turned(point, left + is_outlier * wild[0], up + is_outlier * wild[1])
+        scale = max(0.05, math.exp(away) + deeper / math.hypot(*point))
+        kept = self._conditions.spoil(at, (point[0] * scale, point[1] * scale, point[2] * scale))
+        if kept is not None:
+            target = Target(_ns(START + at + camera.stamp_error + late), frame, kept)
+            heapq.heappush(self._inbox, (arrives, len(outcome.seen), target, camera.on_head))
 
     def _judge(self, now: float, recording: Trace) -> None:
-        pan, tilt = self._servos.true_positions(_ns(now))
-        point = self._path(now)
-        gaze = self._head.gaze(point, pan, tilt)
-        miss = self._head.miss(point, pan, tilt)
-        recording.add(Sample(now, (gaze.pan, gaze.tilt), (pan, tilt), miss))
+        positions, point = self._servos.true_positions(_ns(now)), self.truth(now)
+        x, y, z = in_camera(point, *positions)
+        left, up = self._conditions.extrinsic
+        if left or up:
+            x, y, z = turned((x, y, z), -left, -up)
+        miss = math.atan2(math.hypot(y, z), x)
+        recording.add(Sample(now, angles(point), positions, miss))
 
 
-def turned(point: Vector3, aside: float, upwards: float) -> Vector3:
-    """A point at the same distance, but seen a little [rad] aside and higher."""
-    x, y, z = point
-    flat, distance = max(math.hypot(x, y), 1e-9), math.hypot(x, y, z)
-    a, u = aside * distance, upwards * distance
-    return (
-        x - a * y / flat - u * x * z / (flat * distance),
-        y + a * x / flat - u * y * z / (flat * distance),
-        z + u * flat / distance,
-    )
+class _Event(NamedTuple):
+    time: float
+    order: int
+    is_cycle: bool = False
+    camera: int | None = None
 
 
 def _ns(time: float) -> int:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from closed_loop import PAN, TILT, JointsRead, Make, SimulatedHead
+from closed_loop import PAN, TILT, SimulatedHead
 from dynamixel_fakes import speed_ticks
+from plant import JointsRead, Make
 
 from head_tracking.dynamixel.protocol import sync_write_packet
 from head_tracking.gaze import HeadCommand

@@ -1,0 +1,284 @@
+"""Requests and goals for one bus, in the order in which they were made. STOP overtakes them.
+
+STOP advances the epoch before it does anything else. Each request and each goal has the epoch in
+which it was made; where it is to be carried out, it is discarded if that epoch is over. So nothing
+that somebody asked for before a STOP can switch torque on, or move a joint, after it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from typing import Any, Final, TypeVar
+
+from head_tracking.dynamixel.exceptions import BusStoppedError, PortLostError, StoppedError
+from head_tracking.dynamixel.state import Goal
+
+_T = TypeVar("_T")
+Steps = Generator[float, None, _T]
+"""Yields seconds to wait before the next step; 0 where none is needed."""
+
+_STOPPED: Final = "STOP came after this was asked for; call resume, then ask again"
+
+
+class Epoch:
+    """Counts STOPs. Everything that STOP shall overtake shares one; for any thread.
+
+    Attributes:
+        value: Number of STOPs so far.
+    """
+
+    def __init__(self) -> None:
+        self.value = 0
+        self._lock = threading.Lock()
+
+    def advance(self) -> int:
+        """Begin a new epoch and return its number."""
+        with self._lock:
+            self.value += 1
+            return self.value
+
+
+class Request:
+    """Something to be done by the thread that owns the bus.
+
+    Args:
+        function: Does it; or returns the steps that do it.
+        epoch: When it was made.
+        despite_stop: Whether it is carried out although STOP came after it: it relaxes, or changes
+            a value that moves nothing.
+        future: Gets its result or its exception; cancelling it ends the request.
+
+    Attributes:
+        steps: What is left to do, once it has begun.
+        due: Next step not before this monotonic time, ns.
+    """
+
+    __slots__ = ("despite_stop", "due", "epoch", "function", "future", "steps")
+
+    def __init__(
+        self,
+        function: Callable[[], Any],
+        epoch: int,
+        despite_stop: bool,
+        future: Future[Any] | None = None,
+    ) -> None:
+        self.function = function
+        self.epoch = epoch
+        self.despite_stop = despite_stop
+        self.future: Future[Any] = future or Future()
+        self.steps: Steps[Any] | None = None
+        self.due = 0
+
+    def fail(self, error: BaseException) -> None:
+        """Answer with an error, unless it has been answered or cancelled."""
+        with suppress(InvalidStateError):
+            self.future.set_exception(error)
+
+    def succeed(self, result: Any) -> None:
+        """Answer with a result, unless it has been answered or cancelled."""
+        with suppress(InvalidStateError):
+            self.future.set_result(result)
+
+
+class RequestQueue:
+    """The requests and the goals of one bus.
+
+    Any thread may call `add`, `put_goals`, `drop_goals` and `close`; the thread that owns the bus
+    calls the others.
+
+    Args:
+        epoch: Shared with everything that one STOP stops.
+        monotonic: Time that never jumps, ns.
+
+    Attributes:
+        epoch: The same.
+        arrived: Notified when a request has arrived or the queue has been closed.
+        under_way: Requests that have begun, in turn.
+        goals: Goals that have not been taken, by joint.
+        closed: Whether requests are refused.
+    """
+
+    def __init__(self, epoch: Epoch, monotonic: Callable[[], int]) -> None:
+        self.epoch = epoch
+        self.arrived = threading.Condition()
+        self.under_way: deque[Request] = deque()
+        self.goals: dict[str, Goal] = {}
+        self.closed = False
+        self._goals_epoch = 0
+        self._lock = threading.Lock()
+        self._waiting: deque[Request] = deque()
+        self._monotonic = monotonic
+
+    # Any thread
+
+    def add(
+        self, function: Callable[[], Any], epoch: int | None = None, despite_stop: bool = False
+    ) -> Future[Any]:
+        """Add a request; see `Request`. `epoch` None: it is made now."""
+        request = Request(function, self.epoch.value if epoch is None else epoch, despite_stop)
+        with self.arrived:
+            if not self.closed:
+                self._waiting.append(request)
+                self.arrived.notify()
+                return request.future
+        request.fail(BusStoppedError("the servo bus has stopped"))
+        return request.future
+
+    def put_goals(self, goals: Mapping[str, Goal], epoch: int) -> None:
+        """Add goals that were made in an epoch; they replace those of the same joints.
+
+        Raises:
+            StoppedError: That epoch is over.
+        """
+        with self._lock:
+            if epoch < self.epoch.value:
+                raise StoppedError(_STOPPED)
+            if epoch != self._goals_epoch:
+                self.goals.clear()
+                self._goals_epoch = epoch
+            self.goals.update(goals)
+
+    def drop_goals(self, joint: str | None = None) -> None:
+        """Remove the goal of a joint, or all goals."""
+        with self._lock:
+            if joint is None:
+                self.goals.clear()
+            else:
+                self.goals.pop(joint, None)
+
+    def close(self) -> None:
+        """Refuse requests from now on; those that have not begun fail with BusStoppedError."""
+        with self.arrived:
+            self.closed = True
+            waiting, self._waiting = self._waiting, deque()
+            self.arrived.notify_all()
+        for request in waiting:
+            request.fail(BusStoppedError("the servo bus has stopped"))
+
+    # Owner's thread
+
+    def check(self, epoch: int) -> None:
+        """Raise StoppedError if an epoch is over."""
+        if epoch < self.epoch.value:
+            raise StoppedError(_STOPPED)
+
+    def take_goals(self) -> dict[str, Goal]:
+        """Return and remove the goals of this epoch; remove older ones."""
+        with self._lock:
+            goals, self.goals = self.goals, {}
+            return goals if self._goals_epoch == self.epoch.value else {}
+
+    def keep_goal(self, joint: str, goal: Goal) -> None:
+        """Put a goal back that was taken in this cycle, unless there is a newer one."""
+        with self._lock:
+            if self._goals_epoch == self.epoch.value:
+                self.goals.setdefault(joint, goal)
+
+    def has_waiting(self) -> bool:
+        """Return whether a request has not begun."""
+        return bool(self._waiting)
+
+    def begin_next(self) -> None:
+        """Begin the oldest request that has not begun: take its first step."""
+        with self.arrived:
+            if not self._waiting:
+                return
+            request = self._waiting.popleft()
+        if request.future.cancelled():
+            return
+        if self._is_over(request):
+            request.fail(StoppedError(_STOPPED))
+            return
+        try:
+            result = request.function()
+        except Exception as error:  # the next cycle finds out that the port has gone
+            request.fail(error)
+            return
+        if isinstance(result, Generator):
+            request.steps = result
+            self.under_way.append(request)
+            with suppress(PortLostError):
+                self.advance(request)
+        else:
+            request.succeed(result)
+
+    def start(
+        self,
+        steps: Steps[Any],
+        *,
+        despite_stop: bool = False,
+        future: Future[Any] | None = None,
+    ) -> Request:
+        """Add steps that the owner takes from now on, without a first step."""
+        request = Request(lambda: None, self.epoch.value, despite_stop, future)
+        request.steps = steps
+        self.under_way.append(request)
+        return request
+
+    def next_due(self, now: int) -> Request | None:
+        """Return the next request with a step to take, if there is one; `now` in ns."""
+        for _ in range(len(self.under_way)):
+            request = self.under_way[0]
+            self.under_way.rotate(-1)
+            if request.due <= now or request.future.cancelled():
+                return request
+        return None
+
+    def advance(self, request: Request) -> bool:
+        """Take one step of a request; return whether it has ended.
+
+        Raises:
+            PortLostError: The port has gone; so it was answered.
+        """
+        assert request.steps is not None
+        if request.future.cancelled():
+            self.end(request, None)
+            return True
+        if self._is_over(request):
+            self.end(request, StoppedError(_STOPPED))
+            return True
+        try:
+            wait = next(request.steps)
+        except StopIteration as end:
+            self.end(request, None, end.value)
+            return True
+        except Exception as error:
+            self.end(request, error)
+            if isinstance(error, PortLostError):
+                raise
+            return True
+        request.due = self._monotonic() + round(wait * 1e9) if wait > 0.0 else 0
+        return False
+
+    def end(self, request: Request, error: BaseException | None, result: Any = None) -> None:
+        """Take no more steps of a request, and answer it."""
+        with suppress(ValueError):
+            self.under_way.remove(request)
+        if request.steps is not None:
+            with suppress(Exception):
+                request.steps.close()
+        if error is None:
+            request.succeed(result)
+        else:
+            request.fail(error)
+
+    def end_all(self, error: BaseException) -> None:
+        """End all requests that are under way."""
+        for request in list(self.under_way):
+            self.end(request, error)
+
+    def discard_older(self) -> None:
+        """End the requests under way that were made before the last STOP, and drop such goals."""
+        for request in list(self.under_way):
+            if self._is_over(request):
+                self.end(request, StoppedError(_STOPPED))
+        with self._lock:
+            if self._goals_epoch != self.epoch.value:
+                self.goals.clear()
+
+    def _is_over(self, request: Request) -> bool:
+        return request.epoch < self.epoch.value and not request.despite_stop

@@ -1,0 +1,157 @@
+"""Runs a controller in a situation and scores it; many of them on all processors."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from closed_loop import START, ClosedLoop, kinectbot
+from plant import Streamed, angles
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.tracking import LAWS, HeadBase, SetpointStream, Tracker
+from tracking.opponents import Kalman, ReachyMini, SimpleLaw, Tutorials
+from tracking.situations import SITUATIONS
+
+HEAD = PanTiltHead(
+    kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
+)
+_AHEAD = 0.1  # s from now to the prediction whose deviation is judged
+_SETTLED = 4.0  # s after which a learned delay counts
+
+OPPONENTS: dict[str, Callable[[], SimpleLaw]] = {
+    "position": SimpleLaw,
+    "kalman": Kalman,
+    "tutorials": Tutorials,
+    "reachy_mini": ReachyMini,
+}
+"""`ours` and `ours:LAW` are controllers of the package."""
+
+
+class Score(NamedTuple):
+    """The result of a run; errors are from the first point to the end [mrad].
+
+    Attributes:
+        rms: of the error.
+        worst: the largest error.
+        last: rms of the last 15 s.
+        oscillating: ratio of the steps in which the head was declared to oscillate.
+        overshoot: how far a joint went beyond the range of its target, after the first second.
+        farthest: the largest angle of a joint.
+        nees: squared prediction error over stated variance, mean; nan: not measured.
+        blind: ratio of the time in which no camera saw a target that was to be seen.
+        delay: by how much a learned servo delay is off at most while its deviation says that it is
+            not off by 3 deviations [ms]; nan: not measured.
+        step, point: mean processor times [us].
+    """
+
+    rms: float
+    worst: float
+    last: float = math.nan
+    oscillating: float = 0.0
+    overshoot: float = 0.0
+    farthest: float = 0.0
+    nees: float = math.nan
+    blind: float = 0.0
+    delay: float = math.nan
+    step: float = math.nan
+    point: float = math.nan
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run, as it is given to a process."""
+
+    situation: str
+    seed: int
+    who: str = "ours"
+    exam: bool = False
+
+
+class _Watch:
+    """Notes what the package's tracker states, step by step."""
+
+    def __init__(self, law: str, loop: ClosedLoop, moves: bool) -> None:
+        base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
+        self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
+        self.steps = self.oscillating = 0
+        self.nees: list[float] = []
+        self._loop, self._moves = loop, moves
+
+    def observe(self, now: float) -> None:
+        tracker = self.tracker
+        self.steps += 1
+        self.oscillating += tracker.state.name == "CAUTIOUS"
+        estimate = tracker.estimator.estimate
+        if self._moves or self.steps % 5 or now < 2.0 or estimate is None:
+            return
+        time = now + _AHEAD
+        if time + START - estimate.stamp > 0.5:
+            return
+        truth, expected = angles(self._loop.truth(time)), estimate.bearing(time + START)
+        deviations = [estimate.deviation(joint, time + START) for joint in (0, 1)]
+        self.nees.append(
+            sum(
+                ((a - b) / max(d, 1e-6)) ** 2
+                for a, b, d in zip(expected, truth, deviations, strict=True)
+            )
+            / 2.0
+        )
+
+
+def judge(job: Job) -> Score:
+    """Run a job."""
+    path, conditions = SITUATIONS[job.situation].setup(job.seed, job.exam)
+    name, _, law = job.who.partition(":")
+    watch: _Watch | None = None
+    controller: Any
+    if name == "ours":
+        if isinstance(conditions.servos, Streamed):
+            stream = replace(conditions.servos, stream=lambda: SetpointStream(0.02, 0.0))
+            conditions = replace(conditions, servos=stream)
+        loop = ClosedLoop(path, conditions, lambda now: watch.observe(now) if watch else None)
+        watch = _Watch(law or "predictive", loop, conditions.base is not None)
+        controller = watch.tracker
+    else:
+        controller = OPPONENTS[name]()
+        rate = 10.0 if name == "tutorials" else 50.0
+        loop = ClosedLoop(path, replace(conditions, rate=rate))
+    outcome = loop.run(controller)
+    if not outcome.seen:
+        return Score(1e3 * outcome.recording.rms, 1e3 * outcome.recording.maximum)
+    trace = outcome.recording.between(outcome.seen[0])
+    late = trace.between(outcome.seen[0] + 1.0)
+    beyond = np.maximum(
+        late.positions - late.wanted.max(axis=0), late.wanted.min(axis=0) - late.positions
+    )
+    gaps = np.diff([*outcome.seen, conditions.duration])
+    meant = sum(b - a for a, b in conditions.gaps)
+    blind = max(float(gaps[gaps > 1.0].sum()) - meant, 0.0) / conditions.duration
+    score = Score(
+        1e3 * trace.rms,
+        1e3 * trace.maximum,
+        1e3 * trace.between(conditions.duration - 15.0).rms,
+        overshoot=1e3 * max(float(beyond.max()), 0.0),
+        farthest=float(np.abs(trace.positions).max()),
+        blind=blind,
+        step=1e6 * float(np.mean(outcome.costs)),
+    )
+    if watch is None:
+        return score
+    return score._replace(
+        oscillating=watch.oscillating / watch.steps,
+        nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
+        point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
+    )
+
+
+def judge_all(jobs: Iterable[Job], processes: int | None = None) -> dict[Job, Score]:
+    """Run jobs on several processors."""
+    listed = list(jobs)
+    with ProcessPoolExecutor(processes or os.cpu_count()) as pool:
+        return dict(zip(listed, pool.map(judge, listed, chunksize=2), strict=True))

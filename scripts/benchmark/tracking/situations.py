@@ -1,0 +1,318 @@
+"""Situations by which tracking is judged; each draws its target, servos and conditions from a seed.
+
+Helpers and developers use any seeds. An exam draws from wider ranges, and its seeds are not used
+while something is being tuned.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from random import Random
+from typing import NamedTuple
+
+from closed_loop import Camera, Conditions, ax12
+from plant import Pair, PlainServo, Streamed, angles
+
+from tracking.motions import PATHS, Path, Person, around, fictitious, sine, triangle
+
+WEBCAM = Conditions(
+    points=15.0,
+    delay=0.12,
+    delay_jitter=0.03,
+    noise=0.005,
+    outliers=0.05,
+    outlier=0.3,
+    lost=0.03,
+    on_head=True,
+)
+"""A webcam and a neural detector on a small computer."""
+
+GOOD = Conditions(noise=0.002, delay=0.1, on_head=True)
+"""The first editions' conditions: 30 points a second, 100 ms late, 2 mrad."""
+
+
+class Setup(NamedTuple):
+    """What is run."""
+
+    path: Path
+    conditions: Conditions
+
+
+Make = Callable[[Random, bool], Setup]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """One row of a table.
+
+    Attributes:
+        family: by which it is chosen.
+        name: of the row.
+        make: draws the target and the conditions; told whether it is an exam.
+        without: the row with which errors are compared; empty: none.
+    """
+
+    family: str
+    name: str
+    make: Make
+    without: str = ""
+
+    def setup(self, seed: int, exam: bool) -> Setup:
+        """Draw the run of a seed; the head begins near its target."""
+        rng = Random(f"{self.name}/{seed}/{exam}")
+        path, conditions = self.make(rng, exam)
+        if conditions.start == (0.0, 0.0):
+            pan, tilt = angles(path(0.0))
+            start = max(min(pan, 2.5), -2.5) + rng.uniform(-0.15, 0.15), tilt
+            conditions = replace(conditions, start=start)
+        return Setup(path, replace(conditions, seed=rng.getrandbits(30)))
+
+
+def servos(rng: Random, exam: bool, slowest: float = 0.05) -> Pair:
+    """Draw different servos for pan and tilt."""
+    drawn = (PlainServo.drawn(rng, (0.005, slowest), exam) for _ in range(2))
+    return Pair(*drawn)
+
+
+def people(duration: float, base: Conditions = WEBCAM, acts: str = "") -> Make:
+    """A person in front of a head with drawn servos."""
+
+    def make(rng: Random, exam: bool) -> Setup:
+        path = Person(rng, duration, *([acts] if acts else []), exam=exam)
+        made = servos(rng, exam)
+        return Setup(path, replace(base, duration=duration, servos=made))
+
+    return make
+
+
+def fixed(path: Path, conditions: Conditions) -> Make:
+    """The same target and conditions for all seeds but for noise; an exam changes the target."""
+
+    def make(rng: Random, exam: bool) -> Setup:
+        if not exam:
+            return Setup(path, conditions)
+        faster, aside = rng.uniform(0.9, 1.1), rng.uniform(-0.15, 0.15)
+        c, s = math.cos(aside), math.sin(aside)
+
+        def moved(t: float) -> tuple[float, float, float]:
+            x, y, z = path(faster * t)
+            return c * x - s * y, s * x + c * y, z
+
+        return Setup(moved, conditions)
+
+    return make
+
+
+def near(rng: Random, exam: bool) -> Setup:
+    """A walk straight up to the head that ends abruptly; 40 s later the person moves again."""
+    speed, bearing = rng.uniform(0.8, 1.6), rng.uniform(-0.5, 0.5)
+    far, close = rng.uniform(2.5, 4.0), rng.uniform(0.4, 0.7)
+    arrives = 2.0 + (far - close) / speed
+
+    def path(t: float) -> tuple[float, float, float]:
+        distance = min(max(far - speed * (t - 2.0), close), far)
+        moving = max(t - arrives - 40.0, 0.0)
+        return around(bearing + 0.4 * math.sin(0.9 * moving) * min(moving, 1.0), 0.16, distance)
+
+    base = replace(WEBCAM, points=rng.choice((15.0, 30.0)), duration=arrives + 60.0)
+    return Setup(path, replace(base, servos=servos(rng, exam)))
+
+
+def any_servo(rng: Random, exam: bool) -> Setup:
+    """A random servo, target and camera."""
+    name = rng.choice([name for name in PATHS if name != "still"])
+    conditions = Conditions(
+        duration=14.0,
+        noise=rng.choice((0.0, 0.002, 0.005)),
+        delay=rng.choice((0.0, 0.05, 0.1)),
+        on_head=rng.random() < 0.5,
+        servos=servos(rng, exam, 0.15),
+    )
+    return Setup(PATHS[name], conditions)
+
+
+def sway(amplitude: float, frequency: float) -> Callable[[float], tuple[float, float, float]]:
+    """A base that turns to and fro [rad, Hz]."""
+    return lambda t: (0.0, 0.0, amplitude * math.sin(math.tau * frequency * t))
+
+
+def drive(t: float) -> tuple[float, float, float]:
+    """A base that drives an arc to and fro, at up to 1 rad/s."""
+    yaw = math.sin(t)
+    return 0.3 * math.sin(yaw), 0.1 * yaw, yaw
+
+
+def pursuit(t: float) -> tuple[float, float, float]:
+    """Bahill and McDonald 1983: a smooth target of +-10 degrees, 0.3 Hz, cubic between turns."""
+    phase = (0.3 * t) % 1.0
+    half = 2.0 * phase if phase < 0.5 else 2.0 - 2.0 * phase
+    return around(math.radians(10.0) * (2.0 * half * half * (3.0 - 2.0 * half) - 1.0), 0.16)
+
+
+HEAVY = {
+    "at most 5 rad/s²": PlainServo(acceleration=5.0),
+    "at most 10 rad/s²": PlainServo(acceleration=10.0),
+    "80 ms dead time, 15 rad/s²": PlainServo(dead_time=0.08, acceleration=15.0),
+}
+SERVOS = {
+    **{f"dead time {ms} ms": PlainServo(dead_time=ms / 1e3) for ms in (10, 60, 100, 150)},
+    "lag 80 ms": PlainServo(lag=0.08),
+    "at most 2 rad/s": PlainServo(speed=2.0),
+    "play 10 mrad": PlainServo(play=0.01),
+    "dead band 10 mrad": PlainServo(dead_band=0.01),
+    "profile 20 rad/s²": PlainServo(profile=20.0),
+    "profile 40 rad/s², lag 77 ms": PlainServo(profile=40.0, lag=0.077),
+    **HEAVY,
+}
+SWING, SLOW = "±0.5 rad, 0.5 Hz", "±0.5 rad, 0.2 Hz"
+TRACKS = ("still", SLOW, SWING, "circle", "stop and go", "jumps")
+GAPS = {
+    "gap of 0.3 s": {"gaps": tuple((t, t + 0.3) for t in range(3, 20, 3))},
+    "gap of 0.8 s": {"gaps": tuple((t + 0.2, t + 1.0) for t in range(3, 20, 3))},
+    "gap of 1.5 s": {"gaps": tuple((t + 0.4, t + 1.9) for t in range(3, 20, 4))},
+    "50 % lost in bursts": {"lost": 0.5, "outage": 0.3},
+    "70 % lost in bursts": {"lost": 0.7, "outage": 0.4},
+}
+CAMERAS: dict[str, dict[str, object]] = {
+    "5 a second, 400 ms late": {"points": 5.0, "delay": 0.4, "delay_jitter": 0.05},
+    "8 a second, 300 ms late": {"points": 8.0, "delay": 0.3, "delay_jitter": 0.05},
+    "15 a second, 120 ms late, out of order": {"points": 15.0, "delay": 0.12, "delay_jitter": 0.07},
+    "60 a second, at once": {"points": 60.0, "delay": 0.0},
+    "in batches of 0.2 s": {"batch": 0.2, "delay": 0.05},
+    "5 % outliers": {"outliers": 0.05, "outlier": 0.3},
+    "irregular, 20 % lost": {"jitter": 0.2, "lost": 0.2},
+    "distance with 20 % noise": {"range_noise": 0.2},
+    "turned by 30 mrad": {"extrinsic": (0.03, -0.02)},
+    "second camera, 5 a second, 300 ms late": {
+        "more": (Camera(points=5.0, delay=0.3, noise=0.005, on_head=True),)
+    },
+}
+LATE: dict[str, dict[str, object]] = {
+    "10 % of steps 60 to 150 ms late": {"late": 0.1},
+    "30 % of steps 60 to 150 ms late": {"late": 0.3},
+}
+STAMPS = {f"stamps {ms:+d} ms": {"stamp_error": ms / 1e3} for ms in (-120, -80, 50, 90, 200)}
+JITTER = {"stamp_jitter": 0.0115}
+BASES = {
+    "base sways ±0.4 rad at 0.5 Hz": sway(0.4, 0.5),
+    "base sways ±0.2 rad at 0.25 Hz": sway(0.2, 0.25),
+    "base drives at up to 1 rad/s": drive,
+}
+
+
+def _families() -> list[Situation]:
+    long = replace(GOOD, duration=20.0, servos=PlainServo())
+    web = replace(WEBCAM, duration=20.0, servos=PlainServo())
+    found = [
+        Situation("mixed", "mixed human-like motion", people(180.0)),
+        Situation("near", "walks up, stops, moves again", near),
+        Situation("turns", "two persons in turn", people(60.0, acts="turns")),
+        Situation("servos", "random servos", any_servo),
+        Situation(
+            "pursuit", "Bahill and McDonald 1983", fixed(pursuit, replace(long, noise=0.001))
+        ),
+    ]
+    found += [
+        Situation("ordinary", name, fixed(path, replace(GOOD, duration=14.0, servos=ax12())))
+        for name, path in PATHS.items()
+    ]
+    found += [
+        Situation("sharp", name, fixed(path, replace(GOOD, duration=20.0, points=40.0, delay=late)))
+        for late in (0.0, 0.05)
+        for name, path in (
+            (f"fictitious, {late * 1e3:.0f} ms late", fictitious),
+            (f"to and fro at 0.5 rad/s, {late * 1e3:.0f} ms late", triangle(0.5)),
+        )
+    ]
+    for trouble, change in GAPS.items():
+        found += [
+            Situation("gaps", f"{name}: {trouble}", fixed(PATHS[name], replace(long, **change)))
+            for name in (SLOW, SWING)
+        ]
+        found.append(
+            Situation("gaps", f"person: {trouble}", people(20.0, replace(WEBCAM, **change)))
+        )
+    for trouble, change in LATE.items():
+        found += [
+            Situation("late", f"{name}: {trouble}", fixed(PATHS[name], replace(long, **change)))
+            for name in (SLOW, SWING)
+        ]
+        found.append(
+            Situation("late", f"person: {trouble}", people(30.0, replace(WEBCAM, **change)))
+        )
+    for name in ("still", "circle", SLOW, SWING):
+        plain = f"{name}: stamps ±20 ms"
+        found.append(Situation("stamps", plain, fixed(PATHS[name], replace(long, **JITTER))))
+        found += [
+            Situation(
+                "stamps",
+                f"{name}: {trouble} ±20 ms",
+                fixed(PATHS[name], replace(long, **JITTER, **change)),
+                plain,
+            )
+            for trouble, change in STAMPS.items()
+        ]
+    found += [
+        Situation("base", f"{name}: {trouble}", fixed(PATHS[name], replace(long, base=base)))
+        for trouble, base in BASES.items()
+        for name in ("still", SLOW)
+    ]
+    found += [
+        Situation("heavy", f"{name}: {trouble}", fixed(PATHS[name], replace(long, servos=servo)))
+        for trouble, servo in HEAVY.items()
+        for name in (SLOW, SWING)
+    ]
+    found += [
+        Situation(
+            "trajectory",
+            f"{frequency:g} Hz: controller {ms} ms late",
+            fixed(sine(frequency), replace(GOOD, duration=60.0, servos=Streamed(ms / 1e3))),
+        )
+        for ms in (50, 100, 200)
+        for frequency in (0.25, 0.5)
+    ]
+    found += [
+        Situation(
+            "slow", f"{name}: {trouble}", fixed(PATHS[name], replace(web, **CAMERAS[trouble]))
+        )
+        for trouble in ("5 a second, 400 ms late", "8 a second, 300 ms late")
+        for name in TRACKS
+    ]
+    return found + list(_table(long, web))
+
+
+def _table(good: Conditions, web: Conditions) -> list[Situation]:
+    """About 300 cases: every trouble on every track, each once."""
+    changes: dict[str, dict[str, object]] = {
+        **{f"servo: {name}": {"servos": servo} for name, servo in SERVOS.items()},
+        **{f"camera: {name}": change for name, change in CAMERAS.items()},
+        **{f"gaps: {name}": change for name, change in GAPS.items()},
+        **{f"late: {name}": change for name, change in LATE.items()},
+        **{f"stamps: {name}": {**JITTER, **change} for name, change in STAMPS.items()},
+        **{f"base: {name}": {"base": base} for name, base in BASES.items()},
+        **{f"controller {ms} ms late": {"servos": Streamed(ms / 1e3)} for ms in (50, 100, 200)},
+    }
+    cases = [
+        Situation("table", f"{name}: {what}", fixed(PATHS[name], replace(good, **change)))
+        for (what, change), name in itertools.product(changes.items(), TRACKS)
+    ]
+    drawn = [
+        Situation("table", f"person {k}: {what}", _person_with(change))
+        for k, (what, change) in itertools.product((1,), changes.items())
+    ]
+    return [*cases, *drawn]
+
+
+def _person_with(change: dict[str, object]) -> Make:
+    def make(rng: Random, exam: bool) -> Setup:
+        path, conditions = people(20.0)(rng, exam)
+        return Setup(path, replace(conditions, **change))
+
+    return make
+
+
+SITUATIONS = {situation.name: situation for situation in _families()}
+FAMILIES = tuple(dict.fromkeys(situation.family for situation in SITUATIONS.values()))

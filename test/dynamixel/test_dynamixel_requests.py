@@ -1,0 +1,219 @@
+"""Requests, goals, STOP and resume in any order: nothing made before a STOP acts after it."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Future
+from random import Random
+
+import pytest
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort
+
+from head_tracking.dynamixel import (
+    Buses,
+    BusThread,
+    DynamixelError,
+    Epoch,
+    Goal,
+    ServoBus,
+    StoppedError,
+    Torque,
+    TorqueError,
+)
+from head_tracking.dynamixel.requests import RequestQueue, Steps
+
+INTERLEAVINGS = 10_000
+JOINT = PAN.joint_name
+
+
+class Interleavings:
+    """One bus, and requests that are made now and delivered later.
+
+    Args:
+        seed: Of the order.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.random = Random(seed)
+        self.port = FakePort(1)
+        clock = FakeClock(tick=100_000)
+        self.bus = ServoBus(self.port, [PAN], monotonic=clock, pause=clock.pass_time)  # type: ignore[arg-type]
+        self.bus.connect()
+        self.thread = BusThread(self.bus, 50.0, lambda _: None)
+        self.epoch = self.bus.epoch
+        self.made: list[tuple[int | None, int]] = []  # goal in ticks or None: torque on; its epoch
+        self.goals: set[int] = set()  # of this epoch
+        self.delivered: list[tuple[int, Future[None]]] = []
+        self.may_move = True  # whether a request of this epoch has been delivered
+        self.stops = 0
+
+    def make(self) -> None:
+        tick = self.random.choice((None, self.random.randrange(600, 900)))
+        if tick is not None:
+            self.goals.add(tick)
+        self.made.append((tick, self.epoch.value))
+
+    def deliver(self) -> None:
+        """Hand the oldest or the newest of what was made to the bus."""
+        if not self.made:
+            return
+        tick, epoch = self.made.pop(self.random.choice((0, -1)))
+        if epoch == self.epoch.value:
+            self.may_move = True
+        if tick is not None:
+            try:
+                self.bus.command({JOINT: Goal(PAN.position(tick))}, epoch=epoch)
+            except StoppedError:
+                assert epoch < self.epoch.value
+            except DynamixelError:  # relaxed on request
+                assert epoch == self.epoch.value
+            return
+        future = self.thread.call(lambda bus: bus.switching_torque(None, True), epoch)
+        self.delivered.append((epoch, future))
+
+    def serve(self) -> None:
+        self.bus.requests.begin_next()
+        self.check()
+
+    def cycle(self) -> None:
+        self.bus.step()
+        self.check()
+
+    def stop(self) -> None:
+        """STOP, by a thread that has the port, or by one that does not get it."""
+        if self.random.random() < 0.5:
+            assert set(self.bus.relax_at_once(1.0).values()) == {""}
+        else:
+            self.epoch.advance()
+            self.bus.step()
+        self.stops += 1
+        self.may_move = False
+        self.goals.clear()
+        self.check()
+
+    def relax(self) -> None:
+        """Relax as a service does: it is carried out also if STOP overtakes it."""
+        epoch = max(0, self.epoch.value - self.random.randrange(2))
+        relaxing = self.thread.call(
+            lambda bus: bus.switching_torque(None, False), epoch, despite_stop=True
+        )
+        self.settle()
+        assert relaxing.result(0.0) is None
+        assert self.port.servos[1]["Torque Enable"] == 0
+
+    def settle(self) -> None:
+        requests = self.bus.requests
+        for _ in range(2000):
+            requests.begin_next()
+            self.bus.step()
+            if not (requests.has_waiting() or requests.under_way):
+                break
+        self.check()
+        done, self.delivered = self.delivered, []
+        for epoch, future in done:
+            assert future.done()
+            if epoch < self.epoch.value and future.exception() is not None:
+                assert isinstance(future.exception(), (StoppedError, TorqueError))
+
+    def check(self) -> None:
+        servo = self.port.servos[1]
+        if servo["Torque Enable"]:
+            assert self.may_move
+            assert servo["Goal Position"] in {servo["Present Position"], *self.goals}
+        elif not self.may_move:
+            assert self.bus.torque(JOINT) is not Torque.ON
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> None:
+    run = Interleavings(seed)
+    choices = [run.make, run.deliver, run.serve, run.cycle, run.stop]
+    for number in range(INTERLEAVINGS // 4):
+        for act in run.random.choices(choices, (4, 4, 3, 3, 2), k=6):
+            act()
+        if number % 50 == 0:
+            run.relax()
+            run.settle()
+            run.port.log.clear()
+    assert run.stops > INTERLEAVINGS // 8
+
+
+def test_a_request_of_the_present_epoch_is_carried_out_after_resume() -> None:
+    run = Interleavings(0)
+    run.stop()
+    on = run.thread.call(lambda bus: bus.switching_torque(None, True))
+    run.may_move = True
+    run.settle()
+    assert on.result(0.0) is None
+    run.goals.add(PAN.ticks(0.3))
+    run.bus.command({JOINT: Goal(0.3)}, epoch=run.epoch.value)
+    run.cycle()
+    assert run.port.servos[1]["Torque Enable"] == 1
+    assert run.port.servos[1]["Goal Position"] == PAN.ticks(0.3)
+
+
+def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
+    run = Interleavings(0)
+    for steps in range(12):
+        on = run.bus.submit(run.bus.switching_torque(None, True))
+        for _ in range(steps):
+            run.bus.step()
+        done = on.done()
+        run.stop()
+        run.settle()
+        assert done or isinstance(on.exception(0.0), StoppedError)
+
+
+def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() -> None:
+    epoch, ports = Epoch(), [FakePort(1), FakePort(2)]
+    pairs = zip(ports, (PAN, TILT), strict=True)
+    single = [ServoBus(port, [joint], epoch=epoch) for port, joint in pairs]  # type: ignore[arg-type]
+    for bus in single:
+        bus.connect()
+        bus.run(bus.switching_torque(None, True))
+    buses = Buses(single, 50.0, lambda *_: None, lambda _: None, epoch=epoch)
+    held = buses.threads[1][1]._owner
+    with held:
+        problems = buses.relax_at_once(0.02)
+    assert not problems[PAN.joint_name] and problems[TILT.joint_name]
+    assert buses.epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
+    for bus in single:
+        bus.step()
+    assert ports[1].servos[2]["Torque Enable"] == 0
+    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_ON_REQUEST}
+
+
+def test_an_epoch_counts_every_stop_of_many_threads() -> None:
+    epoch = Epoch()
+    numbers: list[int] = []
+
+    def stop() -> None:
+        numbers.extend(epoch.advance() for _ in range(500))
+
+    threads = [threading.Thread(target=stop) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
+
+
+def test_ending_a_request_that_fails_to_end_does_not_keep_the_others_from_ending() -> None:
+    ended: list[int] = []
+
+    def steps(number: int) -> Steps[None]:
+        try:
+            yield 0.0
+            yield 0.0
+        finally:
+            ended.append(number)
+            raise RuntimeError("cannot end")
+
+    queue = RequestQueue(Epoch(), lambda: 0)
+    futures = [queue.add(lambda number=number: steps(number)) for number in range(3)]  # type: ignore[misc]
+    for _ in futures:
+        queue.begin_next()
+    queue.epoch.advance()
+    queue.discard_older()
+    assert ended == [0, 1, 2]
+    assert all(isinstance(future.exception(0.0), StoppedError) for future in futures)

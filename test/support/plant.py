@@ -1,0 +1,313 @@
+"""An independent pan-tilt head: its geometry in closed form and its servos by their equations.
+
+Nothing here is shared with the package's gaze, simulation or tracking, so that a mistake there
+does not hide here. Angles in rad, lengths in m, times in s unless a name says ns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from random import Random
+from typing import NamedTuple, Protocol, TypeAlias
+
+from head_tracking.gaze import HeadCommand
+
+Point: TypeAlias = tuple[float, float, float]
+_PAN = (0.0115, 0.0, 0.022)  # m: the kinectbot's pan joint in the head's base frame
+_TILT = 0.0395  # m: its tilt axis above that
+_CAMERA = (0.09, 0.101)  # m: its camera before and above the tilt axis
+PAN_LIMIT = 2.6
+_STEP = 0.002  # s of the integration
+
+
+def in_camera(point: Point, pan: float, tilt: float) -> Point:
+    """Return a point of the head's base frame in the camera's: x ahead, y left, z up [m]."""
+    x, y, z = point[0] - _PAN[0], point[1] - _PAN[1], point[2] - _PAN[2] - _TILT
+    c, s = math.cos(pan), math.sin(pan)
+    x, y = c * x + s * y, c * y - s * x
+    c, s = math.cos(tilt), math.sin(tilt)
+    return c * x - s * z - _CAMERA[0], y, s * x + c * z - _CAMERA[1]
+
+
+def in_base(point: Point, pan: float, tilt: float) -> Point:
+    """Return a point of the camera's frame in the head's base frame [m]."""
+    x, y, z = point[0] + _CAMERA[0], point[1], point[2] + _CAMERA[1]
+    c, s = math.cos(tilt), math.sin(tilt)
+    x, z = c * x + s * z, c * z - s * x
+    c, s = math.cos(pan), math.sin(pan)
+    return c * x - s * y + _PAN[0], s * x + c * y + _PAN[1], z + _PAN[2] + _TILT
+
+
+def angles(point: Point) -> tuple[float, float]:
+    """Return pan and tilt that look at a point of the head's base frame [rad]."""
+    x, y, z = point[0] - _PAN[0], point[1] - _PAN[1], point[2] - _PAN[2] - _TILT
+    flat = math.hypot(x, y)
+    upwards = math.asin(min(1.0, _CAMERA[1] / math.hypot(flat, z)))
+    return math.atan2(y, x), upwards - math.atan2(z, flat)
+
+
+def turned(point: Point, left: float, up: float) -> Point:
+    """Return a point of the camera's frame, turned about its origin to the left and up [rad]."""
+    x, y, z = point
+    flat = math.hypot(x, y)
+    azimuth, elevation, distance = math.atan2(y, x), math.atan2(z, flat), math.hypot(flat, z)
+    azimuth, elevation = azimuth + left / max(math.cos(elevation), 0.1), elevation + up
+    flat = distance * math.cos(elevation)
+    return flat * math.cos(azimuth), flat * math.sin(azimuth), distance * math.sin(elevation)
+
+
+class JointsRead(NamedTuple):
+    """The result of a reading.
+
+    Attributes:
+        stamp: the middle of the reading [ns].
+        end: when the reading was complete [ns].
+        positions: of pan and tilt [rad].
+    """
+
+    stamp: int
+    end: int
+    positions: tuple[float, float]
+
+
+class Servos(Protocol):
+    """Pan and tilt; times in ns."""
+
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """The last written goals, in steps of the servos."""
+
+    def read(self, now: int) -> JointsRead:
+        """Measure both joints."""
+
+    def write(self, command: HeadCommand, now: int) -> None:
+        """Send both servos their goals."""
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """Return the true positions of pan and tilt [rad]."""
+
+
+Make: TypeAlias = Callable[[tuple[float, float]], Servos]
+
+
+@dataclass(frozen=True, slots=True)
+class PlainServo:
+    """A servo of no make; called with a start position, it makes both joints of a head.
+
+    Attributes:
+        dead_time: from a command to the start of the motion [s].
+        lag: of the position loop [s].
+        speed: highest [rad/s].
+        acceleration: highest of the shaft [rad/s^2]; a heavy head has little.
+        profile: acceleration of the set-point [rad/s^2], as in X servos; inf: none.
+        dead_band: errors below this are not driven [rad].
+        play: between gear and camera, to either side [rad].
+        resolution: of the encoder [rad].
+    """
+
+    dead_time: float = 0.01
+    lag: float = 0.025
+    speed: float = 6.0
+    acceleration: float = 100.0
+    profile: float = math.inf
+    dead_band: float = 0.002
+    play: float = 0.0
+    resolution: float = 0.0015
+
+    def __call__(self, start: tuple[float, float]) -> Servos:
+        """Make both joints of a head."""
+        return PlainHead((self, self), start)
+
+    @staticmethod
+    def drawn(rng: Random, dead_time: tuple[float, float], exam: bool = False) -> PlainServo:
+        """Draw a servo; an exam's may have a little more of everything."""
+        wide = 1.3 if exam else 1.0
+        return PlainServo(
+            dead_time=rng.uniform(*dead_time),
+            lag=rng.uniform(0.01, 0.05 * wide),
+            speed=rng.uniform(4.0 / wide, 7.0),
+            acceleration=rng.choice((20.0 / wide, 40.0, 100.0)),
+            profile=rng.choice((math.inf, math.inf, 40.0 / wide)),
+            dead_band=rng.choice((0.0, 0.002, 0.005 * wide)),
+            play=rng.choice((0.0, 0.0, 0.004 * wide)),
+            resolution=rng.choice((0.0015, 0.005)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Different servos for pan and tilt."""
+
+    pan: PlainServo
+    tilt: PlainServo
+
+    def __call__(self, start: tuple[float, float]) -> Servos:
+        """Make both joints of a head."""
+        return PlainHead((self.pan, self.tilt), start)
+
+
+class PlainHead:
+    """Pan and tilt by their equations.
+
+    Args:
+        servos: of pan and tilt.
+        start: their positions at first [rad].
+    """
+
+    def __init__(self, servos: tuple[PlainServo, PlainServo], start: tuple[float, float]) -> None:
+        self.goals: tuple[int, int] | None = None
+        self._joints = tuple(map(_Joint, servos, start))
+
+    def read(self, now: int) -> JointsRead:
+        """See `Servos`."""
+        stamp = now + 1_000_000
+        self.true_positions(stamp)
+        pan, tilt = (joint.measured for joint in self._joints)
+        return JointsRead(stamp, now + 2_000_000, (pan, tilt))
+
+    def write(self, command: HeadCommand, now: int) -> None:
+        """See `Servos`."""
+        goals = []
+        for joint, goal, speed in zip(
+            self._joints,
+            (command.pan, command.tilt),
+            (command.pan_speed, command.tilt_speed),
+            strict=True,
+        ):
+            joint.commands.append((now * 1e-9 + joint.servo.dead_time, goal, speed))
+            goals.append(round(goal / joint.servo.resolution))
+        self.goals = goals[0], goals[1]
+
+    def true_positions(self, now: int) -> tuple[float, float]:
+        """See `Servos`."""
+        pan, tilt = (joint.advance(now * 1e-9) for joint in self._joints)
+        return pan, tilt
+
+
+class _Joint:
+    """One joint: dead time, set-point profile, position loop with lag, play."""
+
+    def __init__(self, servo: PlainServo, position: float) -> None:
+        self.servo = servo
+        self.commands: deque[tuple[float, float, float]] = deque()
+        self._shaft = self._setpoint = self._goal = self._camera = position
+        self._velocity = self._setpoint_speed = self._speed = 0.0
+        self._steps = 0
+
+    @property
+    def measured(self) -> float:
+        """The encoder's position [rad]."""
+        return self.servo.resolution * round(self._shaft / self.servo.resolution)
+
+    def advance(self, now: float) -> float:
+        """Integrate up to a time [s] and return where the camera points [rad]."""
+        s, dt, commands = self.servo, _STEP, self.commands
+        shaft, setpoint, velocity = self._shaft, self._setpoint, self._velocity
+        moved = self._setpoint_speed
+        hardest, camera, band, speed = s.acceleration * dt, self._camera, s.dead_band, s.speed
+        agility = min(1.0, dt / 0.008)
+        while self._steps * dt < now:
+            self._steps += 1
+            time = self._steps * dt
+            while commands and commands[0][0] <= time:
+                _, self._goal, self._speed = commands.popleft()
+            left = self._goal - setpoint
+            fastest = min(self._speed, speed)
+            if s.profile == math.inf:
+                setpoint += min(max(left, -fastest * dt), fastest * dt)
+            else:
+                fastest = min(fastest, math.sqrt(2.0 * s.profile * abs(left)))
+                change = math.copysign(fastest, left) - moved
+                moved += min(max(change, -s.profile * dt), s.profile * dt)
+                setpoint += moved * dt
+            off = setpoint - shaft
+            if off > band:
+                wanted = min((off - band) / s.lag, speed)
+            elif off < -band:
+                wanted = max((off + band) / s.lag, -speed)
+            else:
+                wanted = 0.0
+            velocity += min(max(agility * (wanted - velocity), -hardest), hardest)
+            shaft += velocity * dt
+            if not -PAN_LIMIT < shaft < PAN_LIMIT:
+                shaft, velocity = math.copysign(PAN_LIMIT, shaft), 0.0
+            camera = min(max(camera, shaft - s.play), shaft + s.play)
+        self._shaft, self._setpoint, self._velocity = shaft, setpoint, velocity
+        self._setpoint_speed, self._camera = moved, camera
+        return camera
+
+
+class Stream(Protocol):
+    """Turns commands into positions, a control period apart."""
+
+    def positions(
+        self, command: HeadCommand | None, measured: tuple[float, float], now: float
+    ) -> tuple[float, float] | None:
+        """Return the positions to publish now [rad]."""
+
+
+class PlainStream:
+    """Set-points that move at the commanded speeds."""
+
+    def __init__(self) -> None:
+        self._setpoint: tuple[float, float] | None = None
+        self._last = 0.0
+
+    def positions(
+        self, command: HeadCommand | None, measured: tuple[float, float], now: float
+    ) -> tuple[float, float] | None:
+        """See `Stream`."""
+        dt, self._last = min(now - self._last, 0.1), now
+        if command is None:
+            return None
+        pan, tilt = self._setpoint or measured
+        self._setpoint = (
+            pan + _clamped(command.pan - pan, command.pan_speed * dt),
+            tilt + _clamped(command.tilt - tilt, command.tilt_speed * dt),
+        )
+        return self._setpoint
+
+
+def _clamped(value: float, most: float) -> float:
+    return min(max(value, -most), most)
+
+
+@dataclass(frozen=True, slots=True)
+class Streamed:
+    """A joint trajectory controller at 100 Hz that takes one position after the other, late.
+
+    Attributes:
+        dead_time: from a message to its effect [s].
+        lag: of the joints behind the controller [s].
+        stream: makes what turns commands into positions.
+    """
+
+    dead_time: float
+    lag: float = 0.02
+    stream: Callable[[], Stream] = PlainStream
+
+    def __call__(self, start: tuple[float, float]) -> Servos:
+        """Make both joints of a head."""
+        servo = PlainServo(self.dead_time, self.lag, dead_band=0.0, resolution=0.0005)
+        return _StreamedHead(servo, start, self.stream())
+
+
+class _StreamedHead(PlainHead):
+    def __init__(self, servo: PlainServo, start: tuple[float, float], stream: Stream) -> None:
+        super().__init__((servo, replace(servo)), start)
+        self._stream = stream
+        self._measured = start
+
+    def read(self, now: int) -> JointsRead:
+        read = super().read(now)
+        self._measured = read.positions
+        return read
+
+    def write(self, command: HeadCommand, now: int) -> None:
+        positions = self._stream.positions(command, self._measured, now * 1e-9)
+        if positions is not None:
+            tick = -(-now // 10_000_000) * 10_000_000  # the controller's next cycle [ns]
+            super().write(HeadCommand(*positions, 6.0, 6.0), tick)
