@@ -58,7 +58,7 @@ class RunMonitor:
             if self._judge is None or self._judge.head is not head:
                 self._judge = TrackingJudge(head, SETTLING)
             now = interface.now
-            self._judge.joints_stand(now, positions)
+            self._judge.joints_read(now, positions)
             for stamp, point in interface.take_placed():
                 self._since = now if self._since is None else self._since
                 self._until = now

@@ -1,5 +1,6 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
+from head_tracking.gaze.arrival import AT_GOAL, Arrival, at_goal
 from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Sight
 from head_tracking.gaze.pointing import (
     HeadCommand,
@@ -10,7 +11,9 @@ from head_tracking.gaze.pointing import (
 )
 
 __all__ = [
+    "AT_GOAL",
     "ON_LIMIT",
+    "Arrival",
     "Gaze",
     "GazeStatus",
     "HeadCommand",
@@ -19,5 +22,6 @@ __all__ = [
     "PointingParameters",
     "PointingResult",
     "Sight",
+    "at_goal",
     "together",
 ]

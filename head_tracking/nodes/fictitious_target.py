@@ -45,7 +45,7 @@ class FictitiousTargetNode(Node):
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("fictitious_target", **options)
         p = NodeParameters(self, TargetFrameParameters).value
-        self._frame_id = p.frame_id
+        self._frame_id, self._rate = p.frame_id, p.rate
         self._target = FictitiousTarget(
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
@@ -62,8 +62,9 @@ class FictitiousTargetNode(Node):
         now = self.get_clock().now()
         if not self._switch.on or now == self._sent:
             return  # (simulated time stands still, and so does the target)
+        elapsed = (now - self._sent).nanoseconds * 1e-9 if self._sent is not None else 0.0
         self._sent = now
-        target = Target(now.nanoseconds, self._frame_id, self._target.advance())
+        target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))
         self._output.send(target)
         if self._marker is not None and self._marker.wanted:
             self._marker.publish(_marker(target_message(target)))

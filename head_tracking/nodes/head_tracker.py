@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
-from head_tracking.gaze import HeadCommand, PanTiltHead
+from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
@@ -33,7 +33,6 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_ARRIVED = 0.03  # rad
 _SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
 _FAST = 3.0  # rad/s; as fast a head is not slow
 
@@ -122,7 +121,7 @@ class HeadTrackerNode(Node):
         """Ends the slow motion after a stop: on the target, or bit by bit if that runs away."""
         self._slow_for += self._pace.period
         tracker.at_most = CAUTIOUS_SPEED * 2.0 ** max(0.0, self._slow_for - _SLOW_TIME)
-        if error < _ARRIVED or tracker.at_most > _FAST:
+        if error < AT_GOAL or tracker.at_most > _FAST:
             self.interface.slow = False
             tracker.at_most = math.inf
 

@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.gaze import (
+    AT_GOAL,
     GazeStatus,
     HeadCommand,
     PanTiltHead,
@@ -58,7 +59,6 @@ except ImportError:
 _PERIOD = 0.02  # s
 _FEEDBACK_PERIOD = 0.035  # s
 _FOLLOWS = 0.3  # s; so long after it should have moved on a joint may stand still
-_NEAR = 0.03  # rad; a joint so near to where it was sent is meant to be there
 _PAUSE = 0.5  # s between two complaints of a stream
 _FASTEST = 12.0  # rad/s; usually the model's limit is lower
 
@@ -439,7 +439,7 @@ class HeadActions:
         if meant is not None:
             return meant
         pan, tilt = (
-            JointPoint(held if abs(held - here) < _NEAR else here)
+            JointPoint(held if abs(held - here) < AT_GOAL else here)
             for here, held in zip(present, self._held or present, strict=True)
         )
         return pan, tilt

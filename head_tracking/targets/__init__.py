@@ -1,6 +1,5 @@
 """Where targets come from: frames, people's skeletons, and several sources at once."""
 
-from head_tracking.targets.arrival import Arrival
 from head_tracking.targets.frame_target import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.targets.mux import MuxParameters, Source, TargetMux
 from head_tracking.targets.skeleton import SKELETON_JOINTS, skeleton_frame
@@ -8,7 +7,6 @@ from head_tracking.targets.transition import Transition
 
 __all__ = [
     "SKELETON_JOINTS",
-    "Arrival",
     "FrameTarget",
     "FrameTargetParameters",
     "MuxParameters",

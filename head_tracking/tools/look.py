@@ -15,12 +15,11 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from head_tracking.command_line import PointInFrame, finite, point_in_frame, with_points
-from head_tracking.gaze import PanTiltHead
+from head_tracking.gaze import Arrival, PanTiltHead
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.targets import Arrival
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, RobotModelError, TransformException, Vector3

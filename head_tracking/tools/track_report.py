@@ -28,7 +28,7 @@ from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.status_line import StatusLine
 from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tracking import TargetPlacer, TrackRecord, picture, table
+from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table
 from head_tracking.transforms import RobotModelError
 
 _PATIENCE = 10.0  # s for the robot's model to come
@@ -53,7 +53,10 @@ class TrackReportNode(Node):
         self._came: dict[int, float] = {}
         self.targets = 0
         self.head: PanTiltHead | None = None
-        self.record = TrackRecord()
+        self.trace = Trace()
+        self.ages: list[float] = []
+        self._stamps: list[float] = []
+        self._judge: TrackingJudge | None = None
         self.create_subscription(PointStamped, "target_point", self._on_target, 50)
         self.create_subscription(JointState, "joint_states", self._on_joints, 50)
 
@@ -76,11 +79,18 @@ class TrackReportNode(Node):
         if self.head is None and model is not None:
             self.head = p.head(model, self._frame)
             self._placer = TargetPlacer(self._buffer, self.head.base_frame, p.transform_timeout)
+            self._judge = TrackingJudge(self.head, 0.0, self.trace)
         positions = dict(zip(message.name, message.position, strict=False))
-        if p.head_pan_joint in positions and p.head_tilt_joint in positions:
+        if self._judge and {p.head_pan_joint, p.head_tilt_joint} <= positions.keys():
             stamp = stamp_to_ns(message.header.stamp) * 1e-9
             pan, tilt = positions[p.head_pan_joint], positions[p.head_tilt_joint]
-            self.record.joints_read(stamp, (pan, tilt))
+            self._judge.joints_read(stamp, (pan, tilt))
+
+    @property
+    def target_rate(self) -> float:
+        """Points a second; 0 with less than two."""
+        span = max(self._stamps) - min(self._stamps) if self._stamps else 0.0
+        return (len(self._stamps) - 1) / span if span else 0.0
 
     def place(self) -> None:
         """Notes the targets that can be placed by now."""
@@ -95,7 +105,10 @@ class TrackReportNode(Node):
         for target, point in placed:
             came = self._came.pop(target.stamp, self._now)
             stamp = target.stamp * 1e-9 if target.stamp else came
-            self.record.target_seen(stamp, point, came)
+            self._stamps.append(stamp)
+            self.ages.append(came - stamp)
+            if self._judge is not None:
+                self._judge.target_seen(stamp, point)
 
 
 @program("track_report")
@@ -139,13 +152,13 @@ def record_run(
         )
     line.end(f"recorded {time.monotonic() - began:.1f} s, {node.targets} targets")
     node.place()
-    trace = node.record.trace(node.head)
+    trace = node.trace
     if len(trace) < 10:
         return _fail(
             "there was hardly any moment at which both the joints and a target were known; is "
             "somebody publishing target_point?"
         )
-    text = table(trace, node.record.ages, node.record.target_rate, markdown=options.markdown)
+    text = table(trace, node.ages, node.target_rate, markdown=options.markdown)
     try:
         options.output.write_text(picture(trace, f"{node.head.pointing_frame} and its target"))
     except OSError as error:  # what was recorded is not lost

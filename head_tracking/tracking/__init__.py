@@ -29,7 +29,7 @@ from head_tracking.tracking.target_state import (
     TargetStateMachine,
     TargetStateParameters,
 )
-from head_tracking.tracking.trace import Sample, Trace, TrackRecord
+from head_tracking.tracking.trace import Sample, Trace
 from head_tracking.tracking.tracker import (
     CAUTIOUS_SPEED,
     Delays,
@@ -83,7 +83,6 @@ __all__ = [
     "TargetStateParameters",
     "Tolerances",
     "Trace",
-    "TrackRecord",
     "Tracker",
     "TrackingJudge",
     "TrackingLaw",

@@ -1,4 +1,4 @@
-"""The tutorial's target that nobody sees: a point that swings in front of the robot."""
+"""The tutorial's target: a computed point that swings in front of the robot."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
 
+_MOST_PERIODS = 100.0  # after a longer pause, or a jump of the clock, the target has moved so far
+
 
 @dataclass(frozen=True, slots=True)
 class FictitiousTargetParameters:
     """The path x, y, z = centre + amplitude * (sin t, sin t, h); defaults: the tutorial's.
 
-    h is |sin t|, which turns round at once where it is 0, or the same without the jerk: sin^2 t.
+    h is |sin t|, whose velocity jumps where it is 0, or sin^2 t, whose velocity does not.
     """
 
     center: tuple[float, ...] = parameter(
@@ -33,7 +35,7 @@ class FictitiousTargetParameters:
     )
     step: float = parameter(
         0.025,
-        "How far t advances from one message to the next.",
+        "How far t advances from one message to the next, if that is in time.",
         unit="rad",
         minimum=0.0,
         maximum=3.0,
@@ -46,17 +48,22 @@ class FictitiousTargetParameters:
 
 
 class FictitiousTarget:
-    """The point on its way; `parameters` may change on the way."""
+    """The point on its path; `parameters` may change at any time."""
 
     def __init__(self, parameters: FictitiousTargetParameters) -> None:
         self.parameters = parameters
         self._t = 0.0
 
-    def advance(self) -> Vector3:
-        """The point [m] of the next message."""
+    def advance(self, periods: float = 1.0) -> Vector3:
+        """Move on and return the point, shape (3,) [m].
+
+        Args:
+            periods: the time since the last call over the nominal one. A message that is late is
+                farther along the path, so that stamps and points agree.
+        """
         p = self.parameters
+        self._t += p.step * min(max(periods, 0.0), _MOST_PERIODS)
         sine = math.sin(self._t)
-        self._t += p.step
         x, y, z = p.center
         dx, dy, dz = p.amplitude
         height = sine * sine if p.path == "harmonic" else abs(sine)

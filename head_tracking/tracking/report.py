@@ -1,4 +1,4 @@
-"""A trace as a table and as a picture."""
+"""A trace as a table and as a plot."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _MOST_POINTS = 1500  # of a curve
 def table(
     trace: Trace, ages: Sequence[float], target_rate: float, *, markdown: bool = False
 ) -> str:
-    """The figures of a run.
+    """Return the figures of a run as a table.
 
     Args:
         trace: of the run.
-        ages: of the points when they came [s].
+        ages: of the points when they arrived [s].
         target_rate: points a second.
         markdown: for a document; else for a terminal.
     """
@@ -53,7 +53,7 @@ def table(
 
 
 def lag(trace: Trace) -> float | None:
-    """By how much the head is behind its target [s]; None if the target hardly moves."""
+    """Return by how much the head is behind its target [s]; None if the target hardly moves."""
     times, steps = trace.times, np.arange(-0.3, 0.8, 0.005)
     if len(times) < 10 or times[-1] < 2.0 or float(trace.wanted.std(axis=0).max()) < 0.02:
         return None
@@ -68,18 +68,17 @@ def lag(trace: Trace) -> float | None:
 
 
 def picture(trace: Trace, title: str) -> str:
-    """Positions, error and speeds over time, as SVG."""
+    """Return positions, error and speeds over time as SVG."""
     times, degrees = trace.times, 180.0 / math.pi
     wanted, done = trace.wanted * degrees, trace.positions * degrees
     wanted_speeds = trace.velocities(trace.wanted)
     speeds = trace.velocities(trace.positions)
     panels = [
-        ("pan, °", [("target", wanted[:, 0], _TARGET), ("head", done[:, 0], _HEAD)]),
-        ("tilt, °", [("target", wanted[:, 1], _TARGET), ("head", done[:, 1], _HEAD)]),
-        ("error, °", [("error", trace.errors * degrees, _HEAD)]),
-        ("pan, rad/s", [("target", wanted_speeds[:, 0], _TARGET), ("head", speeds[:, 0], _HEAD)]),
-        ("tilt, rad/s", [("target", wanted_speeds[:, 1], _TARGET), ("head", speeds[:, 1], _HEAD)]),
+        (f"{joint}, {unit}", [("target", target[:, k], _TARGET), ("head", head[:, k], _HEAD)])
+        for unit, target, head in (("°", wanted, done), ("rad/s", wanted_speeds, speeds))
+        for k, joint in enumerate(("pan", "tilt"))
     ]
+    panels.insert(2, ("error, °", [("error", trace.errors * degrees, _HEAD)]))
     height = _TOP + len(panels) * (_HEIGHT + _GAP) + 10
     width = _LEFT + _WIDTH + _RIGHT
     parts = [
@@ -139,7 +138,7 @@ def _line(x: float, y: float, right: float, bottom: float) -> str:
 
 
 def _ticks(lowest: float, highest: float) -> list[float]:
-    """About five round numbers between two."""
+    """Return about five round numbers between two."""
     span = max(highest - lowest, 1e-6)
     rough = span / 5.0
     unit = 10.0 ** math.floor(math.log10(rough))
@@ -159,5 +158,5 @@ def _lag(trace: Trace) -> str:
 
 
 def _top(speeds: Array) -> float:
-    """The speed that is exceeded a hundredth of the time only: one outlier is no speed."""
+    """Return the 99th percentile of the speeds: one outlier does not count."""
     return float(np.quantile(np.abs(speeds), 0.99))

@@ -1,22 +1,21 @@
-"""Looking for a lost target: where a sweep over the reachable field goes."""
+"""The sweep that searches for a lost target."""
 
 from __future__ import annotations
 
 import math
 
-from head_tracking.gaze import PanTiltHead
+from head_tracking.gaze import PanTiltHead, at_goal
 from head_tracking.transforms import JointLimits
 
 _FARTHEST = 3.0  # rad; a joint without limits sweeps so far to either side
-_ROW = 0.7  # rad; a camera sees a little more than this from top to bottom
-_ARRIVED = 0.03  # rad
+_ROW = 0.7  # rad; less than the usual vertical field of view
 
 
 class Sweep:
-    """From side to side, row by row: first straight ahead, then above and below in turn.
+    """Sweep from side to side, row by row: straight ahead first, then above and below in turn.
 
     Args:
-        head: the head that looks.
+        head: the head that is turned.
     """
 
     def __init__(self, head: PanTiltHead) -> None:
@@ -27,9 +26,9 @@ class Sweep:
         self._crossing = True
 
     def goal(self, positions: tuple[float, float]) -> tuple[float, float]:
-        """Where to turn [rad] from the pan and tilt where the head is."""
+        """Return pan and tilt to turn to [rad], from the present ones."""
         goal = self._corner
-        if all(abs(a - b) < _ARRIVED for a, b in zip(positions, goal, strict=True)):
+        if at_goal(positions, goal):
             if self._crossing and len(self._rows) > 1:
                 self._row = (self._row + 1) % len(self._rows)
             else:
@@ -47,7 +46,7 @@ def _within(limits: JointLimits) -> tuple[float, float]:
 
 
 def _rows(limits: JointLimits) -> list[float]:
-    """Tilts from top to bottom, so that nothing between the limits is left out, level first."""
+    """Return the tilts of the rows, the level one first."""
     lower, upper = _within(limits)
     count = max(1, math.ceil((upper - lower) / _ROW))
     step = (upper - lower) / count

@@ -1,26 +1,25 @@
-"""The target state machine: what the head does, from before the first target to after the last."""
+"""The target state machine: what the head does before, with and without a target."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
+from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead, at_goal
 from head_tracking.parameters import parameter
 from head_tracking.tracking.laws import inside
 from head_tracking.tracking.search import Sweep
 
-_ARRIVED = 0.03  # rad
 _ON_TARGET = 0.035  # rad: 2 degrees
-_OFF_TARGET = 0.1  # rad; hysteresis: so far off, for so long, the head is on the target no more
+_OFF_TARGET = 0.1  # rad; hysteresis: with a larger error for `_OFF_TIME` the head is off target
 _OFF_TIME = 0.3  # s
-_USUAL_INTERVAL = 0.1  # s between points, until they have shown their own
-_MISSED = 3.0  # intervals without a point: it is missed
+_USUAL_INTERVAL = 0.1  # s between points, until it is measured
+_MISSED = 3.0  # intervals after which a point is overdue
 _REFUSAL_SHOWN = 2.0  # s
 
 
 class TargetState(StrEnum):
-    """What the head is doing about its target."""
+    """The states of a head that follows targets."""
 
     DISABLED = "disabled"
     IDLE = "idle"
@@ -36,7 +35,7 @@ class TargetState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TargetStateParameters:
-    """What to do when the target stays away; how long it is waited for is the estimator's."""
+    """What the head does without a target; `target_timeout` is a parameter of the estimator."""
 
     recenter_timeout: float = parameter(
         10.0,
@@ -59,17 +58,16 @@ class TargetStateParameters:
 
 
 class TargetStateMachine:
-    """Decides by the time since the last point [s]; before the first one nothing moves.
+    """Decide by the time since the last point [s]; before the first point nothing moves.
 
-    That it was switched off, that targets are refused and that the servos do not follow are facts
-    of their own: no transition takes them away.
+    `enabled`, `refusal` and `stalled` are independent of the state: no transition changes them.
 
     Attributes:
         parameters: may change at any time.
         enabled: targets are followed.
         off: why not, while they are not.
-        refusal: why a target has led to nothing lately; empty if none has.
-        stalled: which joints do not do what they are told, and why that may be; empty: they do.
+        refusal: why a recent target was refused; empty: none was.
+        stalled: which joints do not follow their commands; empty: all follow.
     """
 
     def __init__(self, head: PanTiltHead, parameters: TargetStateParameters) -> None:
@@ -89,26 +87,26 @@ class TargetStateMachine:
 
     @property
     def state(self) -> TargetState:
-        """What the head does, by what its servos do."""
+        """The present state."""
         if not self.enabled:
             return TargetState.DISABLED
         return TargetState.STALLED if self.stalled else self._state
 
     @property
     def reason(self) -> str:
-        """Why."""
+        """The reason for the state, for a person."""
         if not self.enabled:
             return self.off
         reason = self.stalled or self._reason
         return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
 
     def enable(self, on: bool) -> None:
-        """Targets are followed from now on, or not."""
+        """Enable or disable following."""
         self.enabled = on
         self.forget("tracking was switched on; no target has come since")
 
     def seen(self, now: float, *, new: bool) -> None:
-        """A point was taken at the time `now` [s]; it may be the first one of a new target."""
+        """Record that a point was used at the time `now` [s], perhaps the first of a new target."""
         if self._seen is not None and not new:
             interval = min(now - self._seen, 10.0 * self._interval)
             self._interval += 0.1 * (interval - self._interval)
@@ -119,29 +117,29 @@ class TargetStateMachine:
         self._seen, self._held, self._centring = now, None, False
 
     def refused(self, reason: str, now: float) -> None:
-        """A target has led to nothing, and why; a new reason has to wait until one was read."""
+        """Record why a target was refused; a reason is kept for 1 s before another replaces it."""
         if not self.refusal or now - self._refused > 0.5 * _REFUSAL_SHOWN:
             self.refusal, self._refused = reason, now
 
     def forget(self, reason: str) -> None:
-        """Back to before the first target."""
+        """Return to the state before the first target."""
         self._seen = self._held = None
         self._centring = False
         self.refusal = self.stalled = ""
         self._become(TargetState.IDLE, reason)
 
     def recenter(self) -> None:
-        """The head goes back to its centre; the next target is followed again."""
+        """Turn the head to its centre; the next target is followed."""
         self.forget("")
         self._centring = True
         self._become(TargetState.RECENTERING, "as requested")
 
     def follows(self, now: float, timeout: float) -> bool:
-        """Whether the target, or the prediction of where it is, is followed now."""
+        """Return whether the target, or its prediction, is followed now."""
         return self._seen is not None and now - self._seen < timeout
 
     def followed(self, gaze: Gaze, error: float, now: float) -> None:
-        """The target was followed; `error` [rad] is by how much the head misses it."""
+        """Record that the target was followed; the head misses it by `error` [rad]."""
         assert self._seen is not None
         if error < _OFF_TARGET:
             self._on_target = now
@@ -156,10 +154,10 @@ class TargetStateMachine:
             self._become(TargetState.ACQUIRING, "the head turns to the target")
 
     def goal(self, positions: tuple[float, float], now: float) -> tuple[float, float] | None:
-        """Where to turn without a target [rad]; None: the head is left alone.
+        """Return where to turn without a target [rad]; None: send nothing.
 
         Args:
-            positions: pan and tilt as they are [rad].
+            positions: present pan and tilt [rad].
             now: the time [s].
         """
         p = self.parameters
@@ -183,7 +181,7 @@ class TargetStateMachine:
 
     def _recentring(self, positions: tuple[float, float]) -> tuple[float, float] | None:
         centre = self._head.pan_limits.clamp(0.0), self._head.tilt_limits.clamp(0.0)
-        if any(abs(a - b) >= _ARRIVED for a, b in zip(positions, centre, strict=True)):
+        if not at_goal(positions, centre):
             return centre
         self._centring = False
         self._become(TargetState.IDLE, "the head is at its centre")

@@ -1,4 +1,4 @@
-"""Joint trajectories: waypoints in time, what lies between them, and whether the joints keep to it.
+"""Joint trajectories: waypoints in time, interpolation, and tolerances.
 
 Interpolation, tolerances and result codes are those of ros2_control's joint_trajectory_controller
 and of control_msgs/action/FollowJointTrajectory.
@@ -16,11 +16,11 @@ from typing import NamedTuple
 from head_tracking.parameters import parameter
 from head_tracking.transforms import JointLimits
 
-_BESIDE = 1e-3  # rad; a waypoint so little beyond a limit is one on it: planners round
+_BESIDE = 1e-3  # rad; a waypoint may be beyond a limit by this: planners round
 
 
 class TrajectoryCode(IntEnum):
-    """How a trajectory ended; FollowJointTrajectory's `error_code`."""
+    """The result of a trajectory; FollowJointTrajectory's `error_code`."""
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -31,10 +31,10 @@ class TrajectoryCode(IntEnum):
 
 
 class TrajectoryError(ValueError):
-    """A trajectory that cannot be followed; the message says why.
+    """A trajectory that cannot be followed; the message has the reason.
 
     Attributes:
-        code: what kind of mistake it is.
+        code: the kind of error.
     """
 
     def __init__(self, code: TrajectoryCode, reason: str) -> None:
@@ -44,18 +44,18 @@ class TrajectoryError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryParameters:
-    """What a trajectory must keep to, where it does not say so itself."""
+    """Tolerances of trajectories that have none of their own."""
 
     path_tolerance: float = parameter(
         0.0,
-        "A joint that is farther from a trajectory ends it; 0: that is not looked at.",
+        "A joint that is farther from its path aborts the trajectory; 0: not checked.",
         unit="rad",
         minimum=0.0,
         maximum=6.3,
     )
     goal_tolerance: float = parameter(
         0.02,
-        "A trajectory has succeeded when each joint is so near its end.",
+        "A trajectory succeeds when each joint is this near its end.",
         unit="rad",
         minimum=0.001,
         maximum=6.3,
@@ -70,13 +70,13 @@ class TrajectoryParameters:
 
 
 class Waypoint(NamedTuple):
-    """Where joints are meant to be at one time.
+    """The desired positions of joints at one time.
 
     Attributes:
         time: from the start [s].
         positions: of each joint [rad].
-        velocities: of each joint [rad/s]; empty: not said.
-        accelerations: of each joint [rad/s^2]; empty: not said.
+        velocities: of each joint [rad/s]; empty: not given.
+        accelerations: of each joint [rad/s^2]; empty: not given.
     """
 
     time: float
@@ -86,12 +86,12 @@ class Waypoint(NamedTuple):
 
 
 class JointPoint(NamedTuple):
-    """Where one joint is meant to be, and how it is meant to move.
+    """The desired state of one joint.
 
     Attributes:
         position: [rad].
-        velocity: [rad/s]; None: not said.
-        acceleration: [rad/s^2]; None: not said.
+        velocity: [rad/s]; None: not given.
+        acceleration: [rad/s^2]; None: not given.
     """
 
     position: float
@@ -100,7 +100,7 @@ class JointPoint(NamedTuple):
 
 
 class Tolerances(NamedTuple):
-    """How far joints may be from a trajectory; inf: as far as they like.
+    """How far joints may be from a trajectory; inf: not checked.
 
     Attributes:
         path: of each joint on the way [rad].
@@ -114,10 +114,10 @@ class Tolerances(NamedTuple):
 
 
 class TrajectoryResult(NamedTuple):
-    """How a trajectory ended, by the measured joints.
+    """The result of a trajectory, by the measured joints.
 
     Attributes:
-        code: as FollowJointTrajectory has it.
+        code: as in FollowJointTrajectory.
         text: for a person.
     """
 
@@ -128,15 +128,15 @@ class TrajectoryResult(NamedTuple):
 def checked_waypoints(
     joints: Sequence[str], waypoints: Sequence[Waypoint], limits: Mapping[str, JointLimits]
 ) -> None:
-    """Refuses what cannot be followed.
+    """Check that waypoints can be followed.
 
     Args:
-        joints: those that the trajectory names.
-        waypoints: one at least.
-        limits: of the joints that there are.
+        joints: names in the trajectory.
+        waypoints: at least one.
+        limits: of the head's joints.
 
     Raises:
-        TrajectoryError: says what is wrong, and what is allowed.
+        TrajectoryError: they cannot be followed.
     """
     known = ", ".join(limits)
     unknown = [joint for joint in joints if joint not in limits]
@@ -185,22 +185,22 @@ def checked_waypoints(
 
 
 class JointTrajectory:
-    """A trajectory of all joints of a head, from where they are meant to be now.
+    """A trajectory of all joints of a head, from their present desired state.
 
-    Joints that it does not name stay there. Waypoints that are over are left out, and the way to
+    Joints without waypoints stay where they are. Waypoints in the past are ignored; the motion to
     the first of the others begins now, or at `start` if that is later.
 
     Args:
-        names: the joints that the waypoints are for.
-        waypoints: see `checked_waypoints`; none: everything stays where it is.
-        start: what their times count from [s].
+        names: the joints of the waypoints.
+        waypoints: see `checked_waypoints`; none: every joint stays.
+        start: the time from which the waypoints' times count [s].
         now: the time [s].
-        present: where each joint of the head is meant to be now, and how it moves.
-        limits: of each joint of the head; never left between waypoints either.
-        tolerances: of the joints that it names.
+        present: desired state of each joint of the head.
+        limits: of each joint of the head; kept between waypoints, too.
+        tolerances: of the joints in `names`.
 
     Raises:
-        TrajectoryError: all of it is over.
+        TrajectoryError: all waypoints are in the past.
 
     Attributes:
         joints: all of the head.
@@ -229,7 +229,6 @@ class JointTrajectory:
         self._names = tuple(names)
         self._limits = limits
         self._tolerances = tolerances
-        # what is no later than the beginning is where the joints are at once
         ahead = [point for point in waypoints if start + point.time > now] or waypoints[-1:]
         self._knots: dict[str, tuple[list[float], list[JointPoint]]] = {}
         for joint, here in present.items():
@@ -249,7 +248,7 @@ class JointTrajectory:
             self._knots[joint] = times, points
 
     def at(self, time: float) -> tuple[JointPoint, ...]:
-        """Where each joint is meant to be at a time [s], within its limits."""
+        """Return the desired state of each joint at a time [s], within its limits."""
         found = []
         for joint, (times, points) in self._knots.items():
             after = bisect_right(times, time)
@@ -264,7 +263,7 @@ class JointTrajectory:
         return tuple(found)
 
     def judge(self, stamp: float, measured: Sequence[float], now: float) -> TrajectoryResult | None:
-        """How it ended; None as long as it is under way.
+        """Return the result; None while the trajectory is under way.
 
         Args:
             stamp: when the joints were measured [s].
@@ -310,9 +309,9 @@ def _of(point: Waypoint, index: int) -> JointPoint:
 
 
 def _between(a: JointPoint, b: JointPoint, duration: float, time: float) -> JointPoint:
-    """A time [s] after `a`, `duration` [s] before `b`.
+    """Interpolate at a time [s] after `a`, where `b` is `duration` [s] after `a`.
 
-    A straight line; a cubic where both velocities are said; a quintic where both accelerations are.
+    A straight line; a cubic if both velocities are given; a quintic if both accelerations are.
     """
     T, t = duration, time
     p, v = a.position, a.velocity

@@ -1,35 +1,34 @@
-"""Turning the head to one point, which may move, until the measured joints have arrived."""
+"""A turn of the head to one point, which may move, until the measured joints have arrived."""
 
 from __future__ import annotations
 
 from collections import deque
 
-from head_tracking.gaze import Gaze, PanTiltHead, PointingResult
+from head_tracking.gaze import Arrival, Gaze, PanTiltHead, PointingResult
 from head_tracking.transforms import Vector3
 
-_RAMP = 0.2  # s in which a turn comes to its speed, and to rest
-_ARRIVED = 0.1  # s for which the head must have been on its target
-_WELL = 0.3  # of the threshold: nothing is gained by waiting until the head is nearer
-_STEADY = 0.006  # rad; a head that nears or leaves its target by less in that time is on it
+_RAMP = 0.2  # s of acceleration, and of braking
+_ON_TARGET = 0.1  # s for which the head must have been on its target
+_WELL = 0.3  # of the threshold: with a smaller miss the turn ends without waiting
+_STEADY = 0.006  # rad; a miss that changes less within `_ON_TARGET` is steady
 _STILL = 0.006  # rad; a joint that moved less did not move: a little over a tick of an AX-12
-_WINDOW = 0.15  # s over which the target's motion is measured
-_AHEAD = 0.3  # s for which it is taken to go on
+_WINDOW = 0.15  # s over which the target's velocity is measured
+_AHEAD = 0.3  # s for which that velocity is extrapolated
 
 
 class Turn:
-    """The way of pan and tilt to a point, and how it ends. Times are in seconds, on any clock.
+    """The motion of pan and tilt to a point, and its result. Times are in seconds, on any clock.
 
-    Both joints set out and arrive together, the one with the longer way at `max_velocity` or as
-    much slower as `min_duration` asks. A point that moves is met, and followed until the head has
-    arrived.
+    Both joints start and arrive together; the one with the longer way moves at `max_velocity`, or
+    slower if `min_duration` asks for it. A point that moves is followed until the head arrives.
 
     Args:
         head: what is pointed.
         max_velocity: of either joint [rad/s].
         min_duration: the turn takes so long at least [s].
-        threshold: the head has arrived when it misses by less [rad].
-        settle_time: what the head misses by after it has stood still for so long [s] counts, if
-            it has not been well on its target before.
+        threshold: largest miss that counts as arrived [rad].
+        settle_time: the turn ends when the joints have stood still for so long [s], or have missed
+            a moving point by less than `threshold` for so long.
 
     Attributes:
         head: as given.
@@ -57,8 +56,10 @@ class Turn:
         self._rate = (0.0, 0.0)
         self._seen = 0.0
         self._errors: deque[tuple[float, tuple[float, float]]] = deque()
+        self._arrival = Arrival(threshold, settle_time)
+        self._has_settled = False
         self._rest = (0.0, 0.0)
-        self._still_since = self._beside_since = 0.0
+        self._still_since = 0.0
 
     def aim(
         self,
@@ -68,13 +69,13 @@ class Turn:
         present: tuple[float, float],
         now: float,
     ) -> Gaze:
-        """Takes the point as it is now; the gaze at it, or the one that comes nearest to it.
+        """Accept the present point and return the gaze at it, or the one nearest to it.
 
         Args:
             point: shape (3,) [m], in the head's base frame.
             stamp: when it was there [s]; None: it does not move.
-            start: where the joints are meant to be at the beginning [rad].
-            present: where they were measured [rad].
+            start: commanded positions of the joints at the beginning [rad].
+            present: measured positions of the joints [rad].
             now: the time [s].
         """
         gaze = self.head.gaze(point, *(self._gazes[-1][1] if self._gazes else present))
@@ -96,44 +97,43 @@ class Turn:
                     (b - a) / (self._seen - before) for a, b in zip(old, positions, strict=True)
                 )
                 self._rate = pan, tilt
-        if self.miss > self._threshold:
-            self._beside_since = now
+        self._has_settled = self._arrival.step(self.miss, now)
         error = present[0] - positions[0], present[1] - positions[1]
         self._errors.append((now, error))
-        while len(self._errors) > 2 and self._errors[1][0] <= now - _ARRIVED:
+        while len(self._errors) > 2 and self._errors[1][0] <= now - _ON_TARGET:
             self._errors.popleft()
         if any(abs(a - b) > _STILL for a, b in zip(present, self._rest, strict=True)):
             self._rest, self._still_since = present, now
         return gaze
 
     def positions(self, time: float) -> tuple[float, float]:
-        """Where pan and tilt are meant to be at a time [s]."""
-        share = self._share(time - self._began)
+        """Return the commanded pan and tilt at a time [s]."""
+        ratio = self._ratio(time - self._began)
         ahead = min(max(time - self._seen, 0.0), _AHEAD)
         pan, tilt = (
-            here + share * (there + ahead * rate - here)
+            here + ratio * (there + ahead * rate - here)
             for here, there, rate in zip(self._start, self._gazes[-1][1], self._rate, strict=True)
         )
         return self.head.pan_limits.clamp(pan), self.head.tilt_limits.clamp(tilt)
 
     def judge(self, now: float) -> PointingResult | None:
-        """How the turn ended; None as long as it is under way."""
+        """Return the result of the turn; None while it is under way."""
         if self.miss is None or now < self._began + self._duration:
             return None
         since, first = self._errors[0]
-        steady = now - since >= _ARRIVED and all(
+        steady = now - since >= _ON_TARGET and all(
             abs(a - b) <= _STEADY for a, b in zip(first, self._errors[-1][1], strict=True)
         )
         if self.miss <= _WELL * self._threshold and steady:
             return PointingResult(True, self.miss)
-        followed = max(map(abs, self._rate)) > _STEADY
-        if now - (self._beside_since if followed else self._still_since) < self._settle_time:
+        if max(map(abs, self._rate)) > _STEADY:  # the target moves
+            return PointingResult(True, self.miss) if self._has_settled else None
+        if now - self._still_since < self._settle_time:
             return None
-        arrived = self.miss <= self._threshold
-        return None if followed and not arrived else PointingResult(arrived, self.miss)
+        return PointingResult(self.miss <= self._threshold, self.miss)
 
-    def _share(self, elapsed: float) -> float:
-        """Of the way that is done: even speed, reached and left within a ramp."""
+    def _ratio(self, elapsed: float) -> float:
+        """Return the ratio of the way at a time since the start: a trapezoid of speed."""
         whole = self._duration
         ramp = min(_RAMP, 0.5 * whole)
         if ramp <= 0.0 or elapsed >= whole:

@@ -13,14 +13,13 @@ from typing import Any
 
 import rclpy
 from closed_loop import ClosedLoop, Conditions, Path, ax12, kinectbot
-from plant import Make
+from plant import Make, Streamed
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
 from tracking import HEAD, PATHS
-from trajectory_follower import followed
 
 from head_tracking.share import robot_file
-from head_tracking.tracking import LAWS, Tracker
+from head_tracking.tracking import LAWS, SetpointStream, Tracker
 from head_tracking.transforms import load_robot_model
 
 GOALS = 500  # of each robot
@@ -183,23 +182,15 @@ def _row(what: str, times: list[float]) -> str:
 
 def driven() -> list[str]:
     """Tracking through a trajectory controller beside tracking by the servo bus."""
-    followers = {
-        "at once": followed(0.0),
-        "20 ms, from where it is meant to be": followed(0.02, from_measured=False),
-    }
+    late = Streamed(0.05, stream=lambda: SetpointStream(0.02, 0.0))
     rows = [
-        "| Driven by a 100 Hz trajectory controller, 50 ms late | servo bus | "
-        + " | ".join(f"time_from_start: {name} | ratio" for name in followers)
-        + " |",
-        "|---|---|" + "---|---|" * len(followers),
+        "| Driven by a 100 Hz trajectory controller, 50 ms late | servo bus, mrad | controller |",
+        "|---|---|---|",
     ]
     for name in FOLLOWED:
-        bus = _error(PATHS[name], ax12())
-        cells = []
-        for servos in followers.values():
-            late = _error(PATHS[name], servos)
-            cells.append(f"{late:.1f} | {late / bus:.2f}")
-        rows.append(f"| {name} | {bus:.1f} | {' | '.join(cells)} |")
+        rows.append(
+            f"| {name} | {_error(PATHS[name], ax12()):.1f} | {_error(PATHS[name], late):.1f} |"
+        )
     return rows
 
 

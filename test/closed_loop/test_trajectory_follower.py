@@ -4,8 +4,8 @@ import math
 from itertools import pairwise
 
 import pytest
-from closed_loop import ClosedLoop, Conditions, ax12
-from trajectory_follower import followed
+from closed_loop import ClosedLoop, Conditions
+from plant import Streamed
 
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
@@ -20,21 +20,12 @@ def sine(t):
     return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.08
 
 
-@pytest.mark.parametrize(
-    ("time_from_start", "from_measured"), [(0.0, True), (0.0, False), (0.02, False)]
-)
-def test_a_target_is_followed_about_as_well_as_by_the_servo_bus(
-    head, time_from_start, from_measured
-):
-    """scripts/benchmark/measure interfaces has the table."""
-
-    def error(servos):
-        tracker = Tracker(head, LAWS["predictive"](head, 0.02))
-        conditions = Conditions(duration=8.0, noise=0.002, servos=servos)
-        return ClosedLoop(sine, conditions).run(tracker).recording.between(3.0).rms
-
-    late = error(followed(time_from_start, from_measured=from_measured))
-    assert late < 1.5 * error(ax12())
+@pytest.mark.parametrize(("dead_time", "most"), [(0.05, 0.02)])
+def test_a_target_is_followed_through_a_late_controller(head, dead_time, most):
+    servos = Streamed(dead_time, stream=lambda: SetpointStream(0.02, 0.0))
+    conditions = Conditions(duration=8.0, noise=0.002, servos=servos)
+    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
+    assert ClosedLoop(sine, conditions).run(tracker).recording.between(3.0).rms < most
 
 
 def stream(commands, start=(0.0, 0.0), period=0.02, ahead=0.0, obeys=True):

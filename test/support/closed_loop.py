@@ -262,6 +262,7 @@ class Conditions(Camera):
         start: pan and tilt at first [rad].
         base: position x, y [m] and yaw [rad] of the robot at a time [s]; paths are given in the
             head's base frame as it is where these are 0. None: it never moves.
+        fixed_frame: the frame in which the package keeps targets, if there is a base.
         more: further cameras.
         seed: of all that is random.
         servos: both joints.
@@ -274,6 +275,7 @@ class Conditions(Camera):
     lateness: tuple[float, float] = (0.06, 0.15)
     start: tuple[float, float] = (0.0, 0.0)
     base: Callable[[float], tuple[float, float, float]] | None = None
+    fixed_frame: str = "odom"
     more: tuple[Camera, ...] = ()
     seed: int = 1
     servos: Make = field(default_factory=ax12)
@@ -330,7 +332,7 @@ class ClosedLoop:
         self._inbox: list[tuple[float, int, Target, bool]] = []
         self.buffer = TransformBuffer()
         self.buffer.set_model(kinectbot())
-        fixed = BASE_FRAME if c.base is None else "odom"
+        fixed = BASE_FRAME if c.base is None else c.fixed_frame
         self._placer = TargetPlacer(self.buffer, fixed, 1.0)
 
     def truth(self, time: float) -> Vector3:

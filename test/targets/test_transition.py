@@ -3,7 +3,8 @@ import math
 
 import pytest
 
-from head_tracking.targets import Arrival, Transition
+from head_tracking.gaze import Arrival
+from head_tracking.targets import Transition
 
 CENTRE = (0.1, 0.0, 0.5)
 

@@ -8,11 +8,18 @@ from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
 def test_the_path_is_the_tutorials():
     target = FictitiousTarget(FictitiousTargetParameters())
     for index in range(600):
-        t = 0.025 * index
+        t = 0.025 * (index + 1)
         x, y, z = target.advance()
         assert x == pytest.approx(0.5 + 0.25 * math.sin(t))
         assert y == pytest.approx(0.5 * math.sin(t))
         assert z == pytest.approx(-0.1 + 0.5 * abs(math.sin(t)))
+
+
+def test_a_late_message_is_farther_along_the_path():
+    target, other = (FictitiousTarget(FictitiousTargetParameters()) for _ in range(2))
+    for _ in range(3):
+        point = target.advance()
+    assert other.advance(3.0) == pytest.approx(point)
 
 
 def test_without_amplitude_it_stands_still():

@@ -3,7 +3,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from head_tracking.tracking import Sample, Trace, TrackRecord, lag, picture, table
+from head_tracking.tracking import Sample, Trace, lag, picture, table
 
 DT = 0.02
 
@@ -53,31 +53,3 @@ def test_curves_stay_inside_the_picture():
             x, y = map(float, pair.split(","))
             assert 0 <= x <= width
             assert 0 <= y <= height
-
-
-def test_a_record_is_put_together_by_the_stamps(head):
-    record = TrackRecord()
-    for k in reversed(range(100)):
-        t = 50.0 + k / 30
-        record.target_seen(t, (2.0 * math.cos(0.3 * t), 2.0 * math.sin(0.3 * t), 0.08), t + 0.1)
-    for k in range(150):
-        t = 50.005 + k * DT
-        pan = head.gaze((2.0 * math.cos(0.3 * t), 2.0 * math.sin(0.3 * t), 0.08), 0.0, 0.0).pan
-        record.joints_read(t, (pan - 0.02, 0.0))
-    recording = record.trace(head)
-    assert len(recording) == 150
-    assert recording.times[0] == 0.0
-    assert recording.wanted[:, 0] - recording.positions[:, 0] == pytest.approx(0.02, abs=1e-3)
-    assert record.target_rate == pytest.approx(30.0)
-    assert record.ages == pytest.approx([0.1] * 100)
-
-
-def test_nothing_is_made_up_between_points_far_apart(head):
-    record = TrackRecord()
-    for t in (1.0, 1.1, 3.0):
-        record.target_seen(t, (2.0, 0.0, 0.0), t)
-    for t in (0.5, 1.05, 1.1, 2.0, 2.9, 3.0, 3.5):
-        record.joints_read(t, (0.0, 0.0))
-    assert record.trace(head).times == pytest.approx([0.0, 0.05, 1.95])
-    assert TrackRecord().target_rate == 0.0
-    assert len(TrackRecord().trace(head)) == 0

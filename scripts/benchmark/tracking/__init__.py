@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path as File
 
+import numpy as np
+
+from tracking.asked import asked, cases, simple
 from tracking.judging import HEAD, OPPONENTS, Job, Score, judge, judge_all
 from tracking.motions import PATHS
 from tracking.situations import FAMILIES, SITUATIONS
@@ -32,6 +34,7 @@ def main(arguments: Sequence[str]) -> str:
     parser.add_argument("--who", default=f"ours,{','.join(OPPONENTS)}")
     parser.add_argument("--processes", type=int)
     parser.add_argument("--exam", action="store_true", help="wider ranges")
+    parser.add_argument("--asked", action="store_true", help="only what is asked of each family")
     parser.add_argument("--json", type=File, help="write all scores into this file")
     options = parser.parse_args(arguments)
     chosen = [
@@ -47,6 +50,8 @@ def main(arguments: Sequence[str]) -> str:
         for name in who
     ]
     scores = judge_all(jobs, options.processes)
+    if options.asked:
+        return asked(scores)
     if options.json:
         options.json.write_text(json.dumps([[vars(job), score] for job, score in scores.items()]))
     if options.only == "table":
@@ -87,34 +92,9 @@ def table(scores: dict[Job, Score], who: Sequence[str]) -> list[str]:
                 f"{100.0 * statistics.fmean(score.oscillating for score in values):.1f} % | "
                 f"{max(score.overshoot for score in values):.0f} | "
                 f"{100.0 * statistics.fmean(score.blind for score in values):.1f} % | "
-                f"{statistics.median(score.nees for score in values):.2f} |"
+                f"{float(np.median([score.nees for score in values])):.2f} |"
             )
     return rows
-
-
-def simple(scores: dict[Job, Score], job: Job) -> float:
-    """Return the error of the better simple law in the same run [mrad]."""
-    laws = [Job(job.situation, job.seed, who, job.exam) for who in ("position", "kalman")]
-    return min((scores[law].rms for law in laws if law in scores), default=math.nan)
-
-
-def cases(scores: dict[Job, Score]) -> str:
-    """Return how many cases are worse than each simple law, and which."""
-    lines = []
-    for law in ("position", "kalman"):
-        ratios = {
-            job: score.rms / scores[Job(job.situation, job.seed, law, job.exam)].rms
-            for job, score in scores.items()
-            if job.who == "ours"
-        }
-        worse = sorted(((r, job) for job, r in ratios.items() if r > 1.05), key=lambda e: -e[0])
-        lines.append(
-            f"| {law} | {len(ratios)} cases | {len(worse)} worse by more than 5 % | "
-            f"{sum(ratio > 1.2 for ratio, _ in worse)} by more than 20 % | worst "
-            f"{max(ratios.values()):.2f} | median {statistics.median(ratios.values()):.2f} |"
-        )
-        lines += [f"    {ratio:.2f}  {job.situation} (seed {job.seed})" for ratio, job in worse]
-    return "\n".join(lines)
 
 
 def tracking() -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from closed_loop import START, ClosedLoop, kinectbot
-from plant import Streamed, angles
+from closed_loop import START, ClosedLoop, Conditions, kinectbot
+from plant import Pair, Streamed, angles
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import LAWS, HeadBase, SetpointStream, Tracker
@@ -22,7 +22,8 @@ HEAD = PanTiltHead(
     kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
 )
 _AHEAD = 0.1  # s from now to the prediction whose deviation is judged
-_SETTLED = 4.0  # s after which a learned delay counts
+_SETTLED = 8.0  # s after which a learned delay counts
+_WRITTEN = 0.0013  # s from a step to the command
 
 OPPONENTS: dict[str, Callable[[], SimpleLaw]] = {
     "position": SimpleLaw,
@@ -76,16 +77,28 @@ class Job:
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
-    def __init__(self, law: str, loop: ClosedLoop, moves: bool) -> None:
+    def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
+        moves = conditions.base is not None
         base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
         self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
-        self._loop, self._moves = loop, moves
+        self.delay = 0.0
+        self._loop, self._moves, self._servos = loop, moves, conditions.servos
 
     def observe(self, now: float) -> None:
         tracker = self.tracker
         self.steps += 1
+        servos = self._servos
+        if isinstance(servos, Pair) and not self.steps % 10 and now > _SETTLED:
+            delays = tracker.law.delays
+            unsure = getattr(tracker.law, "deviations", (0.0, 0.0))
+            for servo, delay, deviation in zip(
+                (servos.pan, servos.tilt), delays, unsure, strict=True
+            ):
+                off = abs(delay - servo.dead_time - servo.lag - _WRITTEN)
+                if servo.profile == math.inf and off > 3.0 * deviation:
+                    self.delay = max(self.delay, off)
         self.oscillating += tracker.state.name == "CAUTIOUS"
         estimate = tracker.estimator.estimate
         if self._moves or self.steps % 5 or now < 2.0 or estimate is None:
@@ -115,7 +128,7 @@ def judge(job: Job) -> Score:
             stream = replace(conditions.servos, stream=lambda: SetpointStream(0.02, 0.0))
             conditions = replace(conditions, servos=stream)
         loop = ClosedLoop(path, conditions, lambda now: watch.observe(now) if watch else None)
-        watch = _Watch(law or "predictive", loop, conditions.base is not None)
+        watch = _Watch(law or "predictive", loop, conditions)
         controller = watch.tracker
     else:
         controller = OPPONENTS[name]()
@@ -145,6 +158,7 @@ def judge(job: Job) -> Score:
         return score
     return score._replace(
         oscillating=watch.oscillating / watch.steps,
+        delay=1e3 * watch.delay,
         nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
         point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
     )

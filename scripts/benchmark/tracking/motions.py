@@ -7,6 +7,8 @@ from bisect import bisect_right
 from collections.abc import Callable
 from random import Random
 
+from plant import in_base
+
 Point = tuple[float, float, float]
 Path = Callable[[float], Point]
 
@@ -49,6 +51,19 @@ def fictitious(t: float) -> Point:
     """The target of tutorial part 2 in the head's base frame (1 rad/s)."""
     s = math.sin(max(t, 0.0))
     return 0.5 + 0.25 * s, 0.5 * s, -0.318 + 0.5 * abs(s)
+
+
+def as_turtlebot_sees(t: float) -> Point:
+    """The same target on the turtlebot: a point at which this head has the turtlebot's angles.
+
+    The turtlebot's tilt axis is 71.5 mm before and 83.5 mm above the frame of its target, and its
+    camera 50 mm above the tilt axis.
+    """
+    s = math.sin(max(t, 0.0))
+    x, y, z = 0.5 + 0.25 * s - 0.0715, 0.5 * s, -0.1 + 0.5 * abs(s) - 0.0835
+    flat = math.hypot(x, y)
+    tilt = math.asin(0.05 / math.hypot(flat, z)) - math.atan2(z, flat)
+    return in_base((math.hypot(flat, z), 0.0, 0.0), math.atan2(y, x), tilt)
 
 
 def stop_and_go(t: float) -> Point:

@@ -16,7 +16,16 @@ from typing import NamedTuple
 from closed_loop import Camera, Conditions, ax12
 from plant import Pair, PlainServo, Streamed, angles
 
-from tracking.motions import PATHS, Path, Person, around, fictitious, sine, triangle
+from tracking.motions import (
+    PATHS,
+    Path,
+    Person,
+    around,
+    as_turtlebot_sees,
+    fictitious,
+    sine,
+    triangle,
+)
 
 WEBCAM = Conditions(
     points=15.0,
@@ -32,6 +41,10 @@ WEBCAM = Conditions(
 
 GOOD = Conditions(noise=0.002, delay=0.1, on_head=True)
 """The first editions' conditions: 30 points a second, 100 ms late, 2 mrad."""
+
+
+SHARP = Conditions(duration=20.0, points=40.0)
+"""A target that is published, not seen: nothing is random."""
 
 
 class Setup(NamedTuple):
@@ -66,7 +79,8 @@ class Situation:
         path, conditions = self.make(rng, exam)
         if conditions.start == (0.0, 0.0):
             pan, tilt = angles(path(0.0))
-            start = max(min(pan, 2.5), -2.5) + rng.uniform(-0.15, 0.15), tilt
+            off = 0.15 if isinstance(path, Person) else 0.03
+            start = max(min(pan, 2.5), -2.5) + rng.uniform(-off, off), tilt
             conditions = replace(conditions, start=start)
         return Setup(path, replace(conditions, seed=rng.getrandbits(30)))
 
@@ -89,16 +103,17 @@ def people(duration: float, base: Conditions = WEBCAM, acts: str = "") -> Make:
 
 
 def fixed(path: Path, conditions: Conditions) -> Make:
-    """The same target and conditions for all seeds but for noise; an exam changes the target."""
+    """The same target and conditions for all seeds but for noise; an exam changes the target.
+
+    The target begins at rest and comes to its speed within 2 s.
+    """
 
     def make(rng: Random, exam: bool) -> Setup:
-        if not exam:
-            return Setup(path, conditions)
-        faster, aside = rng.uniform(0.9, 1.1), rng.uniform(-0.15, 0.15)
+        faster, aside = (rng.uniform(0.9, 1.1), rng.uniform(-0.15, 0.15)) if exam else (1.0, 0.0)
         c, s = math.cos(aside), math.sin(aside)
 
         def moved(t: float) -> tuple[float, float, float]:
-            x, y, z = path(faster * t)
+            x, y, z = path(faster * (0.25 * t * t if t < 2.0 else t - 1.0))
             return c * x - s * y, s * x + c * y, z
 
         return Setup(moved, conditions)
@@ -124,6 +139,7 @@ def near(rng: Random, exam: bool) -> Setup:
 def any_servo(rng: Random, exam: bool) -> Setup:
     """A random servo, target and camera."""
     name = rng.choice([name for name in PATHS if name != "still"])
+    path, _ = fixed(PATHS[name], GOOD)(rng, exam)
     conditions = Conditions(
         duration=14.0,
         noise=rng.choice((0.0, 0.002, 0.005)),
@@ -131,17 +147,21 @@ def any_servo(rng: Random, exam: bool) -> Setup:
         on_head=rng.random() < 0.5,
         servos=servos(rng, exam, 0.15),
     )
-    return Setup(PATHS[name], conditions)
+    return Setup(path, conditions)
 
 
 def sway(amplitude: float, frequency: float) -> Callable[[float], tuple[float, float, float]]:
-    """A base that turns to and fro [rad, Hz]."""
-    return lambda t: (0.0, 0.0, amplitude * math.sin(math.tau * frequency * t))
+    """A base that turns to and fro [rad, Hz], more and more within 2 s."""
+    return lambda t: (
+        0.0,
+        0.0,
+        min(0.5 * t, 1.0) * amplitude * math.sin(math.tau * frequency * t),
+    )
 
 
 def drive(t: float) -> tuple[float, float, float]:
     """A base that drives an arc to and fro, at up to 1 rad/s."""
-    yaw = math.sin(t)
+    yaw = math.sin(0.25 * t * t if t < 2.0 else t - 1.0)
     return 0.3 * math.sin(yaw), 0.1 * yaw, yaw
 
 
@@ -220,10 +240,11 @@ def _families() -> list[Situation]:
         for name, path in PATHS.items()
     ]
     found += [
-        Situation("sharp", name, fixed(path, replace(GOOD, duration=20.0, points=40.0, delay=late)))
+        Situation("sharp", name, fixed(path, replace(SHARP, delay=late)))
         for late in (0.0, 0.05)
         for name, path in (
             (f"fictitious, {late * 1e3:.0f} ms late", fictitious),
+            (f"as the turtlebot sees it, {late * 1e3:.0f} ms late", as_turtlebot_sees),
             (f"to and fro at 0.5 rad/s, {late * 1e3:.0f} ms late", triangle(0.5)),
         )
     ]

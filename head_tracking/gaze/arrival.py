@@ -1,10 +1,20 @@
-"""Whether a head that somebody else turns has got to where it was sent."""
+"""The definition of "arrived", for joints and for the pointing axis."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+AT_GOAL = 0.03
+"""A joint that is nearer to its goal [rad] is there: dead bands, play and sag allowed for."""
+
+
+def at_goal(positions: Sequence[float], goals: Sequence[float]) -> bool:
+    """Return whether every joint is at its goal [rad]."""
+    return all(abs(a - b) < AT_GOAL for a, b in zip(positions, goals, strict=True))
+
 
 class Arrival:
-    """Arrived is who misses by little and goes on doing so. Times are in seconds, on any clock.
+    """Detect that a head misses its target by little, for some time. Times in s, on any clock.
 
     Args:
         tolerance: the largest miss that counts as arrived [rad].
@@ -17,7 +27,7 @@ class Arrival:
         self._since: float | None = None
 
     def step(self, miss: float, now: float) -> bool:
-        """Takes the miss of now [rad]; whether the head has arrived."""
+        """Accept the present miss [rad] and return whether the head has arrived."""
         if miss > self._tolerance:
             self._since = None
             return False

@@ -1,0 +1,145 @@
+"""What is asked of tracking, beside what was measured: a row for each family that was run."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Callable
+
+from tracking.judging import Job, Score
+from tracking.situations import SITUATIONS
+
+Scores = dict[Job, Score]
+Measure = Callable[[Scores, Scores], str]
+
+
+def simple(scores: Scores, job: Job) -> float:
+    """Return the error of the better simple law in the same run [mrad]."""
+    laws = [Job(job.situation, job.seed, who, job.exam) for who in ("position", "kalman")]
+    return min((scores[law].rms for law in laws if law in scores), default=math.nan)
+
+
+def cases(scores: dict[Job, Score]) -> str:
+    """Return how many cases are worse than each simple law, and which."""
+    lines = []
+    for law in ("position", "kalman"):
+        ratios = {
+            job: score.rms / scores[Job(job.situation, job.seed, law, job.exam)].rms
+            for job, score in scores.items()
+            if job.who == "ours"
+        }
+        worse = sorted(((r, job) for job, r in ratios.items() if r > 1.05), key=lambda e: -e[0])
+        lines.append(
+            f"| {law} | {len(ratios)} cases | {len(worse)} worse by more than 5 % | "
+            f"{sum(ratio > 1.2 for ratio, _ in worse)} by more than 20 % | worst "
+            f"{max(ratios.values()):.2f} | median {statistics.median(ratios.values()):.2f} |"
+        )
+        lines += [f"    {ratio:.2f}  {job.situation} (seed {job.seed})" for ratio, job in worse]
+    return "\n".join(lines)
+
+
+def asked(scores: Scores) -> str:
+    """Return the rows of all families that were run."""
+    families: dict[str, Scores] = defaultdict(dict)
+    for job, score in scores.items():
+        if job.who == "ours":
+            families[SITUATIONS[job.situation].family][job] = score
+    rows = ["| Judged | measured | asked |", "|---|---|---|"]
+    for family, ours in families.items():
+        what, measure, wanted = _FIGURES.get(family, (family, _errors, ""))
+        rows.append(f"| {what} | {measure(ours, scores)} | {wanted} |")
+        share = statistics.fmean(score.oscillating for score in ours.values())
+        if share > 0.0:
+            rows.append(f"| {family}: declared to oscillate | {100.0 * share:.1f} % | never |")
+        if family == "mixed":
+            point, step = (
+                statistics.fmean(getattr(score, name) for score in ours.values())
+                for name in ("point", "step")
+            )
+            rows.append(f"| processor time of a point, a step, us | {point:.0f}, {step:.0f} | |")
+    return "\n".join(rows)
+
+
+def _errors(ours: Scores, scores: Scores) -> str:
+    errors = [score.rms for score in ours.values()]
+    return f"{statistics.median(errors):.1f}, worst {max(errors):.1f} mrad"
+
+
+def _ratios(ours: Scores, scores: Scores) -> str:
+    ratios = [score.rms / simple(scores, job) for job, score in ours.items()]
+    return f"{statistics.median(ratios):.2f}, {max(ratios):.2f}"
+
+
+def _not_followed(ours: Scores, scores: Scores) -> str:
+    return f"{sum(not score.last < 150.0 for score in ours.values())} of {len(ours)}"
+
+
+def _runaways(ours: Scores, scores: Scores) -> str:
+    beyond = sum(not score.worst < 1e3 for score in ours.values())
+    return f"{beyond}; {sum(score.delay > 60.0 for score in ours.values())} of {len(ours)}"
+
+
+def _overshoot(ours: Scores, scores: Scores) -> str:
+    return f"{max(score.overshoot for score in ours.values()):.0f}"
+
+
+def _nees(ours: Scores, scores: Scores) -> str:
+    paths = defaultdict(list)
+    for job, score in ours.items():
+        paths[job.situation].append(score.nees)
+    medians = {name: statistics.median(found) for name, found in paths.items()}
+    lowest, highest = min(medians, key=medians.__getitem__), max(medians, key=medians.__getitem__)
+    return f"{medians[lowest]:.2f} ({lowest}) to {medians[highest]:.2f} ({highest})"
+
+
+def _largest(*named: str) -> Measure:
+    """Measure the largest error of the curves whose situation has each of these in its name."""
+
+    def measure(ours: Scores, scores: Scores) -> str:
+        found = [
+            max(
+                score.rms
+                for job, score in ours.items()
+                if name in job.situation and not job.situation.startswith("person")
+            )
+            for name in named
+        ]
+        return ", ".join(f"{error:.0f}" for error in found)
+
+    return measure
+
+
+def _stamps(ours: Scores, scores: Scores) -> str:
+    """The largest ratio of medians, and the largest error of a single seed [mrad]."""
+    errors = defaultdict(list)
+    for job, score in ours.items():
+        errors[job.situation].append(score.rms)
+    ratios = [
+        statistics.median(found) / statistics.median(errors[SITUATIONS[name].without])
+        for name, found in errors.items()
+        if SITUATIONS[name].without in errors
+    ]
+    return f"{max(ratios):.2f}; {max(map(max, errors.values())):.0f}"
+
+
+_FIGURES: dict[str, tuple[str, Measure, str]] = {
+    "mixed": ("over the better of `position` and Kalman: median, worst", _ratios, "0.75, 1.05"),
+    "near": ("walks up, stops, moves again: not followed", _not_followed, "0"),
+    "servos": ("random servos: beyond 1 rad; delay false by over 60 ms", _runaways, "0; 0"),
+    "stamps": ("wrong stamps over right ones: worst path; largest rms", _stamps, "1.5; 40"),
+    "gaps": ("overshoot after gaps, mrad", _overshoot, "60"),
+    "late": ("10 % of steps 60 to 150 ms late, mrad", _largest(": 10 %"), "60"),
+    "base": ("base sways ±0.4 rad at 0.5 Hz, mrad", _largest("±0.4 rad"), "10"),
+    "trajectory": (
+        "trajectory controller 50, 100, 200 ms late, mrad",
+        _largest(" 50 ms", " 100 ms", " 200 ms"),
+        "15, 25, 60",
+    ),
+    "sharp": (
+        "fictitious target, as the turtlebot sees it, mrad",
+        _largest("turtlebot sees it, 0 ms"),
+        "21",
+    ),
+    "ordinary": ("NEES: lowest and highest path", _nees, "0.5 to 2"),
+}
