@@ -244,10 +244,12 @@ RESERVE = 0.15  # s: so long a servo moves on if no other command comes
 _MARGIN = 0.02  # rad
 _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
+_ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
+_ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
 _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
-_CAUTIOUS = 10.0  # rad/s^2, while little is known of the servo
+_CAUTIOUS = 25.0  # rad/s^2, while little is known of the servo
 _USED = 0.6  # of the acceleration that the servo has
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
 _PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
@@ -344,11 +346,43 @@ class JointController:
         motion.steer(reference.position, reference.velocity, period, elapsed, limits, self._joint)
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
-        end = motion.position + motion.velocity * period + self._side * servo.dead_band
-        speed = self._limited((end - setpoint) / period, elapsed, limits)
-        goal = self._goal_ahead(reference, setpoint, speed, period, lead)
+        arrival = (
+            self._arrival(reference, setpoint, period, elapsed, limits, lead) if rest.near else None
+        )
+        if arrival is not None:
+            goal, speed = arrival
+        else:
+            end = motion.position + motion.velocity * period + self._side * servo.dead_band
+            speed = self._limited((end - setpoint) / period, elapsed, limits)
+            goal = self._goal_ahead(reference, setpoint, speed, period, lead)
         servo.command(now, speed, goal)
         return goal, speed
+
+    def _arrival(
+        self,
+        reference: Reference,
+        setpoint: float,
+        period: float,
+        elapsed: float,
+        limits: MotionLimits,
+        lead: float,
+    ) -> tuple[float, float] | None:
+        """The goal and the signed speed for a reference at rest: the servo itself stops there.
+
+        None while the joint moves away from it, or is too far from it.
+        """
+        goal = self._joint.clamp(reference.position)
+        way, last = goal - setpoint, self.servo.speed
+        change = limits.acceleration * elapsed
+        away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
+        if away or abs(way) > lead:
+            return None
+        # so fast that the joint, which moves on like this for the delay, can still brake
+        left = abs(goal - self.servo.reading[1])
+        lost = limits.acceleration * self.servo.delay
+        braking = math.sqrt(lost * lost + 2.0 * limits.acceleration * left) - lost
+        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
+        return goal, math.copysign(min(fast, abs(last) + change, limits.speed), way)
 
     def _goal_ahead(
         self, reference: Reference, setpoint: float, speed: float, period: float, lead: float
@@ -359,7 +393,7 @@ class JointController:
         """
         way = math.copysign(1.0, speed)
         ahead = way * setpoint + min(abs(speed) * (period + RESERVE) + _MARGIN, lead)
-        beyond = self.servo.dead_band + (0.0 if self._rest.near else _MARGIN)
+        beyond = self.servo.dead_band + _MARGIN
         farthest = max(way * position for position in reference.ahead) + beyond
         least = way * setpoint + abs(speed) * period  # a motion that brakes may go beyond
         return self._joint.clamp(way * max(min(ahead, farthest), least))

@@ -28,8 +28,9 @@ _DELAYS: Array = np.arange(_CELLS) * _CELL
 _BANDS: Array = np.array([0.0, 0.002, 0.005, 0.01, 0.025])  # rad, to either side
 _BAND_LIST: list[float] = _BANDS.tolist()
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045)
-_PRIOR: Array = -0.5 * (_LOGS / 0.7) ** 2 - _LOGS
-"""Logarithm of the prior: log-normal in the delay, with a median of 45 ms."""
+_SHARES: Array = np.log(np.array([[4.0], [6.0], [6.0], [2.0], [1.0]]))
+_PRIOR: Array = _SHARES - _LOGS - 0.5 * (_LOGS / 0.7) ** 2
+"""Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
 _UNSURE = 0.03  # s
 _LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
@@ -41,11 +42,11 @@ _MEMORY = 8.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
 _SHARPNESS = 0.15  # windows overlap, and errors last
 
-_BEHIND = 0.05  # rad in a window; a shaft so far from what every likely delay explains is limited
+_BEHIND = 0.05  # rad in a window; a shaft so far from what likely delays explain tells no delay
+_BEYOND = 0.05  # rad in a window; a shaft so much faster than it was commanded swings
 _SLEWING = 25  # cells in which a servo with a profile comes from one speed to another
-_SLOWEST_START = 3.0  # rad/s^2
-_MORE, _LESS = 0.5, 0.05  # shares of a new measurement that is above, below the estimate
-_RECOVERY = 60.0  # s in which a limit that is not met any more grows to e times itself
+_SLOWEST_START = 1.0  # rad/s^2
+_RECOVERY = 30.0  # s in which a limit that is not met any more grows to e times itself
 
 _NARROW = 0.9  # of the posterior in three cells
 _SLEW = 0.1  # s/s; a new mean is applied so fast
@@ -70,7 +71,8 @@ class ServoModel:
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
-        acceleration: the hardest that it has shown while it fell behind [rad/s^2]; inf: it did not.
+        acceleration: the hardest that the shaft has shown [rad/s^2], if it was seen to swing
+            beyond its commands; else inf.
     """
 
     def __init__(self) -> None:
@@ -80,7 +82,7 @@ class ServoModel:
         self._posterior()
         self.delay = self.mean
         self.known_delay = 0.0
-        self.acceleration = math.inf
+        self.acceleration, self._hardest = math.inf, 0.0
         self.restart(0.0, 0.0)
 
     @property
@@ -237,24 +239,19 @@ class ServoModel:
         self, moved: float, before: float, stamp: float, elapsed: float, expected: Array
     ) -> None:
         """A shaft that swings faster than it was commanded accelerates as hard as it can."""
-        self.acceleration *= math.exp(elapsed / _RECOVERY)
         window = _WINDOW * _CELL
+        start = self._at(stamp - 2.0 * window)
         first = max(round((self.delay - 2.0 * self.deviation) / _CELL) - 1, 0)
         last = round((self.delay + 2.0 * self.deviation) / _CELL) + 2
         likely = expected[self._best, first:last]
         self._miss = float(np.abs(likely - moved).min())
+        self.acceleration *= math.exp(elapsed / _RECOVERY)
+        self._hardest *= math.exp(-elapsed / _RECOVERY)
+        if start is not None:
+            self._hardest = max(self._hardest, abs(moved - (before - start)) / window**2)
         likely = expected[self._best, first : last + _SLEWING]
-        beyond = max(moved - float(likely.max()), float(likely.min()) - moved)
-        start = self._at(stamp - 2.0 * window)
-        if beyond < _BEHIND or start is None:
-            return
-        shown = abs(moved - (before - start)) / window**2
-        if shown < _SLOWEST_START:
-            return  # its speed is limited, or it is held
-        if math.isinf(self.acceleration):
-            self.acceleration = shown
-        share = _MORE if shown > self.acceleration else _LESS
-        self.acceleration += share * (shown - self.acceleration)
+        if max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND:
+            self.acceleration = max(self._hardest, _SLOWEST_START)
 
     def _at(self, time: float) -> float | None:
         """The reading at a time [s], between two; None: there was none near."""
@@ -284,8 +281,8 @@ class ServoModel:
         self.dead_band = float(by_shaft @ _BANDS)
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
-            # narrower than the grid: the vertex of the parabola through the three best scores
-            before, here, after = score[:, best - 1 : best + 2].max(axis=0)
-            self.mean = float(
-                _CELL * (best + 0.5 * (before - after) / (before - 2.0 * here + after))
-            )
+            # narrower than the grid: the vertex of the parabola through three scores
+            before, here, after = score[self._best, best - 1 : best + 2].tolist()
+            bend = before - 2.0 * here + after
+            if bend < 0.0:
+                self.mean = _CELL * (best + 0.5 * (before - after) / bend)
