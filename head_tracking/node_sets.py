@@ -115,7 +115,9 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     )
 
 
-STARTER = NodeSpec("node_starter", "node_starter.NodeStarterNode", takes=("start", "startable"))
+STARTER = NodeSpec(
+    "node_starter", "node_starter.NodeStarterNode", takes=("start", "startable", "loop")
+)
 
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:

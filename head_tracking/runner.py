@@ -38,7 +38,7 @@ from head_tracking.node_sets import (
 from head_tracking.nodes.viewer import MISSING, installed
 from head_tracking.ros import parameter_files
 from head_tracking.ros.graph_watch import GraphWatch, own_enclave
-from head_tracking.ros.joint_owners import stop_report
+from head_tracking.ros.joint_owners import resume_report, stop_report
 from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.start import start_ros, without_ros_arguments
@@ -225,17 +225,13 @@ class Composition:
     true_position: Callable[[str], float | None] | None
 
     def stop(self) -> list[str]:
-        """Relaxes all servos at once, and lets nothing move until `resume`; a line a joint."""
+        """STOP; return a line for each joint."""
         problems = self.nodes["servo_bus"].stop()
-        if self.loop.write is None:  # the bus has its own controllers, of its process
-            self.loop.stop(dict)
         return [stop_report(joint, problem) for joint, problem in problems.items()]
 
     def resume(self) -> list[str]:
-        """Ends that: what was on before goes on, slowly at first; a line that says what."""
-        self.nodes["servo_bus"].resume()
-        self.loop.resume()
-        return ["commands are taken again; what was on goes on, slowly at first"]
+        """End a STOP; return a line that says who goes on."""
+        return [resume_report(self.nodes["servo_bus"].resume())]
 
 
 def compose(

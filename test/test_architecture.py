@@ -58,7 +58,6 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
     "xacro": {"transforms/urdf.py"},
-    "dynamixel_sdk": {"dynamixel/serial_port.py"},
     "rich": {"tools/servo/bench.py", "tools/servo/looks.py"},
 }
 

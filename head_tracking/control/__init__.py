@@ -1,6 +1,6 @@
-"""Who commands which joint, and the loop in which it is done: read, update, write."""
+"""Who commands which joint, STOP, and the loop in which joints are read, updated and written."""
 
 from head_tracking.control.loop import Controller, ControlLoop
-from head_tracking.control.owners import JUST_STOPPED, LEASE, JointOwners, OwnershipError
+from head_tracking.control.owners import LEASE, STOPPED, JointOwners, OwnershipError
 
-__all__ = ["JUST_STOPPED", "LEASE", "ControlLoop", "Controller", "JointOwners", "OwnershipError"]
+__all__ = ["LEASE", "STOPPED", "ControlLoop", "Controller", "JointOwners", "OwnershipError"]

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
 
 if TYPE_CHECKING:  # a servo bus alone in its process needs no transforms
     from head_tracking.transforms import JointSample, TransformBuffer
-
-_T = TypeVar("_T")
 
 
 class Controller(Protocol):
@@ -44,27 +42,18 @@ class Controller(Protocol):
     def publish(self) -> None:
         """Tells others what has come of it."""
 
-    def disable(self, reason: str) -> None:
-        """Gives its joints up, because somebody else takes them."""
-
-    def stop(self) -> None:
-        """Gives its joints up, because the head is stopped."""
-
-    def resume(self) -> bool:
-        """Takes its joints over, slowly at first, if a stop has taken them; whether it was so."""
-
 
 class ControlLoop:
     """What a process does in each cycle, and who in it may turn which joint.
 
     Args:
         buffer: the robot's frames; None: nobody here needs them.
-        owners: of the joints.
+        owners: of the joints, and STOP.
 
     Attributes:
         complete: adds to measured joint states what follows from them, and what is stated.
-        write: takes the goals of a controller, by its name, to the servos; None: they are in
-            another process.
+        write: takes the goals of a controller, by its name, to the servos, with the epoch in which
+            they were made; None: nothing does yet.
         period: of a cycle [s]; 0: not known.
         driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
         held: why the controllers may move nothing now; empty: they may.
@@ -81,7 +70,7 @@ class ControlLoop:
         self.complete: Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]] = (
             lambda measured: measured
         )
-        self.write: Callable[[str, Mapping[str, Goal]], object] | None = None
+        self.write: Callable[[str, Mapping[str, Goal], int], object] | None = None
         self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
         self.held = ""
@@ -142,36 +131,6 @@ class ControlLoop:
         if not self.driven:
             self.update(joints)
             self.publish(joints, 0, {})
-
-    def take_over(self, controller: Controller) -> None:
-        """Gives a controller its joints, whoever had them; what is in this process is disabled.
-
-        Raises:
-            OwnershipError: the head was stopped just now.
-        """
-        for other in self._controllers:
-            if other is not controller and set(other.joints) & set(controller.joints):
-                other.disable(f"{controller.name} has taken the head over")
-        self.owners.take_over(controller.name, controller.joints)
-
-    def stop(self, relax: Callable[[], _T]) -> _T:
-        """Refuses every command, relaxes the servos, and disables all controllers.
-
-        Args:
-            relax: relaxes the servos, before any controller is waited for; what comes of it is
-                returned.
-        """
-        self.owners.stop()
-        result = relax()
-        for controller in self._controllers:
-            controller.stop()
-        return result
-
-    def resume(self) -> str:
-        """Ends a stop; what was on before goes on, slowly at first; its names."""
-        self.owners.stop(False)
-        resumed = [controller.name for controller in self._controllers if controller.resume()]
-        return ", ".join(resumed)
 
     def hold(self, reason: str) -> None:
         """Keeps the controllers from moving anything, and says why; or ends that, if empty."""

@@ -1,4 +1,4 @@
-"""A joint has one owner at a time: whoever may command it."""
+"""Who may command which joint, and STOP: facts that every part of a process reads."""
 
 from __future__ import annotations
 
@@ -6,43 +6,101 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from typing import TypeVar
+
+from head_tracking.dynamixel import Epoch, StoppedError
+
+_T = TypeVar("_T")
 
 LEASE = 1.0
 """A claim by commands alone ends when none has come for so long [s]."""
 
-JUST_STOPPED = 0.3
-"""Whoever takes joints over so shortly [s] after a stop has decided it before."""
+STOPPED = "the head is stopped; call resume"
+"""Why anything but `resume` is refused after a STOP."""
 
 
 class OwnershipError(Exception):
-    """A joint belongs to somebody else, or to nobody because the head is stopped."""
+    """A joint belongs to another owner.
+
+    Attributes:
+        joint: the joint.
+        owner: who owns it.
+        leased: whether it does only as long as it sends commands.
+    """
+
+    def __init__(self, joint: str, owner: str, leased: bool) -> None:
+        cure = (
+            "as long as that sends commands"
+            if leased
+            else f"now; disable that first ({owner}/enable false), or wait until it ends"
+        )
+        super().__init__(f"{joint} belongs to {owner} {cure}")
+        self.joint, self.owner, self.leased = joint, owner, leased
 
 
 class JointOwners:
-    """Who may command which joint; for any thread.
+    """Owners of joints, and whether the head is stopped; for any thread.
+
+    A joint is owned until its owner releases it (a controller that is enabled), or for as long as
+    its owner goes on sending commands (a lease). STOP takes all joints from everybody. It ends by
+    `resume` only, which gives them back.
+
+    Whoever makes a request or a goal gets the epoch of that moment from `permit` or `check`, and
+    hands it on to where the request is carried out. STOP advances the epoch before it does anything
+    else, so that what is older is discarded there.
 
     Args:
-        exclusive: whether a joint belongs to one at a time; else the last command wins.
-        clock: never jumps [s].
+        exclusive: whether commands for a joint of another owner are refused; else the last command
+            wins.
+        epoch: counts STOPs; None: its own.
+        clock: monotonic time [s].
 
     Attributes:
+        epoch: the same.
         stopped: whether everybody is refused.
-        on_change: called after an owner has changed, or `stopped`; by the thread that did it.
     """
 
     def __init__(
-        self, *, exclusive: bool = True, clock: Callable[[], float] = time.monotonic
+        self,
+        *,
+        exclusive: bool = True,
+        epoch: Epoch | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.epoch = epoch or Epoch()
         self.stopped = False
-        self.on_change: Callable[[], object] = lambda: None
         self._exclusive = exclusive
         self._clock = clock
         self._lock = threading.Lock()
-        self._stopped_at = -math.inf
         self._owners: dict[str, tuple[str, float]] = {}
+        self._interrupted: dict[str, str] = {}
+        self._observers: list[Callable[[], object]] = []
+
+    def observe(self, changed: Callable[[], object]) -> None:
+        """Call back after each change of an owner or of `stopped`, in the thread that made it."""
+        self._observers.append(changed)
+
+    def permit(self) -> int:
+        """Return the epoch of a request that is made now.
+
+        Raises:
+            StoppedError: the head is stopped.
+        """
+        with self._lock:
+            return self._permit()
+
+    def check(self, owner: str, joints: Iterable[str], lease: float = LEASE) -> int:
+        """Return the epoch of a request for joints; refuse what `claim` would refuse.
+
+        Raises:
+            OwnershipError: one belongs to another owner.
+            StoppedError: the head is stopped.
+        """
+        with self._lock:
+            return self._check(owner, joints, lease)
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
-        """Makes joints somebody's, all or none.
+        """Give joints to an owner, all or none.
 
         Args:
             owner: who wants them.
@@ -50,74 +108,131 @@ class JointOwners:
             lease: the claim ends after so long [s], unless it is made again.
 
         Raises:
-            OwnershipError: one belongs to somebody else, or the head is stopped.
+            OwnershipError: one belongs to another owner.
+            StoppedError: the head is stopped.
         """
         joints = tuple(joints)
         with self._lock:
-            self.check(owner, joints)
-            changed = any(not self.owns(owner, joint) for joint in joints)
-            until = self._clock() + lease
-            for joint in joints:
-                self._owners[joint] = (owner, until)
+            self._check(owner, joints, lease)
+            changed = self._give(owner, joints, lease)
         if changed:
-            self.on_change()
-
-    def check(self, owner: str, joints: Iterable[str]) -> None:
-        """Refuses what `claim` would refuse; changes nothing."""
-        if self.stopped:
-            raise OwnershipError("the head is stopped; call resume, or enable what shall turn it")
-        now = self._clock()
-        for joint in joints:
-            other, until = self._owners.get(joint, ("", 0.0))
-            if self._exclusive and other not in ("", owner) and now < until:
-                raise OwnershipError(
-                    f"{joint} belongs to {other}; switch that off first ({other}/enable "
-                    "false), or let its commands end"
-                    if math.isinf(until)
-                    else f"{joint} belongs to {other} as long as that sends commands"
-                )
+            self._notify()
 
     def take_over(self, owner: str, joints: Iterable[str]) -> None:
-        """Makes joints somebody's, whoever had them, and ends a stop.
+        """Give joints to an owner, whoever had them.
 
         Raises:
-            OwnershipError: the stop has only just come.
+            StoppedError: the head is stopped.
         """
         with self._lock:
-            if self.stopped and self._clock() - self._stopped_at < JUST_STOPPED:
-                raise OwnershipError(
-                    "the head was stopped just now; call resume, or enable it again"
-                )
-            self.stopped = False
+            self._permit()
             for joint in joints:
                 self._owners[joint] = (owner, math.inf)
-        self.on_change()
+        self._notify()
 
     def release(self, owner: str) -> None:
-        """Makes what belongs to somebody nobody's."""
+        """Take all joints from an owner, also those that `resume` would give back."""
         with self._lock:
+            self._interrupted = {j: name for j, name in self._interrupted.items() if name != owner}
             its = [joint for joint, (other, _) in self._owners.items() if other == owner]
             for joint in its:
-                self._owners[joint] = ("", 0.0)
-        if its:
-            self.on_change()
+                del self._owners[joint]
+        self._notify()
 
-    def stop(self, stopped: bool = True) -> None:
-        """Takes all joints from everybody and refuses all claims, or ends that."""
+    def stop(self, relax: Callable[[], _T]) -> _T:
+        """STOP: refuse everything, relax, and only then let the observers know.
+
+        Args:
+            relax: relaxes the servos, and waits for no controller; its result is returned.
+        """
         with self._lock:
-            self.stopped = stopped
-            if stopped:
-                self._stopped_at = self._clock()
-                self._owners = dict.fromkeys(self._owners, ("", 0.0))
-        self.on_change()
+            self.epoch.advance()
+            self._stop()
+        try:
+            return relax()
+        finally:
+            self._notify()
 
-    def owns(self, owner: str, joint: str) -> bool:
-        """Whether a joint is somebody's."""
-        return self._owners.get(joint, ("", 0.0))[0] == owner
+    def resume(self, epoch: int) -> tuple[str, ...]:
+        """End a STOP and return the owners that have their joints again.
+
+        Args:
+            epoch: when that was asked for.
+
+        Raises:
+            StoppedError: there was another STOP since.
+        """
+        with self._lock:
+            if epoch != self.epoch.value:
+                raise StoppedError(STOPPED)
+            resumed = self._resume()
+        self._notify()
+        return resumed
+
+    def follow(self, stopped: bool, epoch: int) -> None:
+        """Do as the servo bus of another process, which says that it is stopped or is not."""
+        with self._lock:
+            if (stopped, epoch) == (self.stopped, self.epoch.value):
+                return
+            self.epoch.value = epoch
+            if stopped:
+                self._stop()
+            else:
+                self._resume()
+        self._notify()
+
+    def owns(self, owner: str, joints: Iterable[str]) -> bool:
+        """Return whether all these joints belong to an owner."""
+        return all([self._owners.get(joint, ("", 0.0))[0] == owner for joint in joints])
 
     def of(self, joints: Iterable[str]) -> Mapping[str, str]:
-        """Each joint's owner; empty for nobody's."""
+        """Return each joint's owner; empty where there is none."""
         now = self._clock()
         with self._lock:
             found = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
         return {joint: owner if now < until else "" for joint, (owner, until) in found.items()}
+
+    def _notify(self) -> None:
+        for changed in self._observers:
+            changed()
+
+    # with the lock held
+
+    def _permit(self) -> int:
+        if self.stopped:
+            raise StoppedError(STOPPED)
+        return self.epoch.value
+
+    def _check(self, owner: str, joints: Iterable[str], lease: float) -> int:
+        now = self._clock()
+        for joint in joints:
+            other, until = self._owners.get(joint, ("", 0.0))
+            both_last = math.isinf(until) and math.isinf(lease)
+            if other != owner and now < until and (self._exclusive or both_last):
+                raise OwnershipError(joint, other, leased=math.isfinite(until))
+        return self._permit()
+
+    def _give(self, owner: str, joints: tuple[str, ...], lease: float) -> bool:
+        """Set the owner, except where a controller is enabled; return whether any changed."""
+        changed, until = False, self._clock() + lease
+        for joint in joints:
+            other, last = self._owners.get(joint, ("", 0.0))
+            if other == owner or math.isfinite(last) or math.isinf(lease):
+                changed |= other != owner
+                self._owners[joint] = (owner, until)
+        return changed
+
+    def _stop(self) -> None:
+        if not self.stopped:
+            self._interrupted = {
+                joint: owner for joint, (owner, until) in self._owners.items() if math.isinf(until)
+            }
+        self.stopped = True
+        self._owners = {}
+
+    def _resume(self) -> tuple[str, ...]:
+        given, self._interrupted = self._interrupted, {}
+        if self.stopped:
+            self._owners = {joint: (owner, math.inf) for joint, owner in given.items()}
+        self.stopped = False
+        return tuple(dict.fromkeys(given.values()))

@@ -825,16 +825,16 @@ class ServoBus:
             TorqueError: Some joints did not confirm; the others were switched.
             NotConnectedError: `connect` has not been called.
         """
-        return self._switching_on(joints) if on else self._relaxing(joints, stop=False)
+        return self._switching_on(joints) if on else self._relaxing(joints, on_request=True)
 
-    def _relaxing(self, joints: Iterable[str] | None, stop: bool) -> Steps[None]:
+    def _relaxing(
+        self, joints: Iterable[str] | None, *, stop: bool = False, on_request: bool = False
+    ) -> Steps[None]:
         chosen = self._require_connection(joints)
         for joint in chosen:
             self._drop_goal(joint)
-            if stop:
-                joint.stopped = True
-            else:
-                joint.relaxed = True
+            joint.stopped |= stop
+            joint.relaxed |= on_request
         self._plan = None
         gone: str = ""
         try:
@@ -860,6 +860,9 @@ class ServoBus:
     def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
         """STOP: relax all joints, whatever else is under way, and go on trying where that fails.
 
+        Commands and requests of before are discarded. The next command switches torque on again,
+        except where it was off on request; whoever stops a head refuses commands until it resumes.
+
         Args:
             timeout: How long servos may take to confirm, s.
             epoch: Begun by this STOP; None: it begins one.
@@ -872,7 +875,6 @@ class ServoBus:
         self.requests.discard_older()
         for joint in self._all:
             self._drop_goal(joint)
-            joint.relaxed = True
         self._plan = None
         problems = dict.fromkeys(self._joints, "")
         for joint in self._all:
@@ -885,14 +887,14 @@ class ServoBus:
                 problems[joint.name] = self._relaxed_by(joint, deadline)
         if self._connected and any(problems.values()):
             troubled = [name for name, problem in problems.items() if problem]
-            self._enqueue(self._relaxing(troubled, stop=False), despite_stop=True)
+            self._enqueue(self._relaxing(troubled), despite_stop=True)
         return problems
 
     def _obey_stop(self) -> None:
         """Carry a STOP out that could not wait until this thread had left the port."""
         self._obeyed = self.requests.epoch.value
         self.requests.discard_older()
-        self._enqueue(self._relaxing(None, stop=False), despite_stop=True)
+        self._enqueue(self._relaxing(None), despite_stop=True)
 
     def _relaxed_by(self, joint: Joint, deadline: int) -> str:
         """What keeps a joint from confirming by a time, ns, that it is relaxed."""

@@ -109,6 +109,16 @@ class CommunicationError(DynamixelError):
     """One transaction failed; the next may succeed."""
 
 
+class LineBusyError(CommunicationError):
+    """Somebody else speaks on the line without a pause that is long enough to send a packet."""
+
+    def __init__(self, port_name: str, patience: float) -> None:
+        super().__init__(
+            f"another program speaks on the line of {port_name} without a pause: nothing could be "
+            f"sent for {patience * 1e3:.0f} ms. Only one program can own a servo bus: stop it"
+        )
+
+
 class ReplyTimeoutError(CommunicationError):
     """A servo did not answer in time."""
 

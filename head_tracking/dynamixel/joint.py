@@ -18,6 +18,7 @@ from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     DynamixelError,
     GoalError,
+    LineBusyError,
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
@@ -33,6 +34,8 @@ _REMEDIES = {
     Torque.OFF_BY_FAULT: "the joint's servo has shut itself down; find out why, then call recover",
     Torque.OFF_STOPPED: "the joint is stopped; start it first ({}/start)",
 }
+
+_PATIENCE = 0.5  # s to wait for a gap between the packets of a second program before torque off
 
 
 class Joint:
@@ -441,7 +444,8 @@ def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
         register = servo.model.control_table["Torque Enable"]
         packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
     for (protocol, address), shares in packets.items():
-        port.sync_write(address, shares, protocol)
+        with suppress(LineBusyError):  # whoever makes sure of it reports it
+            port.sync_write(address, shares, protocol, patience=_PATIENCE)
 
 
 def _both(one: IntFlag, other: IntFlag) -> IntFlag:

@@ -1,12 +1,12 @@
 """Transactions: what is asked of servos on one serial line, and what they reply.
 
-Only one may speak at a time. So nothing is asked while a reply may still be on the wire, and what
-cannot be used is asked for again before anything else is.
+Only one may speak at a time. Nothing is asked while a reply may still be on the wire, and a servo
+whose reply cannot be used is asked again before any other.
 
 Protocol 1.0 has no sequence numbers: a reply that comes late looks like the reply to the next
-request. After a failure the next requests to that servo ask for some bytes more than needed, until
-the late reply has come or a second has passed, so that its length gives it away. What is received
-and equals what was sent is the echo of an adapter that joins both directions.
+request. After a failure the next requests to that servo ask for more bytes than needed, until the
+late reply has come or a second has passed, so that the length tells them apart. A received packet
+that equals one that was sent is the echo of an adapter that joins both directions.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from __future__ import annotations
 import termios
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -25,6 +26,7 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
+    LineBusyError,
     NotConnectedError,
     PortLostError,
     PortMissingError,
@@ -33,7 +35,6 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.protocol import (
     ALERT,
     BROADCAST_ID,
-    HEADER,
     OVERHEAD,
     STATUS,
     ErrorBits,
@@ -41,14 +42,15 @@ from head_tracking.dynamixel.protocol import (
     Status,
     StatusCode,
     bulk_read_packet,
-    crc16,
+    decode_status,
     describe_errors,
     describe_status,
     encode_packet,
-    find_status,
+    find_packet,
     joint_status_size,
     read_packet,
     split_joint_status,
+    status_prefix,
     sync_read_packet,
     sync_write_packet,
     write_packet,
@@ -65,11 +67,13 @@ _LONGEST: Final = 0.025
 _MARGIN: Final = 0.0012
 _DEVIATIONS: Final = 6.0
 _GAIN: Final = 1.0 / 16.0
+_GAP: Final = 0.02  # s to wait for a gap between the packets of somebody else, before a request
 _SUSPECT: Final = 1.0  # s for which a line on which somebody said too much is listened to
 _FORGOTTEN: Final = 1.0
 """s after which no reply is still on its way, through whatever adapter."""
 _MOST_EXTRA: Final = 24  # bytes
 _PING_LENGTHS: Final = {1: 0, 2: 3}
+_ID_REGISTER: Final = 3  # of protocol 1.0
 
 
 class Reply(NamedTuple):
@@ -118,6 +122,33 @@ class ReadMethod(Enum):
     FAST_SYNC = "fast sync read"
 
 
+class Request(NamedTuple):
+    """A packet that is sent, and the reply of one servo that is expected.
+
+    Attributes:
+        packet: What is sent.
+        protocol: 1 or 2.
+        id: The servo; BROADCAST_ID if several reply in one packet.
+        length: Bytes of data of the reply.
+        size: Bytes of the reply.
+        prefix: First bytes of the reply.
+        what: What is asked for, for messages.
+    """
+
+    packet: bytes
+    protocol: int
+    id: int
+    length: int
+    size: int
+    prefix: bytes
+    what: str
+
+
+def _request(packet: bytes, protocol: int, servo_id: int, length: int, what: str) -> Request:
+    prefix = status_prefix(protocol, servo_id, length)
+    return Request(packet, protocol, servo_id, length, OVERHEAD[protocol] + length, prefix, what)
+
+
 Plausible = Callable[[bytes], bool]
 
 
@@ -131,8 +162,10 @@ class ReadGroup:
         address: First register byte.
         length: Number of bytes.
         ids: The servos.
-        plausible: Says whether a servo can have said that; the checksum of protocol 1.0 is weak,
+        plausible: Returns whether a servo can have said that; the checksum of protocol 1.0 is weak,
             two damaged bits can cancel each other out.
+        requests: The replies to the packet that reads all of them; none if each is asked alone.
+        alone: The groups that read each of several servos alone.
     """
 
     method: ReadMethod
@@ -141,6 +174,43 @@ class ReadGroup:
     length: int
     ids: tuple[int, ...]
     plausible: Plausible | None = None
+    requests: tuple[Request, ...] = field(init=False, repr=False, compare=False)
+    alone: tuple[ReadGroup, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        ids, alone = self.ids, tuple(map(self._one, self.ids)) if len(self.ids) > 1 else ()
+        object.__setattr__(self, "alone", alone)
+        object.__setattr__(self, "requests", tuple(self._requests(ids)))
+
+    def _one(self, servo_id: int) -> ReadGroup:
+        each = ReadMethod.EACH
+        return ReadGroup(
+            each, self.protocol, self.address, self.length, (servo_id,), self.plausible
+        )
+
+    def _requests(self, ids: tuple[int, ...]) -> Iterator[Request]:
+        protocol, address, length, method = self.protocol, self.address, self.length, self.method
+        what = f"read of {length} byte(s) at {address}"
+        if not self.alone:
+            for servo_id in ids:
+                packet = read_packet(protocol, servo_id, address, length)
+                yield _request(packet, protocol, servo_id, length, what)
+        elif method is ReadMethod.FAST_SYNC:
+            packet = sync_read_packet(ids, address, length, fast=True)
+            yield _request(packet, 2, BROADCAST_ID, joint_status_size(len(ids), length), what)
+        elif method is not ReadMethod.EACH:
+            read_together = bulk_read_packet if method is ReadMethod.BULK else sync_read_packet
+            packet = read_together(ids, address, length)
+            for servo_id in ids:
+                yield _request(packet, protocol, servo_id, length, what)
+
+    def longer(self, extra: int) -> ReadGroup:
+        """Return the group that reads some bytes more, before its own where there are as many."""
+        first = self.address - extra if self.address >= extra else self.address
+        return ReadGroup(self.method, self.protocol, first, self.length + extra, self.ids)
+
+
+_read_group = lru_cache(maxsize=512)(ReadGroup)
 
 
 class ReplyTimeout:
@@ -188,55 +258,52 @@ class ReplyTimeout:
 
 
 class LateReplies:
-    """Replies that nobody waits for any more: by protocol and id, their lengths and due times.
+    """Replies that nobody waits for any more.
 
     Args:
         clock: Monotonic time, s.
 
     Attributes:
-        due: When each of them was due, s.
+        due: When they were due, s, by protocol and id, and by bytes of data.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
         self.due: dict[tuple[int, int], dict[int, float]] = {}
+        self._clock = clock
 
-    def add(self, protocol: int, servo_id: int, length: int, due: float) -> None:
-        """Note that a reply with so many bytes of data may still come."""
-        self.due.setdefault((protocol, servo_id), {})[length] = due
+    def add(self, request: Request, due: float) -> None:
+        """Note that the reply to a request may still come; it was due at a time, s."""
+        self.due.setdefault((request.protocol, request.id), {})[request.length] = due
 
-    def extra(self, protocol: int, ids: Iterable[int], length: int) -> int | None:
-        """Return how many bytes more to ask for, so that no late reply has the length of the new.
+    def told_apart(self, group: ReadGroup) -> ReadGroup:
+        """Return the group, or a longer one, whose replies have the length of no late reply.
 
-        Returns:
-            That number; None if there is none, after many failures in a second.
+        Raises:
+            ReplyTimeoutError: There is none, after many failures in a second.
         """
-        if not self.due:
-            return 0
         self.forget()
-        late: set[int] = set()
-        for servo_id in ids:
-            late.update(self.due.get((protocol, servo_id), ()))
-        return next((extra for extra in range(_MOST_EXTRA + 1) if length + extra not in late), None)
+        for extra in range(_MOST_EXTRA + 1):
+            longer = group.longer(extra) if extra else group
+            if not any(
+                request.length in self.due.get((request.protocol, request.id), ())
+                for request in longer.requests
+            ):
+                return longer
+        raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
 
-    def take(self, protocol: int, servo_id: int, length: int) -> float | None:
+    def take(self, protocol: int, status: Status) -> float | None:
         """Note that such a reply has come; return how late it is, s, or None if none is due."""
-        due = self.due.get((protocol, servo_id))
-        if due is None:
-            return None
-        time_due = due.pop(length, None)
-        if not due:
-            del self.due[protocol, servo_id]
-        return None if time_due is None else self._clock() - time_due
+        due = self.due.get((protocol, status.id), {}).pop(len(status.data), None)
+        self.forget()
+        return None if due is None else self._clock() - due
 
     def forget(self) -> None:
         """Drop what is too old to come."""
-        now = self._clock()
+        oldest = self._clock() - _FORGOTTEN
         for key, late in list(self.due.items()):
-            recent = {length: due for length, due in late.items() if now - due <= _FORGOTTEN}
-            if recent:
-                self.due[key] = recent
-            else:
+            recent = {length: due for length, due in late.items() if due >= oldest}
+            self.due[key] = recent
+            if not recent:
                 del self.due[key]
 
 
@@ -260,6 +327,7 @@ class DynamixelPort:
         baud_rate: Bits per second.
         clock: Monotonic time, s.
         adapter: What is known about the device since it was opened.
+        searches: Replies that were not just what was expected, and had to be searched for.
         surplus: Status packets that nobody had asked for, by servo id: two servos have that id, or
             somebody repeats packets.
 
@@ -286,6 +354,7 @@ class DynamixelPort:
         self.clock = clock
         self.adapter = Adapter()
         self.surplus: Counter[int] = Counter()
+        self.searches = 0
         self._reply_timeout = reply_timeout
         self._write_timeout = write_timeout
         self._open_device = open_device
@@ -297,12 +366,10 @@ class DynamixelPort:
         self._late = LateReplies(clock)
         self._seconds_per_byte = 10.0 / baud_rate
         self._sent: deque[bytes] = deque(maxlen=4)
-        self._held = b""
-        self._buffer = bytearray()
+        self._buffer = b""
         self._wire_free = 0.0
         self._suspect_until = 0.0  # somebody sends more status packets than were asked for
-        self._echoes: bool | None = None
-        self._mirrored = False  # the last request came back
+        self._echoed = False  # the last request came back
 
     @property
     def is_open(self) -> bool:
@@ -344,9 +411,7 @@ class DynamixelPort:
         self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
         self._late = LateReplies(self.clock)
         self._sent.clear()
-        self._held = b""
-        self._buffer.clear()
-        self._echoes = None
+        self._buffer = b""
         self._device, self._line = device, device.line
 
     def close(self) -> None:
@@ -370,47 +435,13 @@ class DynamixelPort:
         """
         line = self._line or self._open_line()
         try:
-            if self._suspect_until or self._late.due or self._buffer:
-                self._clear()
-            else:
+            if not (self._late.due or self._suspect_until):
                 line.discard_input()
-            if group.method is not ReadMethod.EACH and len(group.ids) > 1:
+            if group.alone and group.requests:
                 return self._read_together(group, retries)
-            protocol, address, length = group.protocol, group.address, group.length
-            plausible = group.plausible
-            replies: list[Reply | Retried | Failed] = []
-            for servo_id in group.ids:
-                try:
-                    reply = self._read(
-                        protocol, servo_id, address, length, bool(self._suspect_until)
-                    )
-                except CommunicationError as cause:
-                    replies.append(self._again(group, servo_id, retries, cause))
-                    continue
-                if plausible is None or plausible(reply.data):
-                    replies.append(reply)
-                else:
-                    impossible = _impossible(servo_id, reply)
-                    replies.append(self._again(group, servo_id, retries, impossible))
-            return replies
+            return [self._read_alone(each, retries) for each in group.alone or (group,)]
         except _LOST as cause:
             raise self._lost(cause) from cause
-
-    def _again(
-        self, group: ReadGroup, servo_id: int, retries: int, cause: CommunicationError
-    ) -> Retried | Failed:
-        """Ask a servo once more, before anybody else is asked."""
-        causes = [cause]
-        while len(causes) <= retries:
-            try:
-                reply = self._read(group.protocol, servo_id, group.address, group.length)
-            except CommunicationError as another:
-                causes.append(another)
-                continue
-            if group.plausible is None or group.plausible(reply.data):
-                return Retried(reply, tuple(causes))
-            causes.append(_impossible(servo_id, reply))
-        return Failed(tuple(causes))
 
     def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
         """Read `length` bytes from `address` on.
@@ -419,41 +450,29 @@ class DynamixelPort:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        self._open_line()
-        try:
-            return self._read(protocol, servo_id, address, length)
-        except _LOST as cause:
-            raise self._lost(cause) from cause
+        group = _read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
+        outcome = self.read_group(group)[0]
+        if isinstance(outcome, Failed):
+            raise outcome.causes[0]
+        return outcome.reply if isinstance(outcome, Retried) else outcome
 
-    def _read(
-        self, protocol: int, servo_id: int, address: int, length: int, clear: bool = True
-    ) -> Reply:
-        if self._late.due:
-            return self._read_more(protocol, servo_id, address, length)
-        request = _request(protocol, servo_id, address, length)
-        if clear or self._buffer:
-            self._clear()
-        stamp = self._send(request)
-        status = self._receive(protocol, servo_id, length)
-        if status.error or len(status.data) != length:
-            _check(protocol, status, length, f"read of {length} byte(s) at {address}")
-        end = self._wire_free  # where bytes take no time, a reply may come before its time
-        return Reply(status.data, status.error, stamp if stamp < end else end)
-
-    def _read_more(self, protocol: int, servo_id: int, address: int, length: int) -> Reply:
-        """Read some bytes more than needed, so that no late reply looks like this one."""
-        extra = self._late.extra(protocol, (servo_id,), length)
-        if extra is None:
-            raise ReplyTimeoutError(f"servo {servo_id} has not answered many times")
-        # Before what is needed, where there are as many: past the end there may be nothing.
-        first = address - extra if address >= extra else address
-        request = read_packet(protocol, servo_id, first, length + extra)
-        self._clear()
-        stamp = self._send(request)
-        status = self._receive(protocol, servo_id, length + extra)
-        _check(protocol, status, length + extra, f"read of {length + extra} byte(s) at {first}")
-        data = status.data[address - first : address - first + length]
-        return Reply(data, status.error, min(stamp, self._wire_free))
+    def _read_alone(
+        self, group: ReadGroup, retries: int, *causes: CommunicationError
+    ) -> Reply | Retried | Failed:
+        """Ask one servo, again and again; `causes` are why that failed before."""
+        while len(causes) <= retries:
+            try:
+                asked = group
+                if self._buffer or self._suspect_until or self._late.due:
+                    asked = self._prepare(group)
+                request = asked.requests[0]
+                stamp = self._send(request.packet)
+                reply = self._reply(group, asked, self._receive(request), stamp)
+            except CommunicationError as cause:
+                causes += (cause,)
+            else:
+                return Retried(reply, causes) if causes else reply
+        return Failed(causes)
 
     def _read_together(self, group: ReadGroup, retries: int) -> list[Reply | Retried | Failed]:
         """Ask several servos with one packet, which they answer one after the other, or in one.
@@ -461,68 +480,50 @@ class DynamixelPort:
         Behind a silent one the others may wait for ever, so that they count as silent too. Who did
         not answer is asked alone once nobody speaks any more.
         """
-        protocol, ids, fast = group.protocol, group.ids, group.method is ReadMethod.FAST_SYNC
-        extra = self._extra(protocol, ids, group.length, fast)
-        if extra is None:
-            silent = ReplyTimeoutError("servos have not answered many times")
-            return [Failed((silent,)) for _ in ids]
-        address = group.address - extra if group.address >= extra else group.address
-        length = group.length + extra
-        if group.method is ReadMethod.BULK:
-            request = bulk_read_packet(ids, address, length)
-        else:
-            request = _group_request(ids, address, length, fast=fast)
-        stamp = self._send(request)
         outcomes: list[Status | CommunicationError] = []
-        if fast:
-            try:
-                size = joint_status_size(len(ids), length)
-                joint = self._receive(protocol, BROADCAST_ID, size)
-                shares = split_joint_status(joint, length, len(ids))
-                if tuple(share.id for share in shares) != ids:
-                    raise CorruptReplyError(f"damaged reply to a fast sync read of {ids}")
-                outcomes += shares
-            except CommunicationError as cause:
-                outcomes += [cause] * len(ids)
-        else:
-            for index, servo_id in enumerate(ids):
+        asked, stamp = group, 0.0
+        try:
+            if self._buffer or self._suspect_until or self._late.due:
+                asked = self._prepare(group)
+            stamp = self._send(asked.requests[0].packet)
+            for request in asked.requests:
                 try:
-                    outcomes.append(self._receive(protocol, servo_id, length))
-                except ReplyTimeoutError as cause:
-                    outcomes += [cause] * (len(ids) - index)
-                    for behind in ids[index + 1 :]:
-                        self._late.add(protocol, behind, length, self._wire_free)
-                    break
+                    outcomes.append(self._receive(request))
                 except CorruptReplyError as cause:
                     outcomes.append(cause)
-        offset = group.address - address
+            if group.method is ReadMethod.FAST_SYNC:
+                outcomes = _split(asked, outcomes[0])
+        except CommunicationError as cause:
+            for request in asked.requests[len(outcomes) + 1 :]:
+                self._late.add(request, self._wire_free)
+            outcomes += [cause] * (len(group.ids) - len(outcomes))
         replies: list[Reply | Retried | Failed] = []
-        for servo_id, outcome in zip(ids, outcomes, strict=True):
+        for each, outcome in zip(group.alone, outcomes, strict=True):
             try:
                 if isinstance(outcome, CommunicationError):
                     raise outcome
-                if outcome.error or len(outcome.data) != length:
-                    _check(protocol, outcome, length, f"read of {length} byte(s) at {address}")
-                reply = Reply(
-                    outcome.data[offset : offset + group.length] if extra else outcome.data,
-                    outcome.error,
-                    stamp,
-                )
-                if group.plausible is not None and not group.plausible(reply.data):
-                    raise _impossible(servo_id, reply)
-                replies.append(reply)
+                replies.append(self._reply(group, asked, outcome, stamp))
             except CommunicationError as cause:
-                replies.append(self._again(group, servo_id, retries, cause))
+                replies.append(self._read_alone(each, retries, cause))
         return replies
 
-    def _extra(self, protocol: int, ids: Sequence[int], length: int, fast: bool) -> int | None:
-        if not fast:
-            return self._late.extra(protocol, ids, length)
-        for extra in range(_MOST_EXTRA + 1):
-            size = joint_status_size(len(ids), length + extra)
-            if self._late.extra(2, (BROADCAST_ID,), size) == 0:
-                return extra
-        return None
+    def _prepare(self, group: ReadGroup) -> ReadGroup:
+        """Make sure that nobody speaks and no late reply will look like a new one."""
+        self._clear()
+        return self._late.told_apart(group) if self._late.due else group
+
+    def _reply(self, group: ReadGroup, asked: ReadGroup, status: Status, stamp: float) -> Reply:
+        """Return the bytes that were wanted, of those that were asked for."""
+        data = status.data
+        if status.error or len(data) != asked.length:
+            _check(asked.protocol, status, asked.length, asked.requests[0].what)
+        if asked is not group:
+            offset = group.address - asked.address
+            data = data[offset : offset + group.length]
+        if group.plausible is not None and not group.plausible(data):
+            raise CorruptReplyError(f"servo {status.id}: impossible feedback {data!r}")
+        end = self._wire_free  # where bytes take no time, a reply may come before its time
+        return Reply(data, status.error, stamp if stamp < end else end)
 
     # Other instructions
 
@@ -533,25 +534,16 @@ class DynamixelPort:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        self._open_line()
         packet = encode_packet(protocol, servo_id, Instruction.PING)
-        length = _PING_LENGTHS[protocol]
+        request = _request(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
         try:
-            try:
-                status = self._ask(protocol, servo_id, packet, length)
-            except ReplyTimeoutError:
-                # The honest reply to a ping of a servo with a voltage error looks like an echo.
-                if not self._mirrored or protocol == 2:
-                    raise
-                if self._echoes is None:
-                    self._echoes = self._line_echoes()
-                if self._echoes:
-                    raise
-                status = Status(servo_id, packet[4])
-        except _LOST as cause:
-            raise self._lost(cause) from cause
-        _check(protocol, status, length, "ping")
-        return status.error
+            return self._command(request)
+        except ReplyTimeoutError:
+            # The reply to a ping of a servo with a voltage error is the ping's own echo.
+            if protocol == 2 or not self._echoed:
+                raise
+            self.read(servo_id, _ID_REGISTER, 1)
+            return packet[4]
 
     def write(
         self,
@@ -575,9 +567,8 @@ class DynamixelPort:
         if not acknowledged:
             self._tell(packet)
             return 0
-        return self._command(
-            protocol, servo_id, packet, f"write of {len(data)} byte(s) at {address}"
-        )
+        what = f"write of {len(data)} byte(s) at {address}"
+        return self._command(_request(packet, protocol, servo_id, 0, what))
 
     def reboot(self, servo_id: int) -> None:
         """Restart a protocol 2.0 servo; it answers nothing for a while.
@@ -586,17 +577,40 @@ class DynamixelPort:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        self._command(2, servo_id, encode_packet(2, servo_id, Instruction.REBOOT), "reboot")
+        packet = encode_packet(2, servo_id, Instruction.REBOOT)
+        self._command(_request(packet, 2, servo_id, 0, "reboot"))
 
-    def sync_write(self, address: int, data: Mapping[int, bytes], protocol: int = 1) -> None:
+    def sync_write(
+        self,
+        address: int,
+        data: Mapping[int, bytes],
+        protocol: int = 1,
+        *,
+        patience: float = 0.0,
+    ) -> None:
         """Write the same registers of several servos in one packet, by id; nobody answers.
 
+        Args:
+            address: First register byte.
+            data: What to write, by servo id.
+            protocol: 1 or 2.
+            patience: How long to wait for a gap between the packets of somebody else, s; 0: not at
+                all. For what must reach the servos, such as STOP.
+
         Raises:
+            LineBusyError: There was no gap; nothing was sent.
             CommunicationError: The packet cannot be sent.
             PortLostError: The device has gone.
         """
-        if data:
-            self._tell(sync_write_packet(protocol, address, data))
+        if not data:
+            return
+        line = self._line or self._open_line()
+        try:
+            if patience and (self._suspect_until or line.read(_CHUNK, self.clock())):
+                self._wait_for_gap(patience)
+            self._send(sync_write_packet(protocol, address, data))
+        except _LOST as cause:
+            raise self._lost(cause) from cause
 
     def find_all(self) -> dict[int, tuple[int, int]]:
         """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet.
@@ -609,10 +623,11 @@ class DynamixelPort:
         # Each servo waits until those with lower ids have had their time; dynamixel_sdk reckons so.
         seconds = 253 * (14 * self._seconds_per_byte + 0.003) + 0.016
         try:
-            self._clear()
+            with suppress(LineBusyError):
+                self._clear()
             self._send(encode_packet(2, BROADCAST_ID, Instruction.PING))
             deadline = self.clock() + seconds
-            while data := line.read(_CHUNK, deadline):
+            while self.clock() < deadline and (data := line.read(_CHUNK, deadline)):
                 self._buffer += data
                 while (status := self._next(2)[0]) is not None:
                     if len(status.data) == 3:
@@ -624,20 +639,17 @@ class DynamixelPort:
 
     # One request and its reply
 
-    def _command(self, protocol: int, servo_id: int, packet: bytes, what: str) -> int:
+    def _command(self, request: Request) -> int:
+        """Send an instruction to one servo; return the error byte of its reply."""
         self._open_line()
         try:
-            status = self._ask(protocol, servo_id, packet, 0)
+            self._clear()
+            self._send(request.packet)
+            status = self._receive(request)
         except _LOST as cause:
             raise self._lost(cause) from cause
-        _check(protocol, status, 0, what)
+        _check(request.protocol, status, request.length, request.what)
         return status.error
-
-    def _ask(self, protocol: int, servo_id: int, packet: bytes, length: int) -> Status:
-        """Send a request and return what the servo replied."""
-        self._clear()
-        self._send(packet)
-        return self._receive(protocol, servo_id, length)
 
     def _send(self, packet: bytes) -> float:
         """Write a packet; return when it will have gone over the wire, s."""
@@ -650,78 +662,60 @@ class DynamixelPort:
         self._wire_free = free
         return free
 
-    def _receive(self, protocol: int, servo_id: int, length: int) -> Status:
+    def _receive(self, request: Request) -> Status:
         """Wait for the reply of a servo."""
         line = self._line
         assert line is not None
-        size = OVERHEAD[protocol] + length
+        size = request.size
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        self._mirrored = False
-        if not self._buffer:
+        buffer, prefix = self._buffer, request.prefix
+        while len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
-            if len(data) == size and data not in self._sent:
-                if protocol == 1:
-                    if (
-                        data[2] == servo_id
-                        and data[3] == size - 4
-                        and data[0] == 0xFF == data[1]
-                        and data[4] <= 0x7F
-                        and sum(data) & 0xFF == 0xFD  # FF twice, and what the checksum makes FF
-                    ):
-                        now = self._wire_free = self.clock()
-                        self._timeout.learn(now - due)
-                        return Status(servo_id, data[4], data[5:-1])
-                elif (
-                    data[4] == servo_id
-                    and data[5] | data[6] << 8 == size - 7
-                    and data[7] == STATUS
-                    and data[:4] == HEADER[2]
-                    and b"\xff\xff\xfd" not in data[8:]
-                    and crc16(data[:-2]) == data[-2] | data[-1] << 8
-                ):
-                    now = self._wire_free = self.clock()
-                    self._timeout.learn(now - due)
-                    return Status(servo_id, data[8], data[9:-2])
-            self._buffer += data
-        return self._search(protocol, servo_id, length, due, deadline)
+            if not data:
+                break
+            buffer += data
+        packet = buffer[:size]
+        if packet.startswith(prefix) and len(packet) == size and packet not in self._sent:
+            status = decode_status(request.protocol, packet)
+            if status is not None:
+                self._buffer = buffer[size:]
+                now = self._wire_free = self.clock()
+                self._timeout.learn(now - due)
+                return status
+        self._buffer = buffer
+        self.searches += 1
+        return self._search(request, due, deadline)
 
-    def _search(
-        self, protocol: int, servo_id: int, length: int, due: float, deadline: float
-    ) -> Status:
+    def _search(self, request: Request, due: float, deadline: float) -> Status:
         """Wait for the reply of a servo among echoes, noise, and packets that are not wanted."""
         line = self._line
         assert line is not None
-        size = OVERHEAD[protocol] + length
+        protocol = request.protocol
+        end = max(deadline, due + _LONGEST)
         received = len(self._buffer)
         stray: Status | None = None
-        was_damaged = False
+        was_damaged = self._echoed = False
         while True:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
-                if status.id != servo_id:
+                if status.id != request.id:
                     self._note_surplus(status.id)
-                    continue
-                if len(status.data) != length and not _refuses(protocol, status):
-                    late = self._late.take(protocol, servo_id, len(status.data))
-                    if late is not None:
-                        self._timeout.learn_late(late)
-                    else:
-                        self._note_surplus(servo_id)
-                        stray = status
-                    continue
-                now = self.clock()
-                self._timeout.learn(now - due)
-                self._wire_free = now
-                self._echoes = self._mirrored
-                return status
+                elif len(status.data) == request.length or _refuses(protocol, status):
+                    now = self._wire_free = self.clock()
+                    self._timeout.learn(now - due)
+                    return status
+                elif not self._is_late(protocol, status):
+                    self._note_surplus(request.id)
+                    stray = status
+                continue
             now = self.clock()
-            if damaged and received >= size:  # that was it
+            if damaged and received >= request.size:  # that was it
                 deadline = min(deadline, max(due, now) + _QUIET)
             elif self._buffer and deadline < now + _QUIET:
-                deadline = min(now + _QUIET, due + _LONGEST)  # somebody is speaking
-            data = line.read(_CHUNK, deadline)
+                deadline = min(now + _QUIET, end)  # somebody is speaking
+            data = line.read(_CHUNK, deadline) if now < end else b""
             if not data:
                 break
             received += len(data)
@@ -729,79 +723,99 @@ class DynamixelPort:
         self._wire_free = self.clock()
         if stray is not None:
             return stray  # no reply to what was asked: the caller says so
-        self._late.add(protocol, servo_id, length, due)
-        if self._buffer_says_something() or was_damaged:
-            raise CorruptReplyError(f"servo {servo_id}: damaged reply")
-        what = _described(protocol, self._sent[-1])
+        self._late.add(request, due)
+        if self._buffer or was_damaged:
+            raise CorruptReplyError(f"servo {request.id}: damaged reply")
         raise ReplyTimeoutError(
-            f"servo {servo_id} did not answer a {what} within "
+            f"servo {request.id} did not answer a {request.what} within "
             f"{self._timeout.allowance * 1e3:.0f} ms on {self.name} at {self.baud_rate} baud"
         )
 
     def _next(self, protocol: int) -> tuple[Status | None, bool]:
-        """Take the next status packet that is no echo out of the buffer.
+        """Remove the first status packet that is no echo from the buffer.
 
         Returns:
             The packet, or None; and whether there was a damaged one.
         """
-        while True:
-            found = find_status(protocol, self._buffer)
-            if found.status is None:
-                return None, found.damaged
-            before = bytes(self._buffer[: found.end - len(found.packet)])
-            del self._buffer[: found.end]
-            if any(sent in before for sent in self._sent):
-                self._mirrored = True  # in protocol 2.0 an echo does not look like a status packet
-            if found.packet not in self._sent:
-                return found.status, found.damaged
-            self._mirrored = True
+        damaged = False
+        while (found := find_packet(protocol, self._buffer)).packet:
+            self._buffer = self._buffer[found.end :]
+            damaged = damaged or found.damaged
+            if found.packet in self._sent:
+                self._echoed = True
+                continue
+            status = decode_status(protocol, found.packet)
+            if status is not None:
+                return status, damaged
+        return None, damaged or found.damaged
 
-    def _buffer_says_something(self) -> bool:
-        """Whether more was received than the echo of what was sent."""
-        rest = bytes(self._buffer)
-        for packet in self._sent:
-            if packet in rest:
-                self._mirrored = True
-                rest = rest.replace(packet, b"")
-        return bool(rest)
+    def _is_late(self, protocol: int, status: Status) -> bool:
+        """Return whether a reply is one that nobody waits for any more, and learn from it."""
+        late = self._late.take(protocol, status)
+        if late is not None:
+            self._timeout.learn_late(late)
+        return late is not None
 
     def _note_surplus(self, servo_id: int) -> None:
         self.surplus[servo_id] += 1
         self._suspect_until = self.clock() + _SUSPECT
 
     def _clear(self) -> None:
-        """Forget what was received, and learn from replies that came too late."""
-        line = self._line
-        assert line is not None
-        now = self.clock()
-        if self._suspect_until:
-            if now > self._suspect_until:
-                self._suspect_until = 0.0
-            else:  # wait until whoever sends too much has sent it
-                extra = line.read(_CHUNK, now + 2.0 * _QUIET)
-                while extra:
-                    self._buffer += extra
-                    extra = line.read(_CHUNK, self.clock() + 2.0 * _QUIET)
-        if self._late.due:
-            received = bytes(self._buffer) + line.read(_CHUNK, self.clock())
-            for protocol in {protocol for protocol, _ in self._late.due}:
-                self._buffer[:] = received
-                while (status := self._next(protocol)[0]) is not None:
-                    late = self._late.take(protocol, status.id, len(status.data))
-                    if late is not None:
-                        self._timeout.learn_late(late)
-            self._late.forget()
-        line.discard_input()
-        self._buffer.clear()
+        """Forget what was received; where somebody sends too much, wait until nobody speaks.
 
-    def _line_echoes(self) -> bool:
-        """Find out whether the line echoes, with a byte that means nothing to any servo."""
+        Raises:
+            LineBusyError: Somebody speaks without pause.
+        """
         line = self._line
         assert line is not None
-        self._clear()
-        self._send(b"\x00")
-        self._sent.pop()  # it would be found in every packet
-        return line.read(_CHUNK, self._wire_free + self._timeout.allowance).startswith(b"\x00")
+        if self._late.due:
+            received = self._buffer + line.read(_CHUNK, self.clock())
+            for protocol in (1, 2):
+                self._buffer = received
+                while (status := self._next(protocol)[0]) is not None:
+                    self._is_late(protocol, status)
+            self._late.forget()
+        if self._suspect_until:
+            if self.clock() > self._suspect_until:
+                self._suspect_until = 0.0
+            else:
+                self._wait_for_gap(_GAP)
+        line.discard_input()
+        self._buffer = b""
+
+    def _wait_for_gap(self, patience: float) -> None:
+        """Wait until nobody speaks, or a reply to somebody else has just ended.
+
+        Raises:
+            LineBusyError: There was no gap for so long, s.
+        """
+        line = self._line
+        assert line is not None
+        deadline = self.clock() + patience
+        line.discard_input()  # of what is old, nobody knows when it ended
+        self._buffer = b""
+        while not self._ends_with_status():
+            now = self.clock()
+            data = line.read(_CHUNK, now + 2.0 * _QUIET)
+            if not data:
+                return
+            if now > deadline:
+                raise LineBusyError(self.name, patience)
+            self._buffer = (self._buffer + data)[-_CHUNK:]
+
+    def _ends_with_status(self) -> bool:
+        """Return whether the last thing heard is a whole packet that nobody will answer.
+
+        In protocol 1.0 a status packet whose error byte is not 0 looks like an instruction.
+        """
+        for protocol in (1, 2):
+            rest = self._buffer
+            while (found := find_packet(protocol, rest)).packet:
+                rest = rest[found.end :]
+                code = found.packet[4 if protocol == 1 else 7]
+                if not rest and code == (0 if protocol == 1 else STATUS):
+                    return True
+        return False
 
     def _tell(self, packet: bytes) -> None:
         if self._line is None:
@@ -821,25 +835,20 @@ class DynamixelPort:
         return PortLostError(self.name, cause)
 
 
-_request = lru_cache(maxsize=512)(read_packet)
-_group_request = lru_cache(maxsize=128)(sync_read_packet)
-
-
-def _described(protocol: int, request: bytes) -> str:
-    """Return what a request asks for, in words."""
-    code, start = (request[4], 5) if protocol == 1 else (request[7], 8)
-    if code == Instruction.READ:
-        address = int.from_bytes(request[start : start + protocol], "little")
-        length = int.from_bytes(request[start + protocol : start + 2 * protocol], "little")
-        return f"read of {length} byte(s) at {address}"
-    try:
-        return Instruction(code).name.lower().replace("_", " ")
-    except ValueError:
-        return f"packet with code {code}"
+def _split(
+    group: ReadGroup, joint: Status | CommunicationError
+) -> list[Status | CommunicationError]:
+    """Return what each servo said in the joint answer to a fast sync read."""
+    if isinstance(joint, CommunicationError):
+        raise joint
+    shares = split_joint_status(joint, group.length, len(group.ids))
+    if tuple(share.id for share in shares) != group.ids:
+        raise CorruptReplyError(f"damaged reply to a fast sync read of {group.ids}")
+    return list(shares)
 
 
 def _refuses(protocol: int, status: Status) -> bool:
-    """Whether a servo says by a status without data why it does not do what was asked."""
+    """Return whether a servo says by a status without data why it does not do what was asked."""
     if status.data:
         return False
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
@@ -856,7 +865,3 @@ def _check(protocol: int, status: Status, length: int, what: str) -> None:
             f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; error "
             f"bits: {told}"
         )
-
-
-def _impossible(servo_id: int, reply: Reply) -> CorruptReplyError:
-    return CorruptReplyError(f"servo {servo_id}: impossible feedback {reply.data!r}")

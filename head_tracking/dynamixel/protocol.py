@@ -41,27 +41,18 @@ STATUS: Final = 0x55
 ALERT: Final = 0x80
 """Bit of a 2.0 error byte: look at Hardware Error Status."""
 
-CLEAR_MULTI_TURN: Final = b"\x01\x44\x58\x4c\x22"
-"""Parameters of CLEAR that fold the present position into one turn."""
-
 
 class Instruction(IntEnum):
-    """What a packet asks for. From REBOOT on, only BULK_READ and SYNC_WRITE are also in 1.0."""
+    """What the driver asks for; BULK_READ in protocol 1.0 only, the reads of several from 2.0."""
 
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REG_WRITE = 0x04
-    ACTION = 0x05
-    FACTORY_RESET = 0x06
     REBOOT = 0x08
-    CLEAR = 0x10
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     FAST_SYNC_READ = 0x8A
     BULK_READ = 0x92
-    BULK_WRITE = 0x93
-    FAST_BULK_READ = 0x9A
 
 
 class ErrorBits(IntFlag):
@@ -152,7 +143,7 @@ _CRC_TABLE: Final = _crc_table()
 _STUFFED: Final = b"\xff\xff\xfd"
 
 
-def crc16(data: bytes | bytearray | memoryview) -> int:
+def crc16(data: bytes) -> int:
     """Return the CRC-16 (polynomial 0x8005, not reflected, initially 0) of bytes."""
     crc, table = 0, _CRC_TABLE
     for byte in data:
@@ -160,49 +151,7 @@ def crc16(data: bytes | bytearray | memoryview) -> int:
     return crc
 
 
-def stuff(content: bytes) -> bytes:
-    """Insert an FD after each FF FF FD.
-
-    Args:
-        content: Instruction to last parameter. What stands before an instruction never matters.
-    """
-    return content.replace(_STUFFED, _STUFFED + b"\xfd")
-
-
-def unstuff(content: bytes) -> bytes:
-    """Take the inserted FDs out again; inverse of `stuff`."""
-    return content.replace(_STUFFED + b"\xfd", _STUFFED)
-
-
-# Packets
-
-
-class Packet(NamedTuple):
-    """A packet whose checksum fits.
-
-    Attributes:
-        id: The servo, or BROADCAST_ID.
-        code: The instruction; unknown ones can occur. See the module for status packets.
-        parameters: What follows, not stuffed.
-    """
-
-    id: int
-    code: int
-    parameters: bytes = b""
-
-
-class Status(NamedTuple):
-    """What a servo answers.
-
-    Attributes:
-        id: The servo.
-        error: Its error byte.
-        data: What it carries, not stuffed.
-    """
-
-    id: int
-    error: int
-    data: bytes = b""
+# Requests
 
 
 def encode_packet(protocol: int, servo_id: int, code: int, parameters: bytes = b"") -> bytes:
@@ -215,7 +164,7 @@ def encode_packet(protocol: int, servo_id: int, code: int, parameters: bytes = b
         body = bytes((servo_id, len(parameters) + 2 & 0xFF, code)) + parameters
         packet = b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
     else:
-        content = stuff(bytes((code,)) + parameters)
+        content = (bytes((code,)) + parameters).replace(_STUFFED, _STUFFED + b"\xfd")
         size = len(content) + 2
         packet = HEADER[2] + bytes((servo_id, size & 0xFF, size >> 8 & 0xFF)) + content
         packet += crc16(packet).to_bytes(2, "little")
@@ -227,59 +176,9 @@ def encode_packet(protocol: int, servo_id: int, code: int, parameters: bytes = b
     return packet
 
 
-def encode_status(protocol: int, status: Status) -> bytes:
-    """Return a status packet as it goes over the wire; raises as `encode_packet` does."""
-    if protocol == 1:
-        return encode_packet(1, status.id, status.error, status.data)
-    return encode_packet(2, status.id, STATUS, bytes((status.error,)) + status.data)
-
-
-def decode_packet(protocol: int, packet: bytes) -> Packet | None:
-    """Return what the bytes say if they are exactly one undamaged packet; mirrors the encoder."""
-    if packet_length(protocol, packet) != len(packet):
-        return None
-    if protocol == 1:
-        if ~sum(packet[2:-1]) & 0xFF != packet[-1]:
-            return None
-        return Packet(packet[2], packet[4], packet[5:-1])
-    if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
-        return None
-    content = unstuff(packet[7:-2])
-    return Packet(packet[4], content[0], content[1:])
-
-
-def packet_length(protocol: int, buffer: bytes | bytearray, start: int = 0) -> int:
-    """Return the length of the packet that seems to begin at `start`, in bytes.
-
-    Returns:
-        That length; 0 while too little of it is there to tell; -1 if no packet begins here.
-    """
-    header = HEADER[protocol]
-    begin = bytes(buffer[start : start + 7])
-    if not begin.startswith(header):
-        return 0 if header.startswith(begin) else -1
-    size = len(header)
-    if len(begin) > size:
-        servo_id = begin[size]
-        if servo_id > MAX_ID[protocol] and servo_id != BROADCAST_ID:
-            return -1
-    if protocol == 1:
-        if len(begin) < 4:
-            return 0
-        return begin[3] + 4 if 2 <= begin[3] <= LONGEST[1] - 4 else -1
-    if len(begin) < 7:
-        return 0
-    length = begin[5] | begin[6] << 8
-    return length + 7 if 3 <= length <= LONGEST[2] - 7 else -1
-
-
-# What the driver asks
-
-
 def read_packet(protocol: int, servo_id: int, address: int, length: int) -> bytes:
     """Return the request for `length` bytes from `address` on."""
-    size = protocol  # bytes of an address
-    where = address.to_bytes(size, "little") + length.to_bytes(size, "little")
+    where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
     return encode_packet(protocol, servo_id, Instruction.READ, where)
 
 
@@ -316,24 +215,101 @@ def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) ->
     return encode_packet(protocol, BROADCAST_ID, Instruction.SYNC_WRITE, head + shares)
 
 
-# What a servo answers
+# Replies
 
 
-def joint_status(shares: Sequence[Status], lengths: Sequence[int]) -> bytes:
-    """Return the one answer of several servos to a fast sync or bulk read; it is not stuffed.
+class Status(NamedTuple):
+    """What a servo answers.
 
-    Each CRC covers all that was sent so far.
-
-    Args:
-        shares: What each servo says, as far as they are there.
-        lengths: Bytes of data of each servo that was asked.
+    Attributes:
+        id: The servo.
+        error: Its error byte.
+        data: What it carries, not stuffed.
     """
-    size = 1 + sum(length + 4 for length in lengths)
-    packet = HEADER[2] + bytes((BROADCAST_ID,)) + size.to_bytes(2, "little") + bytes((STATUS,))
-    for share, length in zip(shares, lengths, strict=False):
-        packet += bytes((share.error, share.id)) + share.data.ljust(length, b"\0")
-        packet += crc16(packet).to_bytes(2, "little")
-    return packet
+
+    id: int
+    error: int
+    data: bytes = b""
+
+
+def status_prefix(protocol: int, servo_id: int, length: int) -> bytes:
+    """Return how a status packet of a servo with so many bytes of data begins, if not stuffed."""
+    if protocol == 1:
+        return b"\xff\xff" + bytes((servo_id, length + 2 & 0xFF))
+    size = length + 4
+    return HEADER[2] + bytes((servo_id, size & 0xFF, size >> 8, STATUS))
+
+
+def is_undamaged(protocol: int, packet: bytes) -> bool:
+    """Return whether the checksum (1.0) or CRC (2.0) of a whole packet fits."""
+    if protocol == 1:
+        return sum(packet) & 0xFF == 0xFD  # FF twice, and what the checksum makes FF
+    return crc16(packet[:-2]) == packet[-2] | packet[-1] << 8
+
+
+def decode_status(protocol: int, packet: bytes) -> Status | None:
+    """Return what a whole packet says; None if it is damaged or an instruction.
+
+    The echo of an instruction of protocol 1.0 may look like a status packet.
+    """
+    if protocol == 1:
+        if sum(packet) & 0xFF != 0xFD or packet[4] > 0x7F or packet[2] == BROADCAST_ID:
+            return None
+        return Status(packet[2], packet[4], packet[5:-1])
+    if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+        return None
+    if packet[7] != STATUS or len(packet) < OVERHEAD[2]:
+        return None
+    data = packet[9:-2]
+    if packet[4] != BROADCAST_ID and _STUFFED in packet[7:-2]:  # a joint status is not stuffed
+        data = packet[7:-2].replace(_STUFFED + b"\xfd", _STUFFED)[2:]
+    return Status(packet[4], packet[8], data)
+
+
+class Found(NamedTuple):
+    """The first undamaged packet in a buffer.
+
+    Attributes:
+        packet: Its bytes; none if there is none (yet).
+        end: Where it ends in the buffer.
+        damaged: Whether there is a whole packet with a wrong checksum before it, or at all.
+    """
+
+    packet: bytes
+    end: int
+    damaged: bool
+
+
+def find_packet(protocol: int, buffer: bytes) -> Found:
+    """Return the first undamaged packet in a buffer, whatever stands before it.
+
+    What only seems to begin a packet, because noise looks like a header, does not hide the packets
+    behind it.
+    """
+    header = HEADER[protocol]
+    damaged = False
+    start = buffer.find(header)
+    while start >= 0:
+        end = start + _packet_length(protocol, buffer, start + len(header))
+        if start < end <= len(buffer):
+            packet = buffer[start:end]
+            if is_undamaged(protocol, packet):
+                return Found(packet, end, damaged)
+            damaged = True
+        start = buffer.find(header, start + 1)
+    return Found(b"", 0, damaged)
+
+
+def _packet_length(protocol: int, buffer: bytes, start: int) -> int:
+    """Return the length of the packet whose id is at `start`, in bytes; 0 if that is none (yet)."""
+    body = start + 1 + protocol
+    if body > len(buffer):
+        return 0
+    servo_id, length = buffer[start], int.from_bytes(buffer[start + 1 : body], "little")
+    whole = body - start + len(HEADER[protocol]) + length
+    if servo_id > MAX_ID[protocol] and servo_id != BROADCAST_ID:
+        return 0
+    return whole if length > protocol and whole <= LONGEST[protocol] else 0
 
 
 def joint_status_size(count: int, length: int) -> int:
@@ -358,126 +334,3 @@ def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
         return []
     shares = [content[start : start + size] for start in range(0, len(content), size)]
     return [Status(share[1], share[0], share[2 : 2 + length]) for share in shares]
-
-
-class Found(NamedTuple):
-    """The first status packet in a buffer.
-
-    Attributes:
-        status: What it says; None if there is none (yet).
-        packet: Its bytes.
-        end: Where it ends in the buffer.
-        damaged: Whether there is a whole packet with a wrong checksum before it, or at all.
-    """
-
-    status: Status | None
-    packet: bytes
-    end: int
-    damaged: bool
-
-
-def find_status(protocol: int, buffer: bytes | bytearray) -> Found:
-    """Return the first status packet in a buffer, whatever stands before it.
-
-    What only seems to begin a packet, because noise looks like a header, does not hide the packets
-    behind it. In protocol 1.0 the echo of an instruction looks like a status packet.
-    """
-    header = HEADER[protocol]
-    damaged = False
-    start = buffer.find(header)
-    while start >= 0:
-        length = packet_length(protocol, buffer, start)
-        code_at = start + len(header) + protocol + 1
-        complete = 0 < length <= len(buffer) - start
-        if complete and (buffer[code_at] <= 0x7F if protocol == 1 else buffer[code_at] == STATUS):
-            end = start + length
-            packet = bytes(buffer[start:end])
-            status = _status(protocol, packet)
-            if status is not None:
-                return Found(status, packet, end, damaged)
-            damaged = True
-        start = buffer.find(header, start + 1)
-    return Found(None, b"", 0, damaged)
-
-
-def _status(protocol: int, packet: bytes) -> Status | None:
-    found = decode_packet(protocol, packet)
-    if found is None or (protocol == 1 and found.id == BROADCAST_ID):
-        return None
-    if protocol == 1:
-        return Status(found.id, found.code, found.parameters)
-    if found.id == BROADCAST_ID:  # a fast sync read's, which is not stuffed
-        return Status(found.id, packet[8], packet[9:-2]) if len(packet) > 10 else None
-    return Status(found.id, found.parameters[0], found.parameters[1:]) if found.parameters else None
-
-
-# What a servo hears
-
-
-class DamagedPacket(NamedTuple):
-    """A packet whose checksum does not fit.
-
-    Attributes:
-        id: The servo it seems to be for.
-    """
-
-    id: int
-
-
-class PacketParser:
-    """Finds packets in a stream of bytes, however it is cut, as a servo does.
-
-    After a wrong checksum or an impossible length the search goes on right behind the header that
-    misled it; a damaged packet is told once.
-
-    Args:
-        protocol: 1 or 2.
-        max_gap: A beginning older than this, ns, is dropped.
-    """
-
-    def __init__(self, protocol: int, max_gap: int = 100_000_000) -> None:
-        self._protocol = protocol
-        self._max_gap = max_gap
-        self._buffer = bytearray()
-        self._last = 0
-        self._damaged_until = 0  # bytes of the buffer that belong to a packet told as damaged
-
-    @property
-    def pending(self) -> int:
-        """Number of bytes kept because they may be the beginning of a packet."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes, now: int) -> list[Packet | DamagedPacket]:
-        """Take bytes in and return the packets they complete. Never raises.
-
-        Args:
-            data: Any number of bytes.
-            now: Time they arrived, ns.
-        """
-        if self._buffer and now - self._last > self._max_gap:
-            self._drop(len(self._buffer))
-        self._last = now
-        self._buffer += data
-        found: list[Packet | DamagedPacket] = []
-        while self._buffer:
-            length = packet_length(self._protocol, self._buffer)
-            if length < 0:
-                following = self._buffer.find(0xFF, 1)
-                self._drop(following if following > 0 else len(self._buffer))
-                continue
-            if length == 0 or len(self._buffer) < length:
-                break
-            packet = decode_packet(self._protocol, bytes(self._buffer[:length]))
-            if packet is not None:
-                found.append(packet)
-                self._drop(length)
-                continue
-            if self._damaged_until == 0:
-                found.append(DamagedPacket(self._buffer[len(HEADER[self._protocol])]))
-                self._damaged_until = length
-            self._drop(1)
-        return found
-
-    def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._damaged_until = max(0, self._damaged_until - count)

@@ -1,16 +1,15 @@
-"""The serial device: bytes in and out, and why it cannot be opened.
+"""The serial device, opened with pyserial: bytes in and out, and why it cannot be opened.
 
-dynamixel_sdk and pyserial open it; nobody else knows them. The SDK does not read: it spins while it
-waits, on a clock that can jump, with 34 ms of patience; it takes echoes and late replies for
-replies, and an error without data is an IndexError. Its packets are our own, too (`protocol`).
-
-Works with dynamixel_sdk 3.8.4 (ROS 2 Jazzy) and 4.1.0.
+dynamixel_sdk's own port does not do: its reading spins while it waits, on a clock that can jump,
+with 34 ms of patience; it takes echoes and late replies for replies, and an error without data is
+an IndexError (3.8.4 to 4.1.0, whose Python port handler is that of 4.0.5).
 """
 
 from __future__ import annotations
 
 import errno
 import grp
+import math
 import os
 import select
 import termios
@@ -20,7 +19,6 @@ from pathlib import Path
 from typing import Final, Protocol
 
 import serial
-from dynamixel_sdk import PortHandler
 from serial.tools import list_ports
 
 from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
@@ -32,13 +30,13 @@ from head_tracking.dynamixel.exceptions import (
     PortPermissionError,
 )
 
-_BABBLE: Final = 256
 _SELECTABLE: Final = 1024  # select knows no higher descriptor
-_USUAL_BAUD_RATES: Final = (
+BAUD_RATES: Final = (
     9_600, 19_200, 38_400, 57_600, 115_200, 200_000, 230_400, 250_000, 400_000, 460_800, 500_000,
     576_000, 921_600, 1_000_000, 1_152_000, 2_000_000, 2_250_000, 2_500_000, 3_000_000, 3_500_000,
     4_000_000, 4_500_000,
 )  # fmt: skip
+"""Bits per second that Dynamixel servos know, and those that serial adapters usually do."""
 
 
 class Line(Protocol):
@@ -65,11 +63,10 @@ class SerialLine:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._readable = select.poll()
-        self._readable.register(descriptor, select.POLLIN)
         self._writable = select.poll()
         self._writable.register(descriptor, select.POLLOUT)
-        self._overtime = 0
+        self._readable = select.poll()
+        self._readable.register(descriptor, select.POLLIN)
 
     def discard_input(self) -> None:
         """Forget everything received so far."""
@@ -81,7 +78,6 @@ class SerialLine:
         Raises:
             TimeoutError: The device took no more data for `timeout` seconds.
         """
-        self._overtime = _BABBLE
         try:
             written = os.write(self._descriptor, data)
         except BlockingIOError:
@@ -98,15 +94,13 @@ class SerialLine:
     def read(self, limit: int, deadline: float) -> bytes:
         """Return at most `limit` bytes, waiting for the first one until the deadline.
 
-        Bytes that arrived in time count even when this thread runs only after the deadline; but
-        endless babble does not keep it here for ever: so many bytes after each write at most.
+        Bytes that have arrived count even if this thread runs only after the deadline.
         """
-        patience = deadline - time.monotonic()
-        if patience <= 0.0 and self._overtime <= 0:
-            return b""
-        if not self._readable.poll(int(patience * 1e3) if patience > 0.0 else 0) and (
-            patience <= 0.0 or not self._wait(deadline - time.monotonic())
-        ):
+        wait = deadline - time.monotonic()
+        if self._descriptor < _SELECTABLE:
+            if not select.select((self._descriptor,), (), (), wait if wait > 0.0 else 0.0)[0]:
+                return b""
+        elif not self._readable.poll(math.ceil(wait * 1e3) if wait > 0.0 else 0):
             return b""
         try:
             data = os.read(self._descriptor, limit)
@@ -114,30 +108,7 @@ class SerialLine:
             return b""
         if not data:
             raise OSError(errno.EIO, "the device has gone")
-        if patience <= 0.0:
-            self._overtime -= len(data)
         return data
-
-    def _wait(self, rest: float) -> bool:
-        """Return whether there is something to read within the last fraction of a millisecond.
-
-        poll counts whole milliseconds. What is left of the time is for select, so that silence
-        costs no more than it has to.
-        """
-        if self._descriptor >= _SELECTABLE:
-            return bool(self._readable.poll(1))
-        return bool(select.select((self._descriptor,), (), (), max(0.0, rest))[0])
-
-
-class _LockingPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
-    """The SDK's port handler, on a device that no second program may open."""
-
-    def setupPort(self, cflag_baud: int) -> bool:
-        self.ser = serial.Serial(
-            port=self.port_name, baudrate=self.baudrate, timeout=0, exclusive=True
-        )
-        self.is_open = True
-        return True
 
 
 class SerialDevice:
@@ -159,37 +130,34 @@ class SerialDevice:
     """
 
     def __init__(self, port_name: str, baud_rate: int) -> None:
-        self._handler = _LockingPortHandler(port_name)
-        self._handler.baudrate = baud_rate
+        self._serial = serial.Serial(baudrate=baud_rate, timeout=0, exclusive=True)
+        self._serial.port = port_name
         try:
-            self._handler.openPort()
-            descriptor = self._handler.ser.fileno()
+            self._serial.open()
+            descriptor = self._serial.fileno()
             self.adapter: Adapter = prepare_adapter(port_name, descriptor)
             self.line = SerialLine(descriptor)
             self.line.discard_input()
         except (OSError, ValueError, termios.error) as cause:
-            if self._handler.is_open:
-                self.close()
+            self.close()
             raise port_error(port_name, cause) from cause
 
     def close(self) -> None:
         """Close the device, also one that has gone."""
         with suppress(OSError, termios.error):
-            self._handler.closePort()
+            self._serial.close()
 
 
 def check_baud_rate(baud_rate: int) -> None:
-    """Refuse baud rates that the SDK cannot set.
+    """Refuse baud rates that no servo knows.
 
     Raises:
-        ConfigurationError: It cannot; says which it can.
+        ConfigurationError: It is none of BAUD_RATES.
     """
-    handler = PortHandler("")
-    if handler.getCFlagBaud(baud_rate) <= 0:
-        allowed = [rate for rate in _USUAL_BAUD_RATES if handler.getCFlagBaud(rate) > 0]
+    if baud_rate not in BAUD_RATES:
         raise ConfigurationError(
-            f"dynamixel_sdk cannot set {baud_rate} baud; allowed are "
-            f"{', '.join(str(rate) for rate in allowed)}"
+            f"no servo knows {baud_rate} baud; allowed are "
+            f"{', '.join(str(rate) for rate in BAUD_RATES)}"
         )
 
 

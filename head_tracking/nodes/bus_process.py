@@ -111,9 +111,9 @@ class BusProcessNode(Node):
             return dict.fromkeys(joints, "the servo bus's process does not answer")
         return dict(problems)
 
-    def resume(self) -> str:
+    def resume(self) -> tuple[str, ...]:
         """Ends a stop; see `ServoBusNode.resume`."""
-        return str(self._ask("resume") or "")
+        return tuple(self._ask("resume") or ())
 
     def make_safe(self) -> list[str]:
         """Ends the process, which relaxes the servos; what went wrong."""

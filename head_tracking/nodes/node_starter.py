@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.node import Node, NodeNameNonExistentError
-from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.control import ControlLoop
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.ros.spinning import describe
-from head_tracking.tf.qos import EVERY_CHANGE
 
 _ENABLING = 5.0  # s
 
@@ -26,12 +25,18 @@ class NodeStarterNode(Node):
     Args:
         start: starts a node by its name, unless it runs already.
         startable: the names.
+        loop: of the process.
     """
 
     def __init__(
-        self, start: Callable[[str], None], startable: Sequence[str], **options: Any
+        self,
+        start: Callable[[str], None],
+        startable: Sequence[str],
+        loop: ControlLoop,
+        **options: Any,
     ) -> None:
         super().__init__("node_starter", **options)
+        self._epoch = loop.owners.epoch
         self._start = start
         own = self.get_fully_qualified_name()
         self._asking = OwnThread(self, f"{self.get_name()}_asking")
@@ -41,8 +46,6 @@ class NodeStarterNode(Node):
         self._answering = OwnThread(self, f"{self.get_name()}_answering")
         for name in startable:
             self._answering.node.create_service(Trigger, f"{own}/{name}", self._callback(name))
-        self._stops = 0
-        self._asking.node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
         self._asking.start()
         self._answering.start()
 
@@ -52,12 +55,9 @@ class NodeStarterNode(Node):
         self._asking.close()
         super().destroy_node()
 
-    def _on_stopped(self, message: Bool) -> None:
-        self._stops += message.data
-
     def _callback(self, name: str) -> Callable[[Any, Any], Any]:
         def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            stops = self._stops
+            epoch = self._epoch.value
             try:
                 self._start(name)
             except Exception as error:
@@ -65,7 +65,7 @@ class NodeStarterNode(Node):
                 response.message = describe(error)
                 self.get_logger().error(f"{name} does not start: {response.message}")
                 return response
-            if self._stops != stops:
+            if self._epoch.value != epoch:
                 response.message = f"{name} runs, and the head was stopped meanwhile"
                 return response
             response.success, response.message = self._switch_on(name)

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from head_tracking.control import ControlLoop
+from head_tracking.control import STOPPED, ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead, Pointing, PointingParameters
 from head_tracking.parameters import parameter
 from head_tracking.ros.head_actions import HeadActions
@@ -114,8 +114,7 @@ class PointHeadNode(Node):
 
     def switched(self) -> None:
         """See `HeadTurner`."""
-        if self.interface.off:
-            self.actions.end(self.interface.off)
+        self.actions.end(self.interface.off or STOPPED)
         self._forget()
 
     def _said(self, outcome: str) -> None:

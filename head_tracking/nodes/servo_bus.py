@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -21,12 +21,12 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     DynamixelError,
     DynamixelPort,
-    Epoch,
     EventKind,
     Goal,
     JointConfiguration,
     ServoBus,
     ServoState,
+    StoppedError,
     Torque,
 )
 from head_tracking.ros.bus_parameters import (
@@ -41,7 +41,7 @@ from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.joint_configuration import declare_joint
-from head_tracking.ros.joint_owners import owners_message
+from head_tracking.ros.joint_owners import control_message, owners_message, sender_from
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -89,18 +89,15 @@ class ServoBusNode(Node):
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
         self._settings = bus_settings(p, temperature)
-        self._epoch = Epoch()
+        self._loop = loop = loop or ControlLoop(None)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
         self._owners_topic = self.create_publisher(String, "joint_owners", _LATCHED)
         self._stopped_topic = self.create_publisher(Bool, "stopped", _LATCHED)
-        self._loop = loop = loop or ControlLoop(None)
+        self._control_topic = self.create_publisher(DiagnosticStatus, "joint_control", _LATCHED)
         self._messages: dict[ServoBus, StatesMessage] = {}
-        self._told_owners = ""
-        self._told_stopped: bool | None = None
-        self._relaxed_before: set[str] = set()
-        self._switching: list[Future[None]] = []  # torque on again, after a stop
+        self._last_published: tuple[str, bool | None, int] = "", None, 0
         self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -116,13 +113,18 @@ class ServoBusNode(Node):
         }
         self._connect(p.allow_missing)
         loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
-        loop.owners.on_change = self._tell_owners
+        loop.owners.observe(self._publish_owners)
         self._create_topics()
         self._bus_services = BusServices(
-            self, self._buses, lambda: self._eeprom.value.settings, self.stop, self.resume
+            self,
+            self._buses,
+            loop.owners,
+            lambda: self._eeprom.value.settings,
+            self.stop,
+            self.resume,
         )
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
-        self._tell_owners()
+        self._publish_owners()
         self._buses.start()
 
     @property
@@ -135,27 +137,42 @@ class ServoBusNode(Node):
         return combined(self._statuses())
 
     def stop(self) -> dict[str, str]:
-        """Relaxes all servos at once, and refuses every command until `resume`; for any thread.
+        """STOP: relax all servos, and refuse everything until `resume`; for any thread.
 
         Whatever else hangs, this does not wait for it.
 
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
-        resuming = [switching for switching in self._switching if not switching.done()]
-        for switching in resuming:
-            switching.cancel()
-        if not (self._loop.owners.stopped or resuming):  # else what was on before counts still
-            self._relaxed_before = {
-                joint.joint_name
-                for joint in self.joints
-                if self._buses.torque(joint.joint_name) is Torque.OFF_ON_REQUEST
-            }
-        return self._loop.stop(self._buses.relax_at_once)
+        return self._loop.owners.stop(self._buses.relax_at_once)
 
-    def resume(self) -> str:
-        """Takes commands again; what was on before the stop goes on, slowly; what that is."""
-        return self._loop.resume()
+    def resume(self) -> tuple[str, ...]:
+        """End a STOP: hold what was not relaxed on request; return the controllers that go on.
+
+        Raises:
+            StoppedError: there was another STOP meanwhile.
+        """
+        owners = self._loop.owners
+        epoch = owners.epoch.value
+        if not owners.stopped:
+            return ()
+        resumed = owners.resume(epoch)
+        holding = [
+            joint.joint_name
+            for joint in self.joints
+            if self._buses.torque(joint.joint_name) is Torque.OFF_UNTIL_COMMANDED
+        ]
+        futures: list[Future[None]] = self._buses.call(
+            holding, lambda bus, share: bus.switching_torque(share, True), epoch
+        )
+        for future in futures:
+            future.add_done_callback(self._torque_done)
+        return resumed
+
+    def _torque_done(self, future: Future[None]) -> None:
+        error = None if future.cancelled() else future.exception()
+        if error is not None:
+            self.get_logger().error(f"after resume: {error}")
 
     def destroy_node(self) -> None:
         """Stops the head, relaxes the servos and closes the ports."""
@@ -207,7 +224,7 @@ class ServoBusNode(Node):
             joints,
             clock=lambda: int(self.get_clock().now().nanoseconds),
             settings=self._settings,
-            epoch=self._epoch,
+            epoch=self._loop.owners.epoch,
         )
 
     def _connect(self, allow_missing: bool) -> None:
@@ -270,21 +287,18 @@ class ServoBusNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._goals_output.publish(message)
 
-    def _tell_owners(self) -> None:
-        """Publishes who owns which joint, if that has changed; called by whoever changes it."""
+    def _publish_owners(self) -> None:
+        """Publish who owns which joint, and whether the head is stopped, if that has changed."""
         owners, joints = self._loop.owners, [joint.joint_name for joint in self.joints]
-        message = owners_message(owners.of(joints))
-        if message.data != self._told_owners:
-            self._told_owners = message.data
+        message, stopped = owners_message(owners.of(joints)), owners.stopped
+        before = self._last_published
+        self._last_published = message.data, stopped, owners.epoch.value
+        if self._last_published != before:
+            self._control_topic.publish(control_message(owners, joints))
+        if message.data != before[0]:
             self._owners_topic.publish(message)
-        if owners.stopped != self._told_stopped:
-            resumed, self._told_stopped = self._told_stopped, owners.stopped
-            self._stopped_topic.publish(Bool(data=owners.stopped))
-            if resumed:
-                holding = [joint for joint in joints if joint not in self._relaxed_before]
-                self._switching = self._buses.call(
-                    holding, lambda bus, share: bus.switching_torque(share, True)
-                )
+        if stopped is not before[1]:
+            self._stopped_topic.publish(Bool(data=stopped))
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
@@ -301,7 +315,7 @@ class ServoBusNode(Node):
 
     def _on_joint_claims(self, message: JointState) -> None:
         """Somebody takes joints over, whoever had them."""
-        sender = message.header.frame_id
+        sender, epoch = sender_from(message.header.frame_id)
         known = {joint.joint_name for joint in self._buses.joints}
         if not sender or not message.name or not set(message.name) <= known:
             self.get_logger().error(
@@ -311,26 +325,29 @@ class ServoBusNode(Node):
             )
             return
         try:
+            self._check_epoch(epoch)
             self._loop.owners.take_over(sender, message.name)
-        except OwnershipError as error:
+        except StoppedError as error:
             self._refuse(f"joint_claims of {sender}", error)
-            return
-        for controller in self._loop.controllers:
-            if set(controller.joints) & set(message.name):
-                controller.disable(f"{sender} has taken the head over")
 
     def _on_joint_commands(self, message: JointState) -> None:
         """A stream of goals: the limits clamp it, and joints that take no commands are left out."""
-        sender = message.header.frame_id or _SOMEBODY
+        sender, epoch = sender_from(message.header.frame_id or _SOMEBODY)
         try:
             goals = goals_from_message(message)
             for name in goals:
                 self._buses.torque(name)
-            self._loop.owners.check(sender, goals)
-            self._write(sender, goals, self._claim(sender))
+            now = self._loop.owners.check(sender, goals)
+            self._check_epoch(epoch)
+            self._write(sender, goals, now, self._claim(sender))
         except (ValueError, DynamixelError, OwnershipError) as error:
             named = f" of {sender}" if sender != _SOMEBODY else ""
             self._refuse(f"joint_commands{named}", error)
+
+    def _check_epoch(self, epoch: int | None) -> None:
+        """Raise StoppedError for a message of another process from before a STOP."""
+        if epoch not in (None, self._loop.owners.epoch.value):
+            raise StoppedError("it was sent before the last STOP")
 
     def _claim(self, sender: str) -> Callable[[Iterable[str]], None]:
         """Claims what a command moves, for as long as commands go on."""
@@ -343,9 +360,10 @@ class ServoBusNode(Node):
         self,
         sender: str,
         goals: Mapping[str, Goal],
+        epoch: int,
         claim: Callable[[Iterable[str]], object] | None = None,
     ) -> None:
-        """Goals of whoever owns the joints, or may claim them."""
+        """Command goals of an owner, or of one that may claim the joints, made in an epoch."""
         waiting = [name for name in goals if self._buses.torque(name).waits]
         if waiting:
             for name in waiting:
@@ -358,7 +376,7 @@ class ServoBusNode(Node):
             if not goals:
                 return
         try:
-            result = self._buses.command(goals, clamp=True, claim=claim)
+            result = self._buses.command(goals, clamp=True, claim=claim, epoch=epoch)
         except DynamixelError as error:
             self._refuse("joint_commands", error)
             return
@@ -372,8 +390,9 @@ class ServoBusNode(Node):
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self._loop.owners.check(_SOMEBODY, [joint])
-                self._buses.command({joint: Goal(message.data)}, claim=self._claim(_SOMEBODY))
+                epoch = self._loop.owners.check(_SOMEBODY, [joint])
+                goal = {joint: Goal(message.data)}
+                self._buses.command(goal, claim=self._claim(_SOMEBODY), epoch=epoch)
             except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")
 
@@ -425,7 +444,7 @@ class ServoBusNode(Node):
         ]
 
     def _publish_diagnostics(self) -> None:
-        self._tell_owners()  # claims end by themselves
+        self._publish_owners()  # claims end by themselves
         message = DiagnosticArray(
             status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
         )

@@ -16,8 +16,16 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.dynamixel import Buses, DynamixelError, EepromSettings, ServoBus
-from head_tracking.ros.joint_owners import stop_report
+from head_tracking.control import JointOwners
+from head_tracking.dynamixel import (
+    Buses,
+    DynamixelError,
+    EepromSettings,
+    ServoBus,
+    StoppedError,
+    TorqueError,
+)
+from head_tracking.ros.joint_owners import resume_report, stop_report
 from head_tracking.ros.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s
@@ -38,21 +46,25 @@ class BusServices:
     Args:
         bus: the node servo_bus.
         buses: carry the requests out.
+        owners: say whether the head is stopped; then only what takes torque away is done.
         eeprom: what to write into the servos' memory when somebody asks for it.
         stop: relaxes everything at once; for each joint what went wrong, or an empty string.
-        resume: ends that; what goes on.
+        resume: ends that; returns the controllers that go on.
     """
 
     def __init__(
         self,
         bus: Node,
         buses: Buses,
+        owners: JointOwners,
         eeprom: Callable[[], EepromSettings],
         stop: Callable[[], Mapping[str, str]],
-        resume: Callable[[], str],
+        resume: Callable[[], Sequence[str]],
     ) -> None:
         self._buses = buses
+        self._owners = owners
         self._eeprom = eeprom
+        self._stop_all = stop
         self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
         self._own = OwnThread(bus, f"{bus.get_name()}_services")
         self._node = node = self._own.node
@@ -60,7 +72,7 @@ class BusServices:
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
             self._offer_torque(f"{controller}/torque_enable", one)
-            self._offer(f"{controller}/stop", partial(self._stop, one))
+            self._offer(f"{controller}/stop", partial(self._take_out, one))
             self._offer(f"{controller}/start", partial(self._start, one))
             self._offer(f"{controller}/restart", partial(self._restart, one))
             self._offer(f"{controller}/recover", partial(self._recover, one))
@@ -72,7 +84,7 @@ class BusServices:
             lambda: self._write_eeprom(everything),
         )
         node.create_service(Trigger, "stop", lambda _, response: _stopped(response, stop()))
-        node.create_service(Trigger, "resume", lambda _, response: _resumed(response, resume()))
+        node.create_service(Trigger, "resume", lambda _, response: _resumed(response, resume))
         self._own.start()
 
     def close(self) -> None:
@@ -94,10 +106,17 @@ class BusServices:
         self._node.create_service(SetBool, name, callback, callback_group=self._group)
 
     async def _switch(self, joints: Joints, on: bool) -> str:
-        await self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
+        if not on and self._owners.stopped:  # relaxed they are; a cable may have been out
+            problems = {j: problem for j, problem in self._stop_all().items() if problem}
+            if problems:
+                raise TorqueError(False, problems)
+        else:
+            await self._run(
+                joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on
+            )
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
-    async def _stop(self, joints: Joints) -> str:
+    async def _take_out(self, joints: Joints) -> str:
         await self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
         return f"{', '.join(joints)}: stopped"
 
@@ -106,7 +125,8 @@ class BusServices:
         return f"{', '.join(joints)}: started, relaxed until a command comes"
 
     async def _restart(self, joints: Joints) -> str:
-        await self._stop(joints)
+        self._owners.permit()
+        await self._take_out(joints)
         return await self._start(joints)
 
     async def _recover(self, joints: Joints) -> str:
@@ -140,14 +160,23 @@ class BusServices:
         *,
         relaxes: bool = False,
     ) -> list[Any]:
-        """What came of it on each bus; raises the first error after all have ended.
+        """Return the result of each bus; raise the first error after all have ended.
+
+        Args:
+            joints: which.
+            request: what is to be done.
+            timeout: how long it may take [s].
+            relaxes: whether it only takes torque away; then it is done although the head is
+                stopped.
 
         Raises:
+            StoppedError: the head is stopped, or was before the request was carried out.
             TimeoutError: it is not done in time; nothing more of it will be done, unless it is to
                 relax, which nobody takes back.
         """
         timeout = timeout or _TIMEOUT
-        futures: list[Future[Any]] = self._buses.call(joints, request, despite_stop=relaxes)
+        epoch = None if relaxes else self._owners.permit()
+        futures: list[Future[Any]] = self._buses.call(joints, request, epoch, despite_stop=relaxes)
         await _Done(futures, time.monotonic() + timeout)
         late = [future for future in futures if not future.done()]
         if late and not relaxes:
@@ -194,7 +223,9 @@ def _stopped(response: Any, problems: Mapping[str, str]) -> Any:
     return response
 
 
-def _resumed(response: Any, what: str) -> Any:
-    response.success = True
-    response.message = f"{what} goes on, slowly at first" if what else "commands are taken again"
+def _resumed(response: Any, resume: Callable[[], Sequence[str]]) -> Any:
+    try:
+        response.success, response.message = True, resume_report(resume())
+    except StoppedError as error:
+        response.success, response.message = False, str(error)
     return response

@@ -6,30 +6,28 @@ import math
 import threading
 import time
 from collections import deque
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.control import ControlLoop, OwnershipError
-from head_tracking.dynamixel import Goal
+from head_tracking.control import STOPPED, ControlLoop, OwnershipError
+from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.ros.joint_owners import owners_from_message
+from head_tracking.ros.joint_topics import JointTopics
 from head_tracking.ros.listening import listen_for
-from head_tracking.ros.messages import command_message, target_from_message
+from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import EVERY_CHANGE, LATCHED
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -244,8 +242,7 @@ class HeadInterface:
         joints: pan and tilt.
         trouble: why the head is left alone; empty: nothing keeps it from moving.
         lock: held while the turner is asked anything.
-        off: why the node does not turn the head; empty: it does.
-        slow: it has been stopped, and goes slowly until it has arrived.
+        slow: there was a STOP, and the head goes slowly until it has arrived.
         buffer: the robot's frames.
         head: the head that is turned, once the robot's model is known.
         newest_target: as it was sent, once one could be placed.
@@ -264,8 +261,8 @@ class HeadInterface:
     ) -> None:
         self.trouble = "waiting for robot_description"
         self.lock = threading.RLock()
-        self.off = "it has not begun"
-        self.slow = self._resumes = False
+        self._changing = threading.Lock()
+        self.slow = False
         self.newest_target: Target | None = None
         self.head: PanTiltHead | None = None
         self._node = node
@@ -293,22 +290,22 @@ class HeadInterface:
         node.create_subscription(PointStamped, "target_point", self._on_message, 10)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
-        self._owner = ""
         if loop is None:
             buffer = buffer or Buffer(node=node)
             loop = ControlLoop(buffer.core)
             listen_for(loop, buffer, node)
         self._loop = loop
+        self._disabled = "it has not begun"
         assert loop.buffer is not None
         self.buffer = loop.buffer
+        self._epoch = loop.owners.epoch.value
+        self._seen = self._applied = self.off, self._epoch
         self._trajectory: TrajectoryOutput | None = None
+        self._topics: JointTopics | None = None
         if self._parameters.command_interface == "joint_trajectory":
             self._drive_by_trajectory()
-        elif loop.write is None:  # the servos are in another process
-            self._commands = node.create_publisher(JointState, "joint_commands", 1)
-            self._claims = node.create_publisher(JointState, "joint_claims", 10)
-            node.create_subscription(String, "joint_owners", self._on_owners, LATCHED)
-            node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
+        elif loop.write is None:
+            self._topics = JointTopics(node, self.name, self.joints, loop)
 
     def _drive_by_trajectory(self) -> None:
         if self._loop.write is not None:
@@ -334,24 +331,35 @@ class HeadInterface:
             self._trajectory.close()
 
     def begin(self) -> None:
-        """Turns the head from now on, unless another node of this process does."""
+        """Turn the head from now on, unless another node of this process does."""
+        owners = self._loop.owners
         try:
-            self._loop.owners.claim(self.name, self.joints)
-            self.off = ""
-        except OwnershipError as error:
-            self.off = str(error)
-            self._log.warning(f"{error}; until then this node is switched off")
-        self._tell_enabled()
+            owners.claim(self.name, self.joints)
+        except (OwnershipError, StoppedError) as error:
+            self._disabled = str(error)
+            self._log.warning(f"{error}; until then this node is disabled")
+        self._seen = self._applied = self.off, owners.epoch.value
+        owners.observe(self._owners_changed)
+        self._enabled_topic.publish(Bool(data=not self.off))
         if self.buffer.model is not None:
             self._check_model()
         self._loop.target_takers.append(self._take_target)
         self._loop.add(self)
         steady_timer(self._node, _WATCH_PERIOD, self._watch)
 
+    @property
+    def off(self) -> str:
+        """Why the node does not turn the head; empty: it does, for it owns the joints."""
+        owners = self._loop.owners
+        if owners.owns(self.name, self.joints):
+            return ""
+        return STOPPED if owners.stopped else self._disabled
+
     def update(self) -> None:
         """Asks the turner what to do now, and does it; see `ControlLoop`."""
         with self.lock:
             reading = self.reading()
+            self._apply_change()
             if self._placer is not None:
                 while self._inbox:
                     self._placer.offer(*self._inbox.popleft())
@@ -368,66 +376,51 @@ class HeadInterface:
         with self.lock:
             self._turner.report()
 
-    def enable(self, *, slowly: bool) -> None:
-        """Takes the joints over, and lets the turner turn them.
-
-        Raises:
-            OwnershipError: the head was stopped just now.
-        """
-        self._loop.take_over(self)
-        if self._loop.write is None and self._trajectory is None:
-            claim = JointState(name=self.joints)
-            claim.header.frame_id = self.name
-            self._claims.publish(claim)
-        self.slow, self._resumes = slowly, False
-        self._switch("")
-
     def disable(self, reason: str) -> None:
-        """Gives the joints up, because somebody else takes them."""
-        self._resumes = False
-        if not self.off:
-            self._switch(reason)
-            self._loop.owners.release(self.name)
+        """Give the joints up, also after a STOP has ended."""
+        self._disabled = reason
+        self._loop.owners.release(self.name)
 
-    def stop(self) -> None:
-        """Gives the joints up, because the head is stopped."""
-        if not self.off:
-            self.disable("stopped")
-            self._resumes = True
-
-    def resume(self) -> bool:
-        """Takes the joints over, slowly at first, if a stop has taken them; whether it was so."""
-        if self._resumes:
-            with suppress(OwnershipError):  # stopped again
-                self.enable(slowly=True)
-                return True
-        return False
-
-    def _switch(self, off: str) -> None:
-        self.off = off
+    def _owners_changed(self) -> None:
+        """React to another owner of the joints, or to a STOP; for any thread."""
+        owners = self._loop.owners
+        with self._changing:
+            before, now = self._seen, (self.off, owners.epoch.value)
+            if now[0] and not before[0] and not owners.stopped:
+                others = set(owners.of(self.joints).values()) - {"", self.name}
+                if others:
+                    self._disabled = f"{' and '.join(sorted(others))} has taken the head over"
+                    now = self._disabled, now[1]
+            self._seen = now
+            self.slow |= now[1] != before[1]
+        if now == before:
+            return
         if self._trajectory is not None:
             self._trajectory.hold()
         # a turner that hangs must not keep others from stopping the head
         if self.lock.acquire(timeout=_PATIENCE):
             try:
-                self.forget_targets()
-                self._turner.switched()
+                self._apply_change()
             finally:
                 self.lock.release()
-        self._tell_enabled()
+        if bool(now[0]) is not bool(before[0]):
+            self._enabled_topic.publish(Bool(data=not self.off))
 
-    def _tell_enabled(self) -> None:
-        self._enabled_topic.publish(Bool(data=not self.off))
+    def _apply_change(self) -> None:
+        """Let the turner know; with the lock held."""
+        if self._applied != self._seen:
+            self._applied = self._seen
+            self.forget_targets()
+            self._turner.switched()
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         what = self._turner.what
         response.success = True
         if request.data:
             try:
-                if self.off:
-                    self.enable(slowly=self._loop.owners.stopped)
+                self._enable()
                 response.message = f"{what} is on"
-            except OwnershipError as error:
+            except StoppedError as error:
                 response.success, response.message = False, str(error)
             return response
         with self.lock:
@@ -438,31 +431,27 @@ class HeadInterface:
         response.message = f"{what} is off; the head stops"
         return response
 
+    def _enable(self) -> None:
+        """Take the joints over, whoever owns them.
+
+        Raises:
+            StoppedError: the head is stopped.
+        """
+        self._loop.owners.permit()
+        if self.off:
+            self._loop.owners.take_over(self.name, self.joints)
+            if self._topics is not None:
+                self._topics.claim()
+
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self.lock:
             reading = self.reading()
             if reading is None or self.off:
-                why = self.off if reading else "there is no model or no joint state"
-                response.message = f"the head cannot be recentred: {why}"
+                response.message = self.off or "there is no model or no joint state"
                 return response
             self.forget_targets()
             response.success, response.message = True, self._turner.recenter(reading)
         return response
-
-    def _on_owners(self, message: String) -> None:
-        """Notices that another process's node has taken the head over."""
-        owner = owners_from_message(message).get(self.joints[0], "")
-        lost, self._owner = self._owner == self.name != owner, owner
-        if lost and owner:
-            self.disable(f"{owner} has taken the head over")
-
-    def _on_stopped(self, message: Bool) -> None:
-        """Follows the servo bus of another process."""
-        self._loop.owners.stop(message.data)
-        if message.data:
-            self.stop()
-        else:
-            self.resume()
 
     def _watch(self) -> None:
         with self.lock:
@@ -481,14 +470,10 @@ class HeadInterface:
     @property
     def obstacle(self) -> str:
         """Why nothing that is sent now would turn the head; empty: it would."""
-        if self.off:
-            return self.off
-        owner = self._owner
-        if self._loop.write is not None:
-            owner = self._loop.owners.of(self.joints)[self.joints[0]]
-        if owner not in ("", self.name):
+        owner = self._topics.owner if self._topics is not None else ""
+        if not self.off and owner not in ("", self.name):
             return f"the joints belong to {owner}"
-        return self.trouble
+        return self.off or self.trouble
 
     @property
     def stuck(self) -> str:
@@ -572,6 +557,7 @@ class HeadInterface:
         Before, the clock and the robot's model are looked at. What is missing stands in `trouble`
         and in the log.
         """
+        self._epoch = self._loop.owners.epoch.value
         self._check_clock()
         self._check_model()
         if self._placer is None:
@@ -656,24 +642,16 @@ class HeadInterface:
         """Takes a command for both joints to the servos, if there is one and the head is ours."""
         if command is None or self.off:
             return
-        if not self._loop.owners.owns(self.name, self.joints[0]):
-            try:
-                self._loop.owners.claim(self.name, self.joints)
-            except OwnershipError as error:
-                self._tell("owner", str(error))
-                return
-        if self._loop.write is not None:
-            pan, tilt = self.joints
-            goals = {
-                pan: Goal(command.pan, command.pan_speed),
-                tilt: Goal(command.tilt, command.tilt_speed),
-            }
-            self._loop.write(self.name, goals)
-        elif self._trajectory is not None:
+        if self._trajectory is not None:
             self._trajectory.take(command, self._positions, self.now)
-        else:
-            stamp = self._node.get_clock().now().to_msg()
-            self._commands.publish(command_message(self.name, self.joints, command, stamp))
+            return
+        pan, tilt = self.joints
+        goals = {
+            pan: Goal(command.pan, command.pan_speed),
+            tilt: Goal(command.tilt, command.tilt_speed),
+        }
+        assert self._loop.write is not None
+        self._loop.write(self.name, goals, self._epoch)
 
     def tell_error(self, error: float | None) -> None:
         """Lets others know by how much the head misses its target [rad], if it has one."""

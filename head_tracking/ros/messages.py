@@ -2,26 +2,10 @@
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped
-from sensor_msgs.msg import JointState
 
-from head_tracking.gaze import HeadCommand
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns, vector
 from head_tracking.tracking import Target
-
-
-def command_message(
-    sender: str, joints: tuple[str, ...], command: HeadCommand, stamp: Time
-) -> JointState:
-    """A joint_commands message for the whole head: pan and tilt; `frame_id` names the sender."""
-    message = JointState()
-    message.header.stamp = stamp
-    message.header.frame_id = sender
-    message.name = list(joints)
-    message.position = [command.pan, command.tilt]
-    message.velocity = [command.pan_speed, command.tilt_speed]
-    return message
 
 
 def target_from_message(message: PointStamped) -> Target:

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
-from head_tracking.ros.joint_owners import stop_report
+from head_tracking.ros.joint_owners import resume_report, stop_report
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import SetpointStream
@@ -68,9 +68,9 @@ class TrajectoryOutput:
         self._stopped = self._own.node.create_publisher(Bool, "stopped", LATCHED)
         self._own.node.create_service(Trigger, "stop", self._on_stop)
         self._own.node.create_service(Trigger, "resume", self._on_resume)
-        self._told: bool | None = None
-        loop.owners.on_change = self._tell
-        self._tell()
+        self._last_published: bool | None = None
+        loop.owners.observe(self._publish_stopped)
+        self._publish_stopped()
         self._own.start()
 
     @property
@@ -114,21 +114,21 @@ class TrajectoryOutput:
         # stamp 0: at once, by the controller's own clock
         self._publisher.publish(JointTrajectory(joint_names=list(self._joints), points=[point]))
 
-    def _tell(self) -> None:
+    def _publish_stopped(self) -> None:
         stopped = self._loop.owners.stopped
-        if stopped is not self._told:
-            self._told = stopped
+        if stopped is not self._last_published:
+            self._last_published = stopped
             self._stopped.publish(Bool(data=stopped))
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._loop.stop(self.hold)
+        self._loop.owners.stop(self.hold)
         problem = f"{self.topic} was told to hold, and nothing else is sent; it was not relaxed"
         response.success = False
         response.message = ", ".join(stop_report(joint, problem) for joint in self._joints)
         return response
 
     def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        what = self._loop.resume()
+        owners = self._loop.owners
         response.success = True
-        response.message = f"{what} goes on, slowly at first" if what else "nothing was on"
+        response.message = resume_report(owners.resume(owners.epoch.value))
         return response

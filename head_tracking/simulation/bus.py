@@ -6,20 +6,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from head_tracking.dynamixel.protocol import (
-    BROADCAST_ID,
+from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
+from head_tracking.simulation.packets import (
+    BROADCAST,
     LONGEST,
     DamagedPacket,
     Instruction,
     Packet,
     PacketParser,
     Status,
-    decode_packet,
-    encode_packet,
+    decode,
+    encode,
+    encode_joint_status,
     encode_status,
-    joint_status,
 )
-from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
 from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import WriteLog
 
@@ -146,7 +146,7 @@ class SimulatedBus:
             return answers
         for protocol, parser in self._parsers.items():
             begun = parser.pending > 0
-            whole = None if begun else decode_packet(protocol, data)
+            whole = None if begun else decode(protocol, data)
             found = parser.feed(data, now) if whole is None else [whole]
             for packet in _not_swallowed(found, protocol, data) if begun else found:
                 hearers = [
@@ -176,7 +176,7 @@ def _not_swallowed(
     heard: list[Packet | DamagedPacket] = []
     for packet in reversed(found):
         if isinstance(packet, Packet):
-            whole = encode_packet(protocol, *packet)
+            whole = encode(protocol, packet)
             at = data.rfind(whole)
             ends = (data.startswith(whole[-count:]) for count in range(1, len(whole)))
             if at < 0 and not any(ends):
@@ -203,7 +203,7 @@ def _answers(
     is missing, those behind it say nothing (as users of real servos report, DynamixelSDK issue
     331).
     """
-    if isinstance(packet, Packet) and packet.id == BROADCAST_ID:
+    if isinstance(packet, Packet) and packet.id == BROADCAST:
         if packet.code == Instruction.PING and protocol == 2:
             for turn, servo_id in enumerate(sorted({servo.id for servo in servos})):
                 for servo in servos:
@@ -275,7 +275,7 @@ def _read_in_turn(
             break
     size = sum(length + 4 for _, _, length in reads)
     if shares and size <= LONGEST[2]:  # a longer one is not a packet any more
-        yield Answer(joint_status(shares, [length for _, _, length in reads]), first_delay)
+        yield Answer(encode_joint_status(shares, [length for _, _, length in reads]), first_delay)
 
 
 def _takes_part(servo: SimulatedServo, fast: bool) -> bool:

@@ -9,8 +9,8 @@ from enum import Enum
 from random import Random
 from typing import Final
 
-from head_tracking.dynamixel.protocol import MAX_ID, Status, encode_status, find_status
 from head_tracking.simulation.bus import Answer, SimulatedBus
+from head_tracking.simulation.packets import Status, decode_status, encode_status
 from head_tracking.simulation.servo import SimulatedServo
 
 
@@ -144,10 +144,10 @@ class Faults:
     def _foreign(self, data: bytes) -> bytes:
         """Return a sound answer of another servo, with as much data."""
         for protocol in (2, 1):
-            own = find_status(protocol, data).status
+            own = decode_status(protocol, data)
             if own is not None:
                 noise = self._random.randbytes(len(own.data))
-                return encode_status(protocol, Status((own.id + 1) % MAX_ID[2], 0, noise))
+                return encode_status(protocol, Status((own.id + 1) % 252, 0, noise))
         return b""
 
     def _time(self, bounds: tuple[float, float]) -> int:

@@ -7,19 +7,16 @@ from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory
 from head_tracking.dynamixel.models import AX_12, ServoModel
-from head_tracking.dynamixel.protocol import (
+from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.motion import Drive
+from head_tracking.simulation.packets import (
     ALERT,
-    BROADCAST_ID,
-    CLEAR_MULTI_TURN,
+    BROADCAST,
     DamagedPacket,
-    ErrorBits,
     Instruction,
     Packet,
     Status,
-    StatusCode,
 )
-from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.motion import Drive
 from head_tracking.simulation.registers import (
     WATCHDOG_TRIPPED,
     JointRegisters,
@@ -37,20 +34,29 @@ _WATCHDOG_UNIT: Final = 20_000_000  # ns
 _LOOK: Final = 20_000_000  # ns between looks for errors while something moves
 
 _ERRORS: Final[dict[int, dict[Refusal | None, int]]] = {
-    1: {None: 0, Refusal.LIMIT: ErrorBits.ANGLE_LIMIT, Refusal.INSTRUCTION: ErrorBits.INSTRUCTION},
+    1: {None: 0, Refusal.LIMIT: 2, Refusal.INSTRUCTION: 64},
     2: {
-        None: StatusCode.OK,
-        Refusal.INSTRUCTION: StatusCode.INSTRUCTION,
-        Refusal.FAILED: StatusCode.RESULT_FAIL,
-        Refusal.RESERVED: StatusCode.ACCESS,
-        Refusal.READ_ONLY: StatusCode.ACCESS,
-        Refusal.LOCKED: StatusCode.ACCESS,
-        Refusal.LENGTH: StatusCode.DATA_LENGTH,
-        Refusal.RANGE: StatusCode.DATA_RANGE,
-        Refusal.LIMIT: StatusCode.DATA_LIMIT,
+        None: 0,
+        Refusal.FAILED: 1,
+        Refusal.INSTRUCTION: 2,
+        Refusal.RANGE: 4,
+        Refusal.LENGTH: 5,
+        Refusal.LIMIT: 6,
+        Refusal.RESERVED: 7,
+        Refusal.READ_ONLY: 7,
+        Refusal.LOCKED: 7,
     },
 }
-"""Error bytes by protocol; what protocol 1.0 has no bit for is RANGE."""
+"""Error bytes by protocol."""
+
+_OUT_OF_RANGE: Final = 8
+"""Error bit of whatever else protocol 1.0 refuses."""
+
+_DAMAGED: Final = {1: 16, 2: 3}
+"""Error bytes of who has heard a packet with a wrong checksum, by protocol."""
+
+_CLEAR_TURNS: Final = b"\x01\x44\x58\x4c\x22"
+"""Parameters of CLEAR that fold the present position into one turn."""
 
 _RESETS: Final = {b"\xff": (), b"\x01": ("ID",), b"\x02": ("ID", "Baud Rate")}
 """What a factory reset of protocol 2.0 leaves alone."""
@@ -364,7 +370,7 @@ class SimulatedServo:
     def execute(self, packet: Packet, now: int) -> Status | None:
         """Carry out a packet of its protocol if it is for this servo; return its answer, if any."""
         servo_id = self.id  # the answer to a change of the id still carries the old one
-        if packet.id not in (servo_id, BROADCAST_ID, self._registers.get("Secondary ID", -1)):
+        if packet.id not in (servo_id, BROADCAST, self._registers.get("Secondary ID", -1)):
             return None
         silent = packet.id != servo_id
         if silent and packet.code in (Instruction.PING, Instruction.READ):
@@ -381,8 +387,7 @@ class SimulatedServo:
         """Return the answer to a packet with a wrong checksum, if it is for this servo."""
         if packet.id != self.id or not self._hears(now) or not self._answers(Instruction.WRITE):
             return None
-        checksum = ErrorBits.CHECKSUM if self.model.protocol == 1 else StatusCode.CRC
-        return Status(self.id, checksum | self._state)
+        return Status(self.id, _DAMAGED[self.model.protocol] | self._state)
 
     def answer_ping(self, now: int) -> Status | None:
         """Return the answer to a ping of all (protocol 2.0)."""
@@ -416,12 +421,12 @@ class SimulatedServo:
         return ALERT if self.alarms.active else 0
 
     def _status(self, refusal: Refusal | None, data: bytes, servo_id: int | None = None) -> Status:
-        error = _ERRORS[self.model.protocol].get(refusal, int(ErrorBits.RANGE))
+        error = _ERRORS[self.model.protocol].get(refusal, _OUT_OF_RANGE)
         return Status(self.id if servo_id is None else servo_id, error | self._state, data)
 
     def _carry_out(self, packet: Packet) -> tuple[Refusal | None, bytes]:
         parameters, width = packet.parameters, self.model.protocol  # bytes of an address
-        broadcast, two = packet.id == BROADCAST_ID, width == 2
+        broadcast, two = packet.id == BROADCAST, width == 2
         address, data = int.from_bytes(parameters[:width], "little"), parameters[width:]
         malformed = Refusal.LENGTH if two else Refusal.INSTRUCTION
         refusal: Refusal | None = None
@@ -445,7 +450,7 @@ class SimulatedServo:
             case Instruction.REBOOT if two:
                 self._start()
             case Instruction.CLEAR if two:
-                refusal = Refusal.RANGE if parameters != CLEAR_MULTI_TURN else self._clear_turns()
+                refusal = Refusal.RANGE if parameters != _CLEAR_TURNS else self._clear_turns()
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
@@ -515,7 +520,7 @@ class SimulatedServo:
             if packet.parameters not in _RESETS:
                 return Refusal.RANGE
             spared = _RESETS[packet.parameters]
-            if not spared and packet.id == BROADCAST_ID:
+            if not spared and packet.id == BROADCAST:
                 return Refusal.FAILED  # newer firmware ignores it, so that ids stay apart
         self._registers.load_initial_values(Memory.EEPROM, but=spared)
         if self.model.protocol == 2:

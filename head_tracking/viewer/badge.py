@@ -78,9 +78,7 @@ def badge(
         )
     wrong = next((one for one in health if one.level is Level.ERROR), None)
     if stopped:
-        return Badge(
-            Word.STOPPED, "nothing moves before Resume or a new choice of mode (tab Steer)"
-        )
+        return Badge(Word.STOPPED, "nothing moves before Resume")
     if wrong is not None:
         return Badge(Word.FAULT, f"{wrong.name.removeprefix('servo_bus: ')}: {wrong.message}")
     said = live.state.partition(": ")[2]

@@ -183,8 +183,8 @@ class HeadModes:
         if frame not in self._buffer.frames():
             return Outcome(False, f"the target is refused: there is no frame {frame!r}")
         stops, mode, said = self._stop.count, self.mode(), ""
-        if self._stop.stopped:
-            return Outcome(False, "the head is stopped: press Resume first")
+        if self._stop.refusal:
+            return Outcome(False, self._stop.refusal)
         if mode is Mode.OFF:
             return Outcome(False, "nothing turns the head now: choose a mode (point or track)")
         wanted = Mode.POINT if mode is Mode.POINT else Mode.TRACK
@@ -234,10 +234,12 @@ class HeadModes:
         """Lets exactly one node turn the head, and exactly one send it targets.
 
         Nodes that are needed and do not run are started, where the run can do that. What turned
-        the head before is switched off first.
+        the head before is switched off first. While the head is stopped only OFF can be chosen.
         """
         if self._services.hold.reason:
             return Outcome(False, self._services.hold.reason)
+        if self._stop.refusal and mode is not Mode.OFF:
+            return Outcome(False, self._stop.refusal)
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             return Outcome(False, f"there is no frame {frame!r} to follow")
         if mode is Mode.PATH and self.path is None:

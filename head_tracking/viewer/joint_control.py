@@ -144,8 +144,8 @@ class JointControl:
             self._positions.update(positions)
             self._timer.reset()
             return Outcome(True, "")
-        if self._stop.stopped:
-            return Outcome(False, "the head is stopped: press Resume first")
+        if self._stop.refusal:
+            return Outcome(False, self._stop.refusal)
         said = ""
         if self._modes.mode() is not Mode.OFF:
             outcome = self._modes.release()

@@ -157,7 +157,7 @@ class Page:
         self._status = StatusPanel(server, robot)
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Steer"):
-            self._steering = SteeringPanel(server, robot.modes, robot.stop, robot.buffer)
+            self._steering = SteeringPanel(server, robot.modes, robot.buffer)
             self._picture = CameraPicture(server.gui, robot.topics, robot.modes, robot.hold)
             self._status.add_strip()
         with tabs.add_tab("Joints"):

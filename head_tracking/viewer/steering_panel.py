@@ -13,7 +13,6 @@ from head_tracking.transforms import TransformBuffer, TransformException, Vector
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, follow, notify, refusal
 from head_tracking.viewer.path_panel import PathPanel
-from head_tracking.viewer.stop import Stop
 
 _NOT_YET = "(no frame yet)"
 _DRAG_PERIOD = 0.05  # s
@@ -28,7 +27,6 @@ class SteeringPanel:
     Args:
         server: gets the inputs, in the container that is open now.
         modes: obeys them.
-        stop: its attempts end when a person chooses a mode.
         buffer: has the frames.
 
     Attributes:
@@ -36,11 +34,10 @@ class SteeringPanel:
     """
 
     def __init__(
-        self, server: viser.ViserServer, modes: HeadModes, stop: Stop, buffer: TransformBuffer
+        self, server: viser.ViserServer, modes: HeadModes, buffer: TransformBuffer
     ) -> None:
         gui = server.gui
         self._modes = modes
-        self._stop = stop
         self._buffer = buffer
         self._root = ""
         self._dragged = 0.0
@@ -98,8 +95,6 @@ class SteeringPanel:
     def _on_mode(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if by_person(event):
             mode = Mode(self._mode.value)
-            if mode is not Mode.OFF:
-                self._stop.cancel()
             self._tell(event, self._modes.set_mode(mode, self._frame.value), "Look at")
 
     def _on_frame(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:

@@ -54,9 +54,19 @@ class Stop:
         return self._stopped is True
 
     @property
+    def refusal(self) -> str:
+        """Why the page asks for nothing but Resume; empty: no STOP is in force or under way."""
+        return "the head is stopped: press Resume first" if self.stopped or self._trying else ""
+
+    @property
     def can_resume(self) -> bool:
         """Whether there is something to resume."""
-        return self.stopped and bool(self._resume.service_is_ready())
+        return self._trying or (self.stopped and bool(self._resume.service_is_ready()))
+
+    @property
+    def _trying(self) -> bool:
+        attempt = self._attempt
+        return attempt is not None and not attempt.over
 
     @property
     def outcome(self) -> Outcome | None:

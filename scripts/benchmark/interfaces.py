@@ -107,8 +107,8 @@ def _simulated_preemption() -> list[float]:
         write = world.loop.write
         assert write is not None
 
-        def record(sender: str, goals: Any) -> None:
-            write(sender, goals)
+        def record(sender: str, goals: Any, epoch: int) -> None:
+            write(sender, goals, epoch)
             written.append((world.seconds, goals["head_pan_joint"].position))
 
         world.loop.write = record
@@ -143,8 +143,8 @@ def _preemption_over_dds() -> tuple[list[float], list[float], list[float]]:
         write = loop.write
         assert write is not None
 
-        def record(sender: str, goals: Any) -> None:
-            write(sender, goals)
+        def record(sender: str, goals: Any, epoch: int) -> None:
+            write(sender, goals, epoch)
             written.append((time.monotonic(), goals["head_pan_joint"].position))
 
         loop.write = record

@@ -172,7 +172,7 @@ def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinec
     stood = world.true_position("head_pan_joint")
     world.run(1.0)
     assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
-    node.interface.enable(slowly=False)
+    world.loop.owners.take_over(node.interface.name, node.interface.joints)
     world.run(2.0)
     assert enabled[-2][1].data
     assert sum(message.data.startswith("disabled: head_pan") for _, message in states) == 2

@@ -1,10 +1,15 @@
 import math
+import random
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.control import JUST_STOPPED, LEASE, JointOwners, OwnershipError
+from head_tracking.control import LEASE, JointOwners, OwnershipError
+from head_tracking.dynamixel import StoppedError
 
 PAN, TILT = JOINTS = ("head_pan_joint", "head_tilt_joint")
 WHO = ("/head_tracker", "/point_head", "somebody")
@@ -27,17 +32,24 @@ def owners(clock):
     return JointOwners(clock=clock)
 
 
+def resume(owners):
+    return owners.resume(owners.epoch.value)
+
+
 def test_who_owns_a_joint_keeps_it(owners):
     owners.claim("/head_tracker", JOINTS)
-    with pytest.raises(OwnershipError, match=r"head_tilt_joint belongs to /head_tracker.*enable"):
+    with pytest.raises(OwnershipError) as refusal:
         owners.claim("somebody", [TILT], LEASE)
+    assert (refusal.value.joint, refusal.value.owner) == (TILT, "/head_tracker")
+    assert not refusal.value.leased
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
 
 
 def test_a_claim_by_commands_ends_with_them(owners, clock):
     owners.claim("somebody", [PAN], LEASE)
-    with pytest.raises(OwnershipError, match="as long as that sends commands"):
+    with pytest.raises(OwnershipError) as refusal:
         owners.claim("/other", [PAN], LEASE)
+    assert refusal.value.leased
     clock.now += 1.01 * LEASE
     assert owners.of([PAN]) == {PAN: ""}
     owners.claim("/other", [PAN], LEASE)
@@ -50,39 +62,97 @@ def test_several_joints_are_claimed_all_or_none(owners):
     assert owners.of(JOINTS) == {PAN: "", TILT: "somebody"}
 
 
-def test_a_stop_takes_all_from_everybody_until_it_is_ended(owners, clock):
+def test_only_resume_ends_a_stop(owners, clock):
     owners.claim("/head_tracker", JOINTS)
-    owners.stop()
-    with pytest.raises(OwnershipError, match="stopped; call resume"):
-        owners.claim("/head_tracker", JOINTS)
-    with pytest.raises(OwnershipError, match="stopped just now"):
-        owners.take_over("/point_head", JOINTS)  # which somebody had asked for before
-    clock.now += 1.01 * JUST_STOPPED
-    owners.take_over("/point_head", JOINTS)
+    epoch = owners.permit()
+    assert owners.stop(lambda: "relaxed") == "relaxed"
+    assert owners.epoch.value > epoch
+    for _ in range(3):
+        for attempt in (
+            owners.permit,
+            lambda: owners.check("/head_tracker", JOINTS),
+            lambda: owners.claim("/head_tracker", JOINTS),
+            lambda: owners.take_over("/point_head", JOINTS),
+        ):
+            with pytest.raises(StoppedError):
+                attempt()
+        owners.release("/point_head")
+        clock.now += 10.0
+    assert owners.stopped
+    assert owners.of(JOINTS) == {PAN: "", TILT: ""}
+    assert resume(owners) == ("/head_tracker",)
     assert not owners.stopped
-    assert owners.of([PAN]) == {PAN: "/point_head"}
+    assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
 
 
-def test_where_others_are_allowed_the_last_command_wins(clock):
+def test_what_was_leased_or_released_meanwhile_is_not_given_back(owners):
+    owners.claim("/head_tracker", [PAN])
+    owners.claim("somebody", [TILT], LEASE)
+    owners.stop(dict)
+    owners.release("/head_tracker")
+    owners.stop(dict)
+    assert resume(owners) == ()
+    assert owners.of(JOINTS) == {PAN: "", TILT: ""}
+
+
+def test_a_resume_that_is_older_than_a_stop_does_not_end_it(owners):
+    owners.stop(dict)
+    epoch = owners.epoch.value
+    owners.stop(dict)
+    with pytest.raises(StoppedError):
+        owners.resume(epoch)
+    assert owners.stopped
+
+
+def test_servos_are_relaxed_before_anybody_is_told_and_also_if_that_fails(owners):
+    said = []
+    owners.observe(lambda: said.append(owners.stopped))
+    assert owners.stop(lambda: list(said)) == []
+    assert said == [True]
+    resume(owners)
+    with pytest.raises(ZeroDivisionError):
+        owners.stop(lambda: 1 // 0)
+    assert said == [True, False, True]
+
+
+def test_a_follower_does_as_it_is_told_and_hears_of_what_it_missed(owners):
+    owners.claim("/head_tracker", JOINTS)
+    owners.follow(True, 3)
+    with pytest.raises(StoppedError):
+        owners.claim("/head_tracker", JOINTS)
+    owners.follow(False, 3)
+    assert owners.owns("/head_tracker", JOINTS)
+    said = []
+    owners.observe(lambda: said.append(owners.epoch.value))
+    owners.follow(False, 3)
+    owners.follow(False, 4)  # stopped and resumed meanwhile
+    assert said == [4]
+    assert owners.owns("/head_tracker", JOINTS)
+
+
+def test_where_others_are_allowed_any_command_counts_and_a_controller_stays_enabled(clock):
     owners = JointOwners(exclusive=False, clock=clock)
     owners.claim("/head_tracker", JOINTS)
     owners.claim("somebody", [PAN], LEASE)
-    assert owners.of(JOINTS) == {PAN: "somebody", TILT: "/head_tracker"}
+    assert owners.owns("/head_tracker", JOINTS)
+    with pytest.raises(OwnershipError):  # two controllers at a time would fight
+        owners.claim("/point_head", JOINTS)
 
 
 def test_each_change_is_told(owners):
     told = []
-    owners.on_change = lambda: told.append(dict(owners.of([PAN])))
+    owners.observe(lambda: told.append(dict(owners.of([PAN]))))
     owners.claim("/head_tracker", [PAN])
     owners.claim("/head_tracker", [PAN])
     owners.release("/head_tracker")
     assert told == [{PAN: "/head_tracker"}, {PAN: ""}]
 
 
+JOINT_SETS = st.sets(st.sampled_from(JOINTS), min_size=1)
 REQUESTS = st.one_of(
-    st.tuples(st.just("claim"), st.sampled_from(WHO), st.sets(st.sampled_from(JOINTS), min_size=1)),
-    st.tuples(st.just("lease"), st.sampled_from(WHO), st.sets(st.sampled_from(JOINTS), min_size=1)),
-    st.tuples(st.just("take"), st.sampled_from(WHO), st.sets(st.sampled_from(JOINTS), min_size=1)),
+    st.tuples(st.just("claim"), st.sampled_from(WHO), JOINT_SETS),
+    st.tuples(st.just("lease"), st.sampled_from(WHO), JOINT_SETS),
+    st.tuples(st.just("take"), st.sampled_from(WHO), JOINT_SETS),
     st.tuples(st.just("release"), st.sampled_from(WHO)),
     st.tuples(st.just("stop")),
     st.tuples(st.just("resume")),
@@ -94,39 +164,141 @@ REQUESTS = st.one_of(
 def test_it_does_what_a_small_model_does(requests):
     clock = Clock()
     owners = JointOwners(clock=clock)
-    model: dict[str, tuple[str, float]] = dict.fromkeys(JOINTS, ("", math.inf))
-    stopped, stopped_at = False, 0.0
+    nobody = ("", math.inf)
+    model: dict[str, tuple[str, float]] = dict.fromkeys(JOINTS, nobody)
+    before: dict[str, tuple[str, float]] = {}
+    stopped = False
     for request in requests:
-        model = {j: own if clock.now < own[1] else ("", math.inf) for j, own in model.items()}
+        model = {j: own if clock.now < own[1] else nobody for j, own in model.items()}
         match request:
-            case ("claim" | "lease" as how, who, joints):
+            case ("claim" | "lease" | "take" as how, who, joints):
                 lease = LEASE if how == "lease" else math.inf
-                free = not stopped and all(model[joint][0] in ("", who) for joint in joints)
-                if free:
-                    owners.claim(who, joints, lease)
+                attempt = owners.take_over if how == "take" else owners.claim
+                given = (lease,) if how == "lease" else ()
+                free = how == "take" or all(model[joint][0] in ("", who) for joint in joints)
+                if free and not stopped:
+                    attempt(who, joints, *given)
                     model |= dict.fromkeys(joints, (who, clock.now + lease))
                 else:
-                    with pytest.raises(OwnershipError):
-                        owners.claim(who, joints, lease)
-            case ("take", who, joints) if stopped and clock.now - stopped_at < JUST_STOPPED:
-                with pytest.raises(OwnershipError):
-                    owners.take_over(who, joints)
-            case ("take", who, joints):
-                owners.take_over(who, joints)
-                stopped = False
-                model |= dict.fromkeys(joints, (who, math.inf))
+                    with pytest.raises(StoppedError if stopped else OwnershipError):
+                        attempt(who, joints, *given)
             case ("release", who):
                 owners.release(who)
-                model = {j: ("", math.inf) if own[0] == who else own for j, own in model.items()}
+                model = {j: nobody if own[0] == who else own for j, own in model.items()}
+                before = {j: own for j, own in before.items() if own[0] != who}
             case ("stop",):
-                owners.stop()
-                stopped, stopped_at = True, clock.now
-                model = dict.fromkeys(JOINTS, ("", math.inf))
+                owners.stop(dict)
+                if not stopped:
+                    before = {j: own for j, own in model.items() if own[0] and math.isinf(own[1])}
+                stopped, model = True, dict.fromkeys(JOINTS, nobody)
             case ("resume",):
-                owners.stop(False)
-                stopped = False
+                resume(owners)
+                if stopped:
+                    model |= before
+                stopped, before = False, {}
             case ("wait", seconds):
                 clock.now += seconds
         expected = {j: own[0] if clock.now < own[1] else "" for j, own in model.items()}
         assert owners.of(JOINTS) == expected
         assert owners.stopped is stopped
+
+
+class Servo:
+    """Carries requests out as the bus does: none whose epoch is over."""
+
+    def __init__(self, owners: JointOwners) -> None:
+        self.owners = owners
+        self.torque = False
+        self.lock = threading.Lock()
+        self.carried_out = 0
+
+    def switch_on(self, epoch: int) -> None:
+        with self.lock:
+            if epoch == self.owners.epoch.value:
+                self.torque = True
+                self.carried_out += 1
+
+    def relax(self) -> None:
+        with self.lock:
+            self.torque = False
+
+
+def ask(owners: JointOwners, rnd: random.Random) -> int:
+    """The epoch of something that a client asks for, in one of the ways there are."""
+    who = rnd.choice(WHO)
+    match rnd.randrange(4):
+        case 0:
+            owners.take_over(who, JOINTS)
+        case 1:
+            owners.claim(who, JOINTS, LEASE)
+        case 2:
+            return owners.permit()
+    return owners.check(who, JOINTS)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_client_moves_a_stopped_head_whatever_the_order(seed):
+    """10,000 interleavings of what is asked for at one moment and carried out at a later one."""
+    rnd = random.Random(seed)
+    for _ in range(2500):
+        owners = JointOwners(clock=Clock())
+        servo = Servo(owners)
+        asked: list[int] = []
+        resumes: list[int] = []
+        for _ in range(rnd.randint(4, 16)):
+            match rnd.choice(("ask", "ask", "carry out", "carry out", "stop", "press", "resume")):
+                case "ask":
+                    try:
+                        asked.append(ask(owners, rnd))
+                        assert not owners.stopped
+                    except OwnershipError:
+                        assert not owners.stopped
+                    except StoppedError:
+                        assert owners.stopped
+                case "carry out" if asked:
+                    servo.switch_on(asked.pop(rnd.randrange(len(asked))))
+                case "stop":
+                    owners.stop(servo.relax)
+                case "press":
+                    resumes.append(owners.epoch.value)
+                case "resume" if resumes:
+                    epoch, before = resumes.pop(rnd.randrange(len(resumes))), owners.stopped
+                    try:
+                        owners.resume(epoch)
+                    except StoppedError:
+                        assert epoch < owners.epoch.value
+                        assert owners.stopped is before
+            if owners.stopped:
+                assert not servo.torque
+
+
+def test_two_clients_in_two_threads_never_move_a_stopped_head():
+    owners = JointOwners()
+    servo = Servo(owners)
+    ended = threading.Event()
+
+    def client(who: str) -> int:
+        refused = 0
+        while not ended.is_set():
+            try:
+                owners.take_over(who, JOINTS)
+                servo.switch_on(owners.check(who, JOINTS))
+            except (StoppedError, OwnershipError):
+                refused += 1
+        return refused
+
+    with ThreadPoolExecutor(2) as threads:
+        clients = [threads.submit(client, who) for who in WHO[:2]]
+        try:
+            for _ in range(50):
+                owners.stop(servo.relax)
+                for _ in range(5):
+                    assert not servo.torque
+                    time.sleep(1e-4)
+                resume(owners)
+                count = servo.carried_out
+                while servo.carried_out == count:
+                    time.sleep(1e-4)
+        finally:
+            ended.set()
+        assert all(each.result() for each in clients)

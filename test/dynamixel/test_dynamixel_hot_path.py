@@ -11,7 +11,15 @@ from typing import Any
 import pytest
 from simulated_device import Bench
 
-from head_tracking.dynamixel import Goal, JointConfiguration, ServoBus, servo_model
+from head_tracking.dynamixel import (
+    Goal,
+    JointConfiguration,
+    ReadGroup,
+    ReadMethod,
+    Reply,
+    ServoBus,
+    servo_model,
+)
 from head_tracking.simulation import SimulatedLine, SimulatedServo
 
 
@@ -87,6 +95,30 @@ def calls(name: str) -> Counter[str]:
 def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
     counted = calls(name)
     assert counted.total() <= 60, counted
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.001, 0.004])
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
+def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
+    name: str, latency: float
+) -> None:
+    model = servo_model(name)
+    servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
+    for servo in servos:
+        servo.set_register("Return Delay Time", 250)  # 500 us
+    bench = Bench(servos)
+    bench.line = SimulatedLine(bench.bus, bench.clock, latency=latency)
+    bench.port.open()
+    method = {1: ReadMethod.BULK if model.bulk_read else ReadMethod.EACH, 2: ReadMethod.SYNC}
+    block = model.feedback
+    group = ReadGroup(
+        method[model.protocol], model.protocol, block.address, block.length, (1, 2, 3)
+    )
+    for k in range(200):
+        replies = bench.port.read_group(group)
+        assert all(isinstance(reply, Reply) for reply in replies)
+        bench.pass_time(0.003 + 0.0000137 * k)
+    assert bench.port.searches == 0
 
 
 if __name__ == "__main__":

@@ -9,23 +9,18 @@ from hypothesis import strategies as st
 
 from head_tracking.dynamixel import CommunicationError
 from head_tracking.dynamixel.protocol import (
-    BROADCAST_ID,
-    MAX_ID,
-    DamagedPacket,
     Instruction,
-    Packet,
-    PacketParser,
     Status,
     bulk_read_packet,
-    decode_packet,
+    decode_status,
     encode_packet,
-    encode_status,
-    find_status,
+    find_packet,
     read_packet,
     sync_read_packet,
     sync_write_packet,
     write_packet,
 )
+from head_tracking.simulation import packets as simulated
 
 
 @pytest.mark.parametrize(
@@ -34,13 +29,12 @@ from head_tracking.dynamixel.protocol import (
         (encode_packet(1, 1, Instruction.PING), "FF FF 01 02 01 FB"),
         (read_packet(1, 1, 36, 8), "FF FF 01 04 02 24 08 CC"),
         (write_packet(1, 1, 30, b"\0\x02\x64\0"), "FF FF 01 07 03 1E 00 02 64 00 70"),
-        (encode_packet(1, 254, Instruction.ACTION), "FF FF FE 02 05 FA"),
+        (encode_packet(1, 254, 5), "FF FF FE 02 05 FA"),
         (
             sync_write_packet(1, 30, {0: b"\x10\0\x50\x01", 1: b"\x20\x02\x60\x03"}),
             "FF FF FE 0E 83 1E 04 00 10 00 50 01 01 20 02 60 03 67",
         ),
         (bulk_read_packet((1, 2), 36, 2), "FF FF FE 09 92 00 02 01 24 02 02 24 17"),
-        (encode_status(1, Status(1, 0, b"\x20")), "FF FF 01 03 00 20 DB"),
         (encode_packet(2, 1, Instruction.PING), "FF FF FD 00 01 03 00 01 19 4E"),
         (read_packet(2, 1, 132, 4), "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"),
         (
@@ -60,11 +54,6 @@ from head_tracking.dynamixel.protocol import (
             sync_write_packet(2, 116, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}),
             "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
         ),
-        (
-            encode_status(2, Status(1, 0, b"\xa6\0\0\0")),
-            "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
-        ),
-        (encode_status(2, Status(1, 7)), "FF FF FD 00 01 04 00 55 07 B0 8C"),
     ],
 )  # fmt: skip
 def test_published_vectors(packet: bytes, published: str) -> None:
@@ -100,62 +89,71 @@ def test_packets_are_those_of_the_sdk(servo_id: int, code: int, parameters: byte
     assert encode_packet(2, servo_id, code, parameters) == port.packet
 
 
-any_packet = st.builds(
-    Packet,
-    st.one_of(st.integers(0, MAX_ID[2]), st.just(BROADCAST_ID)),
+@pytest.mark.parametrize(
+    ("protocol", "packet", "status"),
+    [
+        (1, "FF FF 01 03 00 20 DB", Status(1, 0, b"\x20")),
+        (1, "FF FF 01 04 20 00 02 D8", Status(1, 32, b"\0\x02")),
+        (1, "FF FF 01 02 24 D8", Status(1, 36)),
+        (2, "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0", Status(1, 0, b"\xa6\0\0\0")),
+        (2, "FF FF FD 00 01 08 00 55 00 FF FF FF FF 96 38", Status(1, 0, b"\xff" * 4)),
+        (2, "FF FF FD 00 01 04 00 55 07 B0 8C", Status(1, 7)),
+    ],
+)
+def test_published_replies(protocol: int, packet: str, status: Status) -> None:
+    data = bytes.fromhex(packet)
+    assert find_packet(protocol, data) == (data, len(data), False)
+    assert decode_status(protocol, data) == status
+
+
+statuses = st.builds(
+    simulated.Status,
+    st.integers(0, 252),
     st.integers(0, 0x7F),
     st.lists(st.sampled_from([b"\xff", b"\xfd", b"\0", b"\x01"]), max_size=30).map(b"".join),
 )
 protocols = st.sampled_from([1, 2])
 
 
-@given(protocols, any_packet)
-def test_what_is_encoded_is_decoded(protocol: int, packet: Packet) -> None:
-    assert decode_packet(protocol, encode_packet(protocol, *packet)) == packet
-
-
-@given(protocols, st.lists(any_packet, max_size=4), st.lists(st.integers(1, 9), min_size=1))
-def test_a_stream_is_parsed_however_it_is_cut(
-    protocol: int, packets: list[Packet], cuts: list[int]
+@given(protocols, statuses, st.binary(max_size=20).filter(lambda noise: b"\xff" not in noise))
+def test_what_a_servo_sends_is_found_and_decoded(
+    protocol: int, sent: simulated.Status, noise: bytes
 ) -> None:
-    parser = PacketParser(protocol)
-    stream = b"".join(encode_packet(protocol, *packet) for packet in packets)
-    found: list[Packet | DamagedPacket] = []
-    step = 0
-    while stream:
-        size = cuts[step % len(cuts)]
-        found += parser.feed(stream[:size], step)
-        stream = stream[size:]
-        step += 1
-    assert found == packets
-    assert parser.pending == 0
+    packet = simulated.encode_status(protocol, sent)
+    found = find_packet(protocol, noise + packet)
+    assert found == (packet, len(noise) + len(packet), False)
+    assert decode_status(protocol, packet) == sent
 
 
-@given(protocols, st.lists(st.binary(max_size=40), max_size=5))
-def test_any_bytes_are_survived_and_do_not_hide_a_packet(
-    protocol: int, pieces: list[bytes]
+@given(protocols, st.lists(st.binary(max_size=40), max_size=5).map(b"".join))
+def test_any_bytes_are_survived_and_do_not_hide_a_packet(protocol: int, noise: bytes) -> None:
+    reply = simulated.encode_status(protocol, simulated.Status(7, 0, b"\x01\x02"))
+    rest, found = noise + reply, []
+    while (packet := find_packet(protocol, rest)).packet:
+        found.append(packet.packet)
+        rest = rest[packet.end :]
+    assert found[-1] == reply or reply in found[-1]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "damaged", "good"),
+    [
+        (1, "FF FF 01 04 02 24 02 D3", "FF FF 01 04 00 00 02 F8"),
+        (2, "FF FF FD 00 01 04 00 55 07 B0 8D", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+    ],
+)
+def test_damaged_packet_before_a_good_one_is_reported(
+    protocol: int, damaged: str, good: str
 ) -> None:
-    parser = PacketParser(protocol, max_gap=1000)
-    for time, piece in enumerate(pieces):
-        parser.feed(piece, time)
-    ping = encode_packet(protocol, 1, Instruction.PING)
-    assert parser.feed(ping, 10_000)[-1] == Packet(1, Instruction.PING)
-
-
-def test_damaged_packet_is_told_once_and_old_beginnings_are_dropped() -> None:
-    parser = PacketParser(1, max_gap=100)
-    damaged = bytes.fromhex("FF FF 01 04 02 24 02 D3")
-    good = bytes.fromhex("FF FF 01 04 02 24 02 D2")
-    assert parser.feed(damaged + good, 0) == [DamagedPacket(1), Packet(1, 2, b"\x24\x02")]
-    parser.feed(good[:5], 10)
-    assert parser.feed(good, 200) == [Packet(1, 2, b"\x24\x02")]
+    assert find_packet(protocol, bytes.fromhex(damaged)) == (b"", 0, True)
+    both = bytes.fromhex(damaged + good)
+    assert find_packet(protocol, both) == (bytes.fromhex(good), len(both), True)
 
 
 def test_echo_of_an_instruction_is_no_status_in_protocol_2() -> None:
     ping = encode_packet(2, 1, Instruction.PING)
-    answer = encode_status(2, Status(1, 0, b"\x06\x04\x26"))
-    assert find_status(2, ping).status is None
-    assert find_status(2, ping + answer).status == Status(1, 0, b"\x06\x04\x26")
+    assert find_packet(2, ping).packet == ping
+    assert decode_status(2, ping) is None
 
 
 @pytest.mark.parametrize("protocol", [1, 2])

@@ -180,7 +180,7 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     for bus in single:
         bus.step()
     assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_ON_REQUEST}
+    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:

@@ -471,7 +471,7 @@ def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cy
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
     rig.step(20)
     assert rig.torque == [0, 0]
-    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_ON_REQUEST}
+    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
@@ -486,7 +486,7 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
         with thread._owner:  # as a cycle holds it that the machine does not let end
             assert all(buses.relax_at_once(0.02).values())
         deadline = time.monotonic() + 10.0
-        while bus.torque(PAN.joint_name) is not Torque.OFF_ON_REQUEST:
+        while bus.torque(PAN.joint_name) is not Torque.OFF_UNTIL_COMMANDED:
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from head_tracking.dynamixel import ReadGroup, ReadMethod, ReplyTimeoutError
 from head_tracking.dynamixel.port import LateReplies, ReplyTimeout
+from head_tracking.dynamixel.protocol import Status
 
 
 class Clock:
@@ -51,30 +53,35 @@ def test_first_timeout_knows_the_adapter() -> None:
     assert ReplyTimeout(adapter=0.016).allowance == pytest.approx(0.024)
 
 
-def test_question_after_a_silence_asks_for_another_length() -> None:
+def group(servo_id: int, length: int, protocol: int = 1) -> ReadGroup:
+    return ReadGroup(ReadMethod.EACH, protocol, 36, length, (servo_id,))
+
+
+def test_read_after_a_silence_asks_for_another_length() -> None:
     clock = Clock()
     late = LateReplies(clock)
-    assert late.extra(1, (1, 2), 8) == 0 and not late.due
-    late.add(1, 1, 8, clock.now)
-    assert late.extra(1, (1,), 8) == 1
-    assert late.extra(1, (2,), 8) == 0
-    assert late.extra(2, (1,), 8) == 0
-    late.add(1, 2, 9, clock.now)
-    assert late.extra(1, (1, 2), 8) == 2
+    assert not late.due
+    late.add(group(1, 8).requests[0], clock.now)
+    assert late.told_apart(group(1, 8)).length == 9
+    assert late.told_apart(group(2, 8)).length == 8
+    assert late.told_apart(group(1, 8, 2)).length == 8
+    late.add(group(2, 9).requests[0], clock.now)
+    both = ReadGroup(ReadMethod.BULK, 1, 36, 8, (1, 2))
+    assert (late.told_apart(both).length, late.told_apart(both).address) == (10, 34)
 
 
 def test_late_reply_is_taken_once_and_old_ones_are_forgotten() -> None:
     clock = Clock()
     late = LateReplies(clock)
-    late.add(1, 1, 8, clock.now)
+    late.add(group(1, 8).requests[0], clock.now)
     clock.now += 0.25
-    assert late.take(1, 1, 9) is None
-    assert late.take(1, 1, 8) == pytest.approx(0.25)
-    assert late.take(1, 1, 8) is None
+    assert late.take(1, Status(1, 0, bytes(9))) is None
+    assert late.take(1, Status(1, 0, bytes(8))) == pytest.approx(0.25)
+    assert late.take(1, Status(1, 0, bytes(8))) is None
     assert not late.due
-    late.add(1, 1, 8, clock.now)
+    late.add(group(1, 8).requests[0], clock.now)
     clock.now += 1.1
-    assert late.extra(1, (1,), 8) == 0
+    assert late.told_apart(group(1, 8)).length == 8
     assert not late.due
 
 
@@ -82,5 +89,6 @@ def test_after_very_many_silences_nothing_is_asked_for_a_while() -> None:
     clock = Clock()
     late = LateReplies(clock)
     for length in range(8, 40):
-        late.add(1, 1, length, clock.now)
-    assert late.extra(1, (1,), 8) is None
+        late.add(group(1, length).requests[0], clock.now)
+    with pytest.raises(ReplyTimeoutError):
+        late.told_apart(group(1, 8))

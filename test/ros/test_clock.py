@@ -84,8 +84,9 @@ def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make)
     head = make(simulated=True)
     head.until_logged("ready to keep")
     interface = head.node.interface
-    with interface.lock:
-        interface.enable(slowly=True)
+    owners = interface._loop.owners
+    owners.stop(dict)
+    owners.resume(owners.epoch.value)
     head.target = ("torso_link", still)
     wait_for(lambda: head.farthest() > 0.05)
     head.target = None

@@ -153,11 +153,10 @@ def test_who_is_off_or_not_the_owner_takes_no_goal_and_names_the_owner(robot):
     assert pan < 0.5
     assert not robot.client.send(goal(1, 0, 0.3)).accepted
     robot.logged("is rejected: pointing is switched off")
+    assert robot.call("point_head/enable", True).success
     robot.composition.loop.owners.take_over("/somebody", JOINTS)
-    node = robot.composition.nodes["point_head"]
-    node.interface.off = ""
     assert not robot.client.send(goal(1, 0, 0.3)).accepted
-    robot.logged("is rejected: the joints belong to /somebody")
+    robot.logged("is rejected: /somebody has taken the head over")
     robot.composition.loop.owners.release("/somebody")
 
 
@@ -236,7 +235,7 @@ def test_trajectories_that_cannot_be_followed_are_answered_with_the_code(followe
     assert code((1.0, (0.0, 0.0)), end={JOINTS[0]: -2.0}) == -1
     assert follower.call("stop").success
     assert code((1.0, (0.0, 0.0))) == -1
-    follower.logged("a trajectory is rejected: stopped")
+    follower.logged("a trajectory is rejected: the head is stopped")
 
 
 def test_the_topic_is_streamed_to(robot):

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from contract_nodes import BusStandIn, ControllerStandIn
+from contract_nodes import ControllerStandIn
 from rclpy.node import Node
 from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.node_starter import NodeStarterNode
 
@@ -38,7 +39,7 @@ def test_a_controller_that_is_started_is_switched_on_and_others_just_run(threads
             made[name] = Node(name) if name == "camera" else ControllerStandIn(name, on=False)
             threads.start(made[name])
 
-    threads.start(NodeStarterNode(start, ("point_head", "camera")))
+    threads.start(NodeStarterNode(start, ("point_head", "camera"), ControlLoop(None)))
     answer = ask("point_head")
     assert answer.success
     assert answer.message == "point_head runs and is switched on"
@@ -61,7 +62,7 @@ def test_what_keeps_a_node_from_doing_its_work_is_the_answer(threads, ask):
         node.create_service(SetBool, "~/enable", refuse)
         threads.start(node)
 
-    threads.start(NodeStarterNode(start, ("broken", "point_head")))
+    threads.start(NodeStarterNode(start, ("broken", "point_head"), ControlLoop(None)))
     answer = ask("broken")
     assert (answer.success, answer.message) == (False, "there is no camera here")
     answer = ask("point_head")
@@ -71,17 +72,15 @@ def test_what_keeps_a_node_from_doing_its_work_is_the_answer(threads, ask):
 
 def test_a_node_whose_start_was_asked_for_before_a_stop_is_not_switched_on(threads, ask):
     made = []
-    bus = BusStandIn()
-    threads.start(bus)
+    loop = ControlLoop(None)
 
     def start(name: str) -> None:
         made.append(ControllerStandIn(name, on=False))
         threads.start(made[0])
-        bus.say_stopped(True)
-        wait_for(lambda: starter._stops)
+        loop.owners.stop(dict)
+        loop.owners.resume(loop.owners.epoch.value)
 
-    starter = NodeStarterNode(start, ("point_head",))
-    threads.start(starter)
+    threads.start(NodeStarterNode(start, ("point_head",), loop))
     answer = ask("point_head")
     assert (answer.success, made[0].asked) == (False, [])
     assert answer.message == "point_head runs, and the head was stopped meanwhile"
@@ -95,7 +94,7 @@ def test_starting_a_node_keeps_no_callback_of_the_process_waiting(threads, ask):
         go_on.wait(30.0)
         threads.start(Node("camera"))
 
-    starter = NodeStarterNode(start, ("camera",))
+    starter = NodeStarterNode(start, ("camera",), ControlLoop(None))
     beats: list[float] = []
     starter.create_timer(0.01, lambda: beats.append(time.monotonic()))
     threads.start(starter)

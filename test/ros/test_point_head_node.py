@@ -5,12 +5,14 @@ import random
 
 import pytest
 from action_client import ABORTED, SUCCEEDED, Client
+from diagnostic_msgs.msg import DiagnosticStatus
 from head_under_test import Head
 from robot_under_test import wait_for
-from std_msgs.msg import String
 
+from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
 from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros.joint_owners import control_message
 from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import Rotation, Transform
 
@@ -158,13 +160,16 @@ def test_alone_in_a_process_it_serves_goals_too(kinectbot):
         assert sent.ended()[0] == SUCCEEDED
         assert head.positions[0] == pytest.approx(math.atan2(1, 0.99), abs=0.02)
         assert sent.feedback[0][1].pointing_angle_error > 0.5
-        owners = head.robot.create_publisher(String, "joint_owners", LATCHED)
-        mine = "head_pan_joint: {0}\nhead_tilt_joint: {0}"
-        owners.publish(String(data=mine.format("/somebody")))
+        control = head.robot.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
+        joints = ("head_pan_joint", "head_tilt_joint")
+        owners = JointOwners()
+        owners.take_over("/somebody", joints)
+        control.publish(control_message(owners, joints))
         wait_for(lambda: "/somebody" in head.node.interface.obstacle)
         assert not client.send(goal(1, 0, 0.3)).accepted
         head.until_logged("is rejected: the joints belong to /somebody")
-        owners.publish(String(data=mine.format("/point_head")))
+        owners.take_over("/point_head", joints)
+        control.publish(control_message(owners, joints))
         wait_for(lambda: not head.node.interface.obstacle)
         sent = client.send(goal(1, -1, 0.3, velocity=0.3))
         wait_for(lambda: head.positions[0] < 0.7)

@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rclpy.signals import SignalHandlerOptions
 
+from head_tracking.dynamixel import StoppedError
 from head_tracking.tracking import Target
 
 goals = pytest.importorskip("goals")
@@ -52,12 +53,13 @@ class Driven:
         self.world, self.node = self.head.world, self.head.node
         self.interface, self.actions = self.node.interface, self.node.actions
         self.sent = []
-        self.stopped = self.off = self.resumes = False
-        self.other = False
+        self.owners = self.world.loop.owners
+        self.stopped = self.off = False
+        self.before = ""  # who goes on after resume
         self.written = 0
         write = self.world.loop.write
 
-        def record(sender, told):
+        def record(sender, told, epoch):
             assert not self.stopped, "told something although stopped"
             assert not self.off, "told something although off"
             for goal, limits in zip(
@@ -66,13 +68,14 @@ class Driven:
                 assert limits.contains(goal.position, 1e-9)
                 assert 0.0 < goal.speed <= limits.velocity
             self.written += 1
-            write(sender, told)
+            assert epoch == self.owners.epoch.value
+            write(sender, told, epoch)
 
         self.world.loop.write = record
 
     @property
     def mine(self):
-        return not (self.stopped or self.off or self.other)
+        return not (self.stopped or self.off)
 
     def under_way(self):
         return [goal for goal in self.sent if not goal.status]
@@ -122,46 +125,48 @@ class Driven:
             assert goal.status == "canceled"
 
     def stop(self, _):
-        if not (self.stopped or self.off):
-            self.resumes = True
-        self.world.loop.stop(dict)
+        if not self.stopped:
+            self.before = self.owners.of(goals.JOINTS)[goals.JOINTS[0]]
+        self.owners.stop(dict)
         self.stopped = True
-        self.other = False
         assert not self.under_way()
 
     def resume(self, _):
-        if self.stopped and self.resumes:
-            self.off, self.resumes = False, False
-        elif self.stopped:
-            self.off = True
+        resumed = self.owners.resume(self.owners.epoch.value)
+        if self.stopped:
+            assert resumed == tuple(filter(None, [self.before]))
+            self.off = self.before != "/point_head"
         self.stopped = False
-        self.world.loop.resume()
 
     def switched(self, on):
         request, response = type("Request", (), {"data": on})(), type("Response", (), {})()
         self.interface._on_enable(request, response)
-        assert response.success
+        return response.success
 
     def turn_on(self, _):
-        was_off = bool(self.interface.off)
-        self.stopped = self.stopped and not was_off
-        if was_off:
-            self.off = self.other = self.resumes = False
-        self.switched(True)
+        assert self.switched(True) is not self.stopped
+        self.off = self.off and self.stopped
 
     def turn_off(self, _):
-        self.switched(False)
-        self.off, self.resumes = True, False
+        assert self.switched(False)
+        if self.before == "/point_head":
+            self.before = ""
+        self.off = True
         assert not self.under_way()
 
     def take_over(self, _):
-        if not self.stopped:
-            self.world.loop.owners.take_over("/somebody", goals.JOINTS)
-            self.other = True
+        if self.stopped:
+            with pytest.raises(StoppedError):
+                self.owners.take_over("/somebody", goals.JOINTS)
+        else:
+            self.owners.take_over("/somebody", goals.JOINTS)
+            self.off = True
+            assert not self.under_way()
 
     def release(self, _):
-        self.world.loop.owners.release("/somebody")
-        self.other = False
+        self.owners.release("/somebody")
+        if self.before == "/somebody":
+            self.before = ""
 
     def recenter(self, _):
         request, response = None, type("Response", (), {"success": False, "message": ""})()

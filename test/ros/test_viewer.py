@@ -336,7 +336,8 @@ def test_stop_relaxes_everything_and_the_badge_says_so(robot, page):
 
 
 def test_escape_stops_wherever_the_cursor_is(robot, page):
-    robot.call("torque_enable", True)
+    press(page, "Resume")
+    wait_for(lambda: not is_relaxed(robot), PATIENCE)
     point_left(robot, page)
     field = row(page, "x y z (m)").locator("input:visible").first
     field.click(force=True)
@@ -371,9 +372,12 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
         states = bus.status().states  # not of a servo that is silent just now
         return [bool(states[joint].torque) for joint in HEAD if joint in states]
 
+    assert robot.call("resume").success
+    assert robot.call("relax").success
     open_tab(page, "Joints")
     switch = row(page, "head_tilt").locator("input[type=checkbox]")
-    wait_for(lambda: not switch.is_checked(), PATIENCE)  # what STOP did is told once a second
+    wait_for(lambda: torque() == [False, False], PATIENCE)
+    wait_for(lambda: not switch.is_checked(), PATIENCE)  # which is told once a second
     switch.click(force=True)
     wait_for(lambda: torque() == [False, True], PATIENCE)
     switch.click(force=True)
@@ -437,7 +441,7 @@ def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer,
     wait_for(lambda: float(row(page, "Time (s)").locator("input").last.input_value()) > 0, PATIENCE)
     press(page, "STOP")  # whoever stops the robot sees it
     wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
-    robot.call("torque_enable", True)
+    assert robot.call("resume").success
 
 
 def test_browsers_see_what_the_others_do_and_closing_one_changes_nothing(

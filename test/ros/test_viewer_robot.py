@@ -213,8 +213,7 @@ def test_after_stop_nothing_moves_before_resume(robot, seen):
     assert seen.modes.mode() is Mode.OFF
     robot.simulated.lead("head_pan_joint", -0.5, 0.5)  # by a hand, away from the target
     wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
-    assert seen.joints.set_torque("", True).done
-    wait_for(lambda: torques(seen) == [True, True])
+    assert not seen.joints.set_torque("", True).done
     assert "Resume" in seen.joints.move({"head_pan_joint": 0.5}).text
     assert not seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
     robot.at_rest(1.0)
@@ -231,19 +230,18 @@ def test_after_stop_nothing_moves_before_resume(robot, seen):
     wait_for(lambda: word(seen) == "on target")
 
 
-def test_a_new_choice_of_mode_ends_a_stop(robot, seen):
+def test_a_choice_of_mode_ends_no_stop(robot, seen):
     assert seen.stop_everything().done
     wait_for(lambda: word(seen) == "stopped")
-    seen.stop.cancel()
-    wait_for(lambda: seen.modes.set_mode(Mode.POINT).done)  # but not in the same moment
-    wait_for(lambda: not seen.stop.stopped)
-
-    def points() -> bool:
-        # again: a point that comes before the servos have torque again is left out
-        assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
-        return head_is_at(robot, bearing(1.0, -0.6))
-
-    wait_for(points)
+    for mode in (Mode.POINT, Mode.TRACK, Mode.FICTITIOUS):
+        assert seen.modes.set_mode(mode) == (False, seen.stop.refusal)
+    assert seen.modes.set_mode(Mode.OFF).done
+    assert torques(seen) == [False, False]
+    assert seen.stop.resume().done
+    wait_for(lambda: not seen.stop.refusal)
+    assert seen.modes.set_mode(Mode.POINT).done
+    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
 
 
 @pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
@@ -303,6 +301,8 @@ def test_without_hardware_the_page_says_where_the_joints_are():
             wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
             assert seen.observe().joints["head_tilt_joint"] == 0.0
             assert not seen.stop_everything().done
+            assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
+            assert not seen.stop.resume().done
             assert not seen.modes.centre().done
             assert "not running" in seen.modes.set_mode(Mode.TRACK, "").text
     finally:

@@ -120,6 +120,28 @@ def test_a_stop_ends_what_the_page_sends_for_good(start, by_page):
     wait_for(lambda: robot.modes.mode() is Mode.TRACK)
 
 
+def test_a_mode_is_chosen_after_resume_only(start):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+    pointer = start(ControllerStandIn("point_head", on=False))
+    robot = page(start)
+    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    bus.confirms = set()
+    assert not robot.stop.stop().done  # it is tried again and again, which a choice does not end
+    for mode in (Mode.POINT, Mode.TRACK):
+        assert robot.modes.set_mode(mode) == (False, robot.stop.refusal)
+    assert (tracker.asked, pointer.asked) == ([], [])
+    assert not robot.joints.move({"head_pan_joint": 0.2}).done
+    assert not bus.commands
+    count = len(bus.calls)
+    wait_for(lambda: len(bus.calls) > count)
+    assert robot.stop.can_resume
+    assert robot.stop.resume().done
+    wait_for(lambda: not robot.stop.refusal)
+    assert robot.modes.set_mode(Mode.POINT).done
+    assert pointer.asked == [True]
+
+
 def test_a_stop_ends_a_change_of_modes_that_is_under_way(start):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
     pointer = start(ControllerStandIn("point_head", on=False))

@@ -10,8 +10,8 @@ from simulated_packets import InstructionPacket2, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
-from head_tracking.dynamixel.protocol import Instruction as Instruction2
 from head_tracking.simulation import SimulatedServo
+from head_tracking.simulation.packets import Instruction as Instruction2
 
 Packet = InstructionPacket2
 MS = 1_000_000

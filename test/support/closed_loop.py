@@ -19,10 +19,11 @@ from dynamixel_fakes import speed_ticks
 from plant import JointsRead, Make, Servos, angles, in_camera, turned
 
 from head_tracking.dynamixel import JointConfiguration
-from head_tracking.dynamixel.protocol import find_status, read_packet, sync_write_packet
+from head_tracking.dynamixel.protocol import read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation.packets import decode_status
 from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
 from head_tracking.transforms import (
     RobotModel,
@@ -126,7 +127,7 @@ class SimulatedHead:
             time += _ADAPTER + len(sent) * _BYTE
             (answer,) = self._bus.receive(sent, time)
             time += answer.delay + len(answer.data) * _BYTE + _ANSWERED
-            status = find_status(1, answer.data).status
+            status = decode_status(1, answer.data)
             assert status is not None
             stamps.append((asked + time) // 2)
             positions.append(joint.position(int.from_bytes(status.data, "little")))
@@ -374,7 +375,7 @@ class ClosedLoop:
         arrived = []
         while self._inbox and self._inbox[0][0] <= now:
             arrived.append(heapq.heappop(self._inbox))
-        before = time.perf_counter()
+        before = time.thread_time()
         if isinstance(controller, RawController):
             for _, _, target, on_head in arrived:
                 stamp = target.stamp * 1e-9 - START
@@ -386,11 +387,11 @@ class ClosedLoop:
             for placed, point in self._placer.place(START + now, {}):
                 moving = placed.frame_id != BASE_FRAME
                 controller.target_seen(placed.stamp * 1e-9, point, START + now, moving=moving)
-                outcome.point_costs.append(time.perf_counter() - before)
-                before = time.perf_counter()
-            before = time.perf_counter()
+                outcome.point_costs.append(time.thread_time() - before)
+                before = time.thread_time()
+            before = time.thread_time()
             command = controller.step(START + now).command
-        outcome.costs.append(time.perf_counter() - before)
+        outcome.costs.append(time.thread_time() - before)
         if command is not None:
             outcome.commands.append((now, command))
         return command

@@ -173,7 +173,9 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return servo.error
 
-    def sync_write(self, address: int, data: Mapping[int, bytes], protocol: int = 1) -> None:
+    def sync_write(
+        self, address: int, data: Mapping[int, bytes], protocol: int = 1, *, patience: float = 0.0
+    ) -> None:
         self._note(("sync", address, dict(data)))
         for servo_id, share in data.items():
             if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:

@@ -150,7 +150,7 @@ class World:
         servo.advance(self.now)
         servo.push(torque)
 
-    def _on_goals(self, _: str, goals: Mapping[str, Goal]) -> None:
+    def _on_goals(self, _: str, goals: Mapping[str, Goal], __: int) -> None:
         for name, goal in goals.items():
             joint, servo = self._servos[name]
             servo.advance(self.now)

@@ -177,9 +177,9 @@ class Robot:
         loop, goals = self.composition.loop, []
         write = loop.write
 
-        def record(sender: str, told: Mapping[str, Goal]) -> None:
+        def record(sender: str, told: Mapping[str, Goal], epoch: int) -> None:
             goals.append(told)
-            write(sender, told)
+            write(sender, told, epoch)
 
         loop.write = record
         return goals

@@ -1,19 +1,19 @@
-"""Packets as tests write them: the driver's own, with builders for every instruction."""
+"""Packets as tests write them: the simulator's own, with builders for every instruction."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
-from head_tracking.dynamixel.protocol import (
-    BROADCAST_ID,
+from head_tracking.simulation.packets import (
+    BROADCAST,
     Instruction,
     Packet,
     Status,
-    decode_packet,
-    encode_packet,
+    decode,
+    decode_status,
+    encode,
     encode_status,
-    find_status,
 )
 
 
@@ -23,11 +23,11 @@ class InstructionPacket(Packet):
     PROTOCOL: ClassVar = 1
 
     def encode(self) -> bytes:
-        return encode_packet(self.PROTOCOL, *self)
+        return encode(self.PROTOCOL, self)
 
     @classmethod
     def decode(cls, packet: bytes) -> Self | None:
-        found = decode_packet(cls.PROTOCOL, packet)
+        found = decode(cls.PROTOCOL, packet)
         return None if found is None else cls(*found)
 
     @classmethod
@@ -36,7 +36,7 @@ class InstructionPacket(Packet):
         return b"".join(value.to_bytes(cls.PROTOCOL, "little") for value in values)
 
     @classmethod
-    def ping(cls, servo_id: int = BROADCAST_ID) -> Self:
+    def ping(cls, servo_id: int = BROADCAST) -> Self:
         return cls(servo_id, Instruction.PING)
 
     @classmethod
@@ -52,7 +52,7 @@ class InstructionPacket(Packet):
         return cls(servo_id, Instruction.REG_WRITE, cls.words(address) + data)
 
     @classmethod
-    def action(cls, servo_id: int = BROADCAST_ID) -> Self:
+    def action(cls, servo_id: int = BROADCAST) -> Self:
         return cls(servo_id, Instruction.ACTION)
 
     @classmethod
@@ -63,7 +63,7 @@ class InstructionPacket(Packet):
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
         length = len(next(iter(data.values())))
         shares = b"".join(bytes((servo_id,)) + share for servo_id, share in data.items())
-        return cls(BROADCAST_ID, Instruction.SYNC_WRITE, cls.words(address, length) + shares)
+        return cls(BROADCAST, Instruction.SYNC_WRITE, cls.words(address, length) + shares)
 
 
 class InstructionPacket2(InstructionPacket):
@@ -80,13 +80,13 @@ class InstructionPacket2(InstructionPacket):
         cls, address: int, length: int, ids: Sequence[int], *, fast: bool = False
     ) -> Self:
         code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
-        return cls(BROADCAST_ID, code, cls.words(address, length) + bytes(ids))
+        return cls(BROADCAST, code, cls.words(address, length) + bytes(ids))
 
     @classmethod
     def bulk_read(cls, reads: Mapping[int, tuple[int, int]], *, fast: bool = False) -> Self:
         code = Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ
         shares = (bytes((servo_id,)) + cls.words(*place) for servo_id, place in reads.items())
-        return cls(BROADCAST_ID, code, b"".join(shares))
+        return cls(BROADCAST, code, b"".join(shares))
 
     @classmethod
     def bulk_write(cls, writes: Mapping[int, tuple[int, bytes]]) -> Self:
@@ -94,7 +94,7 @@ class InstructionPacket2(InstructionPacket):
             bytes((servo_id,)) + cls.words(address, len(data)) + data
             for servo_id, (address, data) in writes.items()
         )
-        return cls(BROADCAST_ID, Instruction.BULK_WRITE, b"".join(shares))
+        return cls(BROADCAST, Instruction.BULK_WRITE, b"".join(shares))
 
 
 class StatusPacket(Status):
@@ -110,8 +110,8 @@ class StatusPacket(Status):
 
     @classmethod
     def decode(cls, packet: bytes) -> Self | None:
-        found = find_status(cls.PROTOCOL, packet)
-        return cls(*found.status) if found.status and found.packet == packet else None
+        found = decode_status(cls.PROTOCOL, packet)
+        return None if found is None else cls(*found)
 
 
 class StatusPacket2(StatusPacket):

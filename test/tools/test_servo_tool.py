@@ -134,8 +134,8 @@ def test_scan_that_finds_nothing_fails_and_says_what_to_do(bench: Bench) -> None
 
 
 def test_scan_leaves_out_what_the_adapter_cannot_do(bench: Bench) -> None:
-    assert bench.run("scan", "--bauds", "250000", "1000000", "--ids", "1") == DONE
-    assert "250000 baud left out" in bench.messages
+    assert bench.run("scan", "--bauds", "117600", "1000000", "--ids", "1") == DONE
+    assert "117600 baud left out" in bench.messages
     assert "AX-12" in bench.output
 
 
@@ -147,7 +147,7 @@ def test_scan_goes_on_when_a_port_cannot_be_opened_at_a_rate(bench: Bench) -> No
 
 def test_scan_leaves_out_a_rate_that_nobody_can_do(bench: Bench) -> None:
     assert bench.run("scan", "--bauds", "0", "--ids", "1") == FAILED
-    assert "0 baud left out: dynamixel_sdk cannot set 0 baud; allowed are 9600" in bench.messages
+    assert "0 baud left out" in bench.messages
 
 
 def test_scan_finds_a_servo_that_answers_no_reads(bench: Bench) -> None:
@@ -527,13 +527,15 @@ def test_set_baud_refuses_what_the_servo_cannot_do(bench: Bench, rate: str) -> N
 def test_set_baud_refuses_what_the_adapter_cannot_do(
     bench: Bench, servo_id: str, rate: str
 ) -> None:
+    bench.impossible = int(rate)
     assert bench.run("--yes", "set-baud", servo_id, rate) == FAILED
-    assert "cannot set" in bench.messages
+    assert "cannot do this baud" in bench.messages
     assert bench[int(servo_id)].baud_rate == 1_000_000
 
 
 def test_set_of_the_baud_rate_register_is_as_careful(bench: Bench) -> None:
-    assert bench.run("--yes", "set", "1", "Baud Rate", "7") == FAILED  # 250000
+    bench.impossible = 250_000
+    assert bench.run("--yes", "set", "1", "Baud Rate", "7") == FAILED
     assert bench.run("--yes", "set", "1", "Baud Rate", "34") == DONE
     assert bench[1].baud_rate == 57_600
 

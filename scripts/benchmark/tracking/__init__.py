@@ -12,51 +12,74 @@ import argparse
 import json
 import statistics
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path as File
 
-import numpy as np
+from closed_loop import ClosedLoop
 
+from head_tracking.tracking import picture
 from tracking.asked import asked, cases, simple
-from tracking.judging import HEAD, OPPONENTS, Job, Score, judge, judge_all
+from tracking.judging import HEAD, OPPONENTS, Job, Score, judge, judge_all, tracker
 from tracking.motions import PATHS
 from tracking.situations import FAMILIES, SITUATIONS
 
+DOCS = File(__file__).parents[3] / "docs"
 SEEDS = {"mixed": 16, "near": 18, "turns": 8, "servos": 400, "table": 1, "ordinary": 20}
 """How many seeds a family has by default; others: 5."""
 
 
-def main(arguments: Sequence[str]) -> str:
-    """Judge what is asked for and return the table."""
+def main(arguments: Sequence[str] = ()) -> str:
+    """Judge what is asked for, and return the tables."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark/measure tracking")
-    parser.add_argument("--only", default="mixed", help=f"families: {', '.join(FAMILIES)}")
+    parser.add_argument("--only", default=",".join(FAMILIES), help="families (default: all)")
     parser.add_argument("--named", default="", help="only situations with this in their name")
     parser.add_argument("--seeds", default="", help="FIRST..LAST")
     parser.add_argument("--who", default=f"ours,{','.join(OPPONENTS)}")
     parser.add_argument("--processes", type=int)
-    parser.add_argument("--exam", action="store_true", help="wider ranges")
+    parser.add_argument("--exam", action="store_true", help="draw from wider ranges")
     parser.add_argument("--asked", action="store_true", help="only what is asked of each family")
     parser.add_argument("--json", type=File, help="write all scores into this file")
+    parser.add_argument("--scores", type=File, nargs="*", help="show these files; run nothing")
+    parser.add_argument("--before", type=File, nargs="*", default=(), help="compare with these")
     options = parser.parse_args(arguments)
-    chosen = [
-        situation
-        for situation in SITUATIONS.values()
-        if situation.family in options.only.split(",") and options.named in situation.name
-    ]
     who = options.who.split(",")
-    jobs = [
-        Job(situation.name, seed, name, options.exam)
-        for situation in chosen
-        for seed in seeds(options.seeds, situation.family)
-        for name in who
-    ]
-    scores = judge_all(jobs, options.processes)
-    if options.asked:
-        return asked(scores)
+    scores = judge_all(
+        (
+            Job(situation.name, seed, name, options.exam)
+            for situation in SITUATIONS.values()
+            if situation.family in options.only.split(",") and options.named in situation.name
+            for seed in seeds(options.seeds, situation.family)
+            for name in who
+        ),
+        options.processes,
+    ) if options.scores is None else read(options.scores)  # fmt: skip
     if options.json:
         options.json.write_text(json.dumps([[vars(job), score] for job, score in scores.items()]))
-    if options.only == "table":
-        return cases(scores)
-    return "\n".join(table(scores, who))
+    before = read(options.before)
+    chosen = {
+        family: {job: score for job, score in scores.items() if family_of(job) == family}
+        for family in dict.fromkeys(map(family_of, scores))
+    }
+    parts = [asked(chosen, before)]
+    if not options.asked:
+        parts += [cases(part) if family == "table" else table(part, before)
+                  for family, part in chosen.items()]  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def read(files: Sequence[File]) -> dict[Job, Score]:
+    """Return the scores in files that `--json` has written."""
+    return {
+        Job(**job): Score(*score)
+        for file in files
+        for job, score in json.loads(file.read_text())
+        if job["situation"] in SITUATIONS
+    }
+
+
+def family_of(job: Job) -> str:
+    """Return the family of a job's situation."""
+    return SITUATIONS[job.situation].family
 
 
 def seeds(text: str, family: str) -> range:
@@ -67,39 +90,53 @@ def seeds(text: str, family: str) -> range:
     return range(100, 100 + SEEDS.get(family, 5))
 
 
-def table(scores: dict[Job, Score], who: Sequence[str]) -> list[str]:
-    """Return a row for each situation and controller."""
-    titles = (
-        "Situation", "Controller", "rms: median, mrad", "worst seed", "largest error",
-        "over the better simple law: median", "worst", "oscillating", "overshoot, mrad", "blind",
-        "NEES",
-    )  # fmt: skip
+def table(scores: dict[Job, Score], before: dict[Job, Score]) -> str:
+    """Return a row for each situation: errors in mrad, medians of all seeds."""
+    others = list(dict.fromkeys(job.who for job in scores if job.who != "ours"))
+    titles = [
+        f"{family_of(next(iter(scores)))}: rms, mrad", "ours", "worst seed", "before", *others,
+        "over the better simple law: median", "worst", "largest error", "overshoot",
+        "oscillating", "blind", "NEES",
+    ]  # fmt: skip
     rows = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     for name in dict.fromkeys(job.situation for job in scores):
-        for each in who:
-            found = {
-                job: score
-                for job, score in scores.items()
-                if (job.situation, job.who) == (name, each)
-            }
-            ratios = [score.rms / simple(scores, job) for job, score in found.items()]
-            values = list(found.values())
-            errors = [score.rms for score in values]
-            rows.append(
-                f"| {name} | {each} | {statistics.median(errors):.1f} | {max(errors):.1f} | "
-                f"{max(score.worst for score in values):.0f} | {statistics.median(ratios):.2f} | "
-                f"{max(ratios):.2f} | "
-                f"{100.0 * statistics.fmean(score.oscillating for score in values):.1f} % | "
-                f"{max(score.overshoot for score in values):.0f} | "
-                f"{100.0 * statistics.fmean(score.blind for score in values):.1f} % | "
-                f"{float(np.median([score.nees for score in values])):.2f} |"
-            )
-    return rows
+        here = {job: score for job, score in scores.items() if job.situation == name}
+        ours = {job: score for job, score in here.items() if job.who == "ours"}
+        found = list(ours.values())
+        was = [score for job, score in before.items() if (job.situation, job.who) == (name, "ours")]
+        ratios = [score.rms / simple(scores, job) for job, score in ours.items()]
+        cells = [
+            f"{median(found):.1f}",
+            f"{max(score.rms for score in found):.1f}",
+            f"{median(was):.1f}" if was else "",
+            *(f"{median([s for job, s in here.items() if job.who == o]):.0f}" for o in others),
+            f"{statistics.median(ratios):.2f}",
+            f"{max(ratios):.2f}",
+            f"{max(score.worst for score in found):.0f}",
+            f"{max(score.overshoot for score in found):.0f}",
+            f"{100.0 * statistics.fmean(score.oscillating for score in found):.0f} %",
+            f"{100.0 * statistics.fmean(score.blind for score in found):.0f} %",
+            f"{statistics.median(score.nees for score in found):.2f}",
+        ]
+        rows.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def median(scores: Sequence[Score]) -> float:
+    """Return the median error [mrad]."""
+    return statistics.median(score.rms for score in scores)
 
 
 def tracking() -> str:
-    """Return the tables of the results document."""
-    return main(["--only", "mixed"])
+    """Judge everything, draw two laws on one target, and return the tables."""
+    swing = SITUATIONS["±0.5 rad, 0.5 Hz"].setup(1, False)
+    for name, law, rate in (("speed", "speed", 10.0), ("predictive", "predictive", 50.0)):
+        conditions = replace(swing.conditions, rate=rate)
+        loop = ClosedLoop(swing.path, conditions)
+        trace = loop.run(tracker(law, loop, conditions)).recording
+        title = f"law {name}: ±0.5 rad at 0.5 Hz, 2 mrad noise, 100 ms late"
+        (DOCS / f"tracking_{name}.svg").write_text(picture(trace, title))
+    return main()
 
 
 __all__ = [

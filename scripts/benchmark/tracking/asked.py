@@ -20,45 +20,68 @@ def simple(scores: Scores, job: Job) -> float:
     return min((scores[law].rms for law in laws if law in scores), default=math.nan)
 
 
-def cases(scores: dict[Job, Score]) -> str:
-    """Return how many cases are worse than each simple law, and which."""
-    lines = []
+def cases(scores: Scores) -> str:
+    """Return which cases are worse than a simple law by more than 5 %."""
+    worse = [
+        (ratio, f"{ratio:.2f} of {law}: {job.situation} (seed {job.seed})")
+        for law in ("position", "kalman")
+        for job, ratio in _over(scores, law).items()
+        if not ratio <= 1.05
+    ]
+    return "\n".join(line for _, line in sorted(worse, reverse=True))
+
+
+def _over(scores: Scores, law: str) -> dict[Job, float]:
+    """Return the error of each case over that of a law in the same run."""
+    return {
+        job: score.rms / scores[Job(job.situation, job.seed, law, job.exam)].rms
+        for job, score in scores.items()
+        if job.who == "ours"
+    }
+
+
+def _worse(ours: Scores, scores: Scores) -> str:
+    parts = []
     for law in ("position", "kalman"):
-        ratios = {
-            job: score.rms / scores[Job(job.situation, job.seed, law, job.exam)].rms
-            for job, score in scores.items()
-            if job.who == "ours"
-        }
-        worse = sorted(((r, job) for job, r in ratios.items() if r > 1.05), key=lambda e: -e[0])
-        lines.append(
-            f"| {law} | {len(ratios)} cases | {len(worse)} worse by more than 5 % | "
-            f"{sum(ratio > 1.2 for ratio, _ in worse)} by more than 20 % | worst "
-            f"{max(ratios.values()):.2f} | median {statistics.median(ratios.values()):.2f} |"
-        )
-        lines += [f"    {ratio:.2f}  {job.situation} (seed {job.seed})" for ratio, job in worse]
-    return "\n".join(lines)
+        ratios = list(_over(scores, law).values())
+        count = sum(not ratio <= 1.05 for ratio in ratios)
+        far = sum(not ratio <= 1.2 for ratio in ratios)
+        parts.append(f"{law}: {count} ({far} by more than 20 %), worst {max(ratios):.2f}")
+    return f"of {len(ours)} cases: {'; '.join(parts)}"
 
 
-def asked(scores: Scores) -> str:
-    """Return the rows of all families that were run."""
-    families: dict[str, Scores] = defaultdict(dict)
-    for job, score in scores.items():
-        if job.who == "ours":
-            families[SITUATIONS[job.situation].family][job] = score
-    rows = ["| Judged | measured | asked |", "|---|---|---|"]
-    for family, ours in families.items():
+def asked(families: dict[str, Scores], before: Scores) -> str:
+    """Return the rows of all families that were run, beside what was measured before."""
+    rows = ["| Judged | before | measured | asked |", "|---|---|---|---|"]
+    for family, scores in families.items():
+        situations = {job.situation for job in scores}
+        old = {job: score for job, score in before.items() if job.situation in situations}
         what, measure, wanted = _FIGURES.get(family, (family, _errors, ""))
-        rows.append(f"| {what} | {measure(ours, scores)} | {wanted} |")
-        share = statistics.fmean(score.oscillating for score in ours.values())
-        if share > 0.0:
-            rows.append(f"| {family}: declared to oscillate | {100.0 * share:.1f} % | never |")
+        measured = [(what, measure, wanted), (f"{family}: declared to oscillate", _wrong, "never")]
         if family == "mixed":
-            point, step = (
-                statistics.fmean(getattr(score, name) for score in ours.values())
-                for name in ("point", "step")
+            measured.append(("mean processor time of a point, a step, in gazes", _costs, "20, 10"))
+        for what, measure, wanted in measured:
+            was, now = (
+                measure({job: score for job, score in found.items() if job.who == "ours"}, found)
+                if found
+                else ""
+                for found in (old, scores)
             )
-            rows.append(f"| processor time of a point, a step, us | {point:.0f}, {step:.0f} | |")
+            rows.append(f"| {what} | {was} | {now} | {wanted} |")
     return "\n".join(rows)
+
+
+def _wrong(ours: Scores, scores: Scores) -> str:
+    share = statistics.fmean(score.oscillating for score in ours.values())
+    return f"{100.0 * share:.1f} % of the time"
+
+
+def _costs(ours: Scores, scores: Scores) -> str:
+    point, step = (
+        statistics.fmean(getattr(score, name) for score in ours.values())
+        for name in ("point", "step")
+    )
+    return f"{point:.0f}, {step:.0f}"
 
 
 def _errors(ours: Scores, scores: Scores) -> str:
@@ -124,6 +147,7 @@ def _stamps(ours: Scores, scores: Scores) -> str:
 
 
 _FIGURES: dict[str, tuple[str, Measure, str]] = {
+    "table": ("worse than a simple law by more than 5 %", _worse, "3; 10; none by 20 %"),
     "mixed": ("over the better of `position` and Kalman: median, worst", _ratios, "0.75, 1.05"),
     "near": ("walks up, stops, moves again: not followed", _not_followed, "0"),
     "servos": ("random servos: beyond 1 rad; delay false by over 60 ms", _runaways, "0; 0"),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +50,7 @@ class Score(NamedTuple):
         blind: ratio of the time in which no camera saw a target that was to be seen.
         delay: by how much a learned servo delay is off at most while its deviation says that it is
             not off by 3 deviations [ms]; nan: not measured.
-        step, point: mean processor times [us].
+        step, point: mean processor times, in times of one gaze.
     """
 
     rms: float
@@ -74,17 +76,23 @@ class Job:
     exam: bool = False
 
 
+def tracker(law: str, loop: ClosedLoop, conditions: Conditions) -> Tracker:
+    """Make the package's tracker for a loop."""
+    moves = conditions.base is not None
+    base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
+    return Tracker(HEAD, LAWS[law](HEAD, 1.0 / conditions.rate), base=base)
+
+
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
     def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
-        moves = conditions.base is not None
-        base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if moves else None
-        self.tracker = Tracker(HEAD, LAWS[law](HEAD, 0.02), base=base)
+        self.tracker = tracker(law, loop, conditions)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
         self.delay = 0.0
-        self._loop, self._moves, self._servos = loop, moves, conditions.servos
+        self._loop, self._servos = loop, conditions.servos
+        self._moves = conditions.base is not None
 
     def observe(self, now: float) -> None:
         tracker = self.tracker
@@ -115,6 +123,16 @@ class _Watch:
             )
             / 2.0
         )
+
+
+@cache
+def gaze_time() -> float:
+    """Return the mean processor time of one exact gaze [s]."""
+    points = [(math.cos(0.001 * k), math.sin(0.001 * k), 0.1) for k in range(1000)]
+    before = time.thread_time()
+    for point in points:
+        HEAD.gaze(point, 0.0, 0.0)
+    return (time.thread_time() - before) / len(points)
 
 
 def judge(job: Job) -> Score:
@@ -152,7 +170,7 @@ def judge(job: Job) -> Score:
         overshoot=1e3 * max(float(beyond.max()), 0.0),
         farthest=float(np.abs(trace.positions).max()),
         blind=blind,
-        step=1e6 * float(np.mean(outcome.costs)),
+        step=float(np.mean(outcome.costs)) / gaze_time(),
     )
     if watch is None:
         return score
@@ -160,7 +178,9 @@ def judge(job: Job) -> Score:
         oscillating=watch.oscillating / watch.steps,
         delay=1e3 * watch.delay,
         nees=float(np.mean(watch.nees)) if watch.nees else math.nan,
-        point=1e6 * float(np.mean(outcome.point_costs)) if outcome.point_costs else math.nan,
+        point=float(np.mean(outcome.point_costs)) / gaze_time()
+        if outcome.point_costs
+        else math.nan,
     )
 
 

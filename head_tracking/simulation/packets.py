@@ -1,0 +1,217 @@
+"""Packets as servos hear and send them: nothing is shared with the driver, lest its errors hide.
+
+    1.0   FF FF ID LENGTH CODE PARAMETERS CHECKSUM
+    2.0   FF FF FD 00 ID LENGTH_L LENGTH_H CODE PARAMETERS CRC_L CRC_H
+
+The code is an instruction; in a status packet of protocol 1.0 the error byte, in one of 2.0 the
+number 55, with the error byte as first parameter. Source: ROBOTIS e-manual, protocols 1.0 and 2.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+BROADCAST: Final = 254
+STATUS: Final = 0x55
+ALERT: Final = 0x80
+LONGEST: Final = {1: 250, 2: 1024}  # bytes of a packet
+_PRELUDE: Final = {1: b"\xff\xff", 2: b"\xff\xff\xfd\x00"}
+_HIGHEST_ID: Final = {1: 253, 2: 252}
+_POLYNOMIAL: Final = 0x18005
+
+
+class Instruction(IntEnum):
+    """What the master asks for."""
+
+    PING = 1
+    READ = 2
+    WRITE = 3
+    REG_WRITE = 4
+    ACTION = 5
+    FACTORY_RESET = 6
+    REBOOT = 8
+    CLEAR = 16
+    SYNC_READ = 130
+    SYNC_WRITE = 131
+    FAST_SYNC_READ = 138
+    BULK_READ = 146
+    BULK_WRITE = 147
+    FAST_BULK_READ = 154
+
+
+class Packet(NamedTuple):
+    """An undamaged packet: the servo's id or BROADCAST, the code, what follows, not stuffed."""
+
+    id: int
+    code: int
+    parameters: bytes = b""
+
+
+class DamagedPacket(NamedTuple):
+    """A packet whose checksum does not fit, with the id that it seems to be for."""
+
+    id: int
+
+
+class Status(NamedTuple):
+    """What a servo answers: its id, its error byte, its data, not stuffed."""
+
+    id: int
+    error: int
+    data: bytes = b""
+
+
+def _divide(byte: int) -> int:
+    """Return the remainder of a byte, followed by 16 zeros, by the polynomial."""
+    value = byte << 16
+    for bit in range(23, 15, -1):
+        if value >> bit & 1:
+            value ^= _POLYNOMIAL << bit - 16
+    return value
+
+
+_REMAINDERS: Final = tuple(map(_divide, range(256)))
+
+
+def crc(data: bytes) -> int:
+    """Return the CRC-16 that closes packets of protocol 2.0."""
+    value = 0
+    for byte in data:
+        value = (value & 0xFF) << 8 ^ _REMAINDERS[value >> 8 ^ byte]
+    return value
+
+
+def encode(protocol: int, packet: Packet) -> bytes:
+    """Return the bytes of a packet."""
+    servo_id, code, parameters = packet
+    if protocol == 1:
+        body = bytes([servo_id, (len(parameters) + 2) % 256, code, *parameters])
+        return b"\xff\xff" + body + bytes([255 - sum(body) % 256])
+    content = bytes([code]) + parameters
+    content = content.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    head = b"\xff\xff\xfd\x00" + bytes([servo_id]) + (len(content) + 2).to_bytes(2, "little")
+    return head + content + crc(head + content).to_bytes(2, "little")
+
+
+def encode_status(protocol: int, status: Status) -> bytes:
+    """Return the bytes of a status packet."""
+    if protocol == 1:
+        return encode(1, Packet(status.id, status.error, status.data))
+    return encode(2, Packet(status.id, STATUS, bytes([status.error]) + status.data))
+
+
+def encode_joint_status(shares: Sequence[Status], lengths: Sequence[int]) -> bytes:
+    """Return the one answer of several servos to a fast sync or bulk read; it is not stuffed.
+
+    Args:
+        shares: What each servo says, as far as they are there. Each ends with the CRC of all that
+            was sent so far.
+        lengths: Bytes of data of each servo that was asked.
+    """
+    size = 1 + sum(length + 4 for length in lengths)
+    packet = b"\xff\xff\xfd\x00\xfe" + size.to_bytes(2, "little") + b"\x55"
+    for share, length in zip(shares, lengths, strict=False):
+        packet += bytes([share.error, share.id]) + share.data.ljust(length, b"\0")
+        packet += crc(packet).to_bytes(2, "little")
+    return packet
+
+
+def decode(protocol: int, data: bytes) -> Packet | None:
+    """Return the packet that these bytes are; None if they are none, or a damaged one."""
+    if size_of_packet(protocol, data) != len(data):
+        return None
+    if protocol == 1:
+        whole = sum(data[2:]) % 256 == 255
+        return Packet(data[2], data[4], data[5:-1]) if whole else None
+    if crc(data[:-2]) != int.from_bytes(data[-2:], "little"):
+        return None
+    content = data[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+    return Packet(data[4], content[0], content[1:])
+
+
+def decode_status(protocol: int, data: bytes) -> Status | None:
+    """Return the status packet that these bytes are; None if they are none."""
+    packet = decode(protocol, data)
+    if packet is None:
+        return None
+    if protocol == 1:
+        return Status(*packet)
+    if packet.code != STATUS or not packet.parameters:
+        return None
+    return Status(packet.id, packet.parameters[0], packet.parameters[1:])
+
+
+def size_of_packet(protocol: int, data: bytes) -> int:
+    """Return how long the packet is that begins here, as far as one can see.
+
+    Returns:
+        Its size in bytes; 0 if more bytes must come to tell; -1 if no packet begins here.
+    """
+    prelude = _PRELUDE[protocol]
+    if data[: len(prelude)] != prelude:
+        return 0 if prelude[: len(data)] == data else -1
+    rest = data[len(prelude) :]
+    if rest and rest[0] != BROADCAST and rest[0] > _HIGHEST_ID[protocol]:
+        return -1
+    if len(rest) < 1 + protocol:
+        return 0
+    length = int.from_bytes(rest[1 : 1 + protocol], "little")
+    size = len(prelude) + 1 + protocol + length
+    return size if length > protocol and size <= LONGEST[protocol] else -1
+
+
+class PacketParser:
+    """Finds packets in a stream of bytes, however it is cut, as a servo does.
+
+    After a wrong checksum or an impossible length the search goes on behind the header that misled
+    it. A damaged packet is reported once.
+
+    Args:
+        protocol: 1 or 2.
+        max_gap: A beginning older than this, ns, is dropped.
+    """
+
+    def __init__(self, protocol: int, max_gap: int = 100_000_000) -> None:
+        self._protocol, self._max_gap = protocol, max_gap
+        self._held = b""
+        self._last = 0
+        self._reported = 0  # bytes held that belong to a packet reported as damaged
+
+    @property
+    def pending(self) -> int:
+        """Number of bytes kept because they may be the beginning of a packet."""
+        return len(self._held)
+
+    def feed(self, data: bytes, now: int) -> list[Packet | DamagedPacket]:
+        """Return the packets that these bytes complete.
+
+        Args:
+            data: Any number of bytes.
+            now: Time they arrived, ns.
+        """
+        if now - self._last > self._max_gap:
+            self._skip(len(self._held))
+        self._last = now
+        self._held += data
+        found: list[Packet | DamagedPacket] = []
+        while (size := size_of_packet(self._protocol, self._held[:1024])) and self._held:
+            if size < 0:
+                following = self._held.find(0xFF, 1)
+                self._skip(following if following > 0 else len(self._held))
+                continue
+            if size > len(self._held):
+                break
+            packet = decode(self._protocol, self._held[:size])
+            if packet is not None:
+                found.append(packet)
+            elif not self._reported:
+                found.append(DamagedPacket(self._held[len(_PRELUDE[self._protocol])]))
+                self._reported = size
+            self._skip(size if packet is not None else 1)
+        return found
+
+    def _skip(self, count: int) -> None:
+        self._held = self._held[count:]
+        self._reported = max(0, self._reported - count)
