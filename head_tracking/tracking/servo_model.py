@@ -24,10 +24,10 @@ _CELLS = 36  # delays of 0 to 350 ms
 _WINDOW = 10  # cells over which displacements are compared
 _KEPT = _CELLS + _WINDOW + 1
 _ROOM = 1024  # cells of the buffer
-_DELAYS: Array = np.arange(_CELLS) * _CELL
+_DELAYS: Array = np.array([_CELL * cell for cell in range(_CELLS)])
 _BANDS: Array = np.array([0.0, 0.002, 0.005, 0.01, 0.025])  # rad, to either side
 _BAND_LIST: list[float] = _BANDS.tolist()
-_LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045)
+_LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
 _SHARES: Array = np.log(np.array([[4.0], [6.0], [6.0], [2.0], [1.0]]))
 _PRIOR: Array = _SHARES - _LOGS - 0.5 * (_LOGS / 0.7) ** 2
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
@@ -45,7 +45,7 @@ _SHARPNESS = 0.15  # windows overlap, and errors last
 _BEHIND = 0.05  # rad in a window; a shaft so far from what likely delays explain tells no delay
 _BEYOND = 0.05  # rad in a window; a shaft so much faster than it was commanded swings
 _SLEWING = 25  # cells in which a servo with a profile comes from one speed to another
-_SLOWEST_START = 1.0  # rad/s^2
+_SLOWEST_START = 2.0  # rad/s^2
 _RECOVERY = 30.0  # s in which a limit that is not met any more grows to e times itself
 
 _NARROW = 0.9  # of the posterior in three cells
@@ -250,8 +250,9 @@ class ServoModel:
         if start is not None:
             self._hardest = max(self._hardest, abs(moved - (before - start)) / window**2)
         likely = expected[self._best, first : last + _SLEWING]
-        if max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND:
-            self.acceleration = max(self._hardest, _SLOWEST_START)
+        swings = max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND
+        if swings and self._hardest > _SLOWEST_START:
+            self.acceleration = self._hardest
 
     def _at(self, time: float) -> float | None:
         """The reading at a time [s], between two; None: there was none near."""
