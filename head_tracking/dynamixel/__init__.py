@@ -8,6 +8,7 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     ServoCalibration,
     check_configuration,
+    fastest_speed,
 )
 from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
 from head_tracking.dynamixel.exceptions import (
@@ -24,6 +25,7 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
     PortMissingError,
     PortPermissionError,
+    PositionError,
     RangeError,
     RegisterRefusedError,
     ReplyTimeoutError,
@@ -37,6 +39,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort, ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.procedures import relax_servos
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     HardwareErrors,
@@ -100,6 +103,7 @@ __all__ = [
     "PortLostError",
     "PortMissingError",
     "PortPermissionError",
+    "PositionError",
     "RangeError",
     "ReadGroup",
     "ReadMethod",
@@ -126,6 +130,8 @@ __all__ = [
     "XL320Errors",
     "check_configuration",
     "describe_errors",
+    "fastest_speed",
+    "relax_servos",
     "serial_ports",
     "servo_model",
     "servo_model_by_number",

@@ -41,7 +41,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoNotFoundError,
     TorqueError,
 )
-from head_tracking.dynamixel.joint import Joint, release
+from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import (
     DynamixelPort,
     Failed,
@@ -50,6 +50,7 @@ from head_tracking.dynamixel.port import (
     Reply,
     Retried,
 )
+from head_tracking.dynamixel.procedures import confirming, release
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.requests import Epoch, Request, RequestQueue, Steps
@@ -159,6 +160,7 @@ class ServoBus:
         self._there = self._troubled = False  # the port, in this cycle; anything not as usual
         self._plan: list[_Part] | None = None
         self._lost: tuple[str, ...] = ()
+        self._incomplete: tuple[str, ...] = ()  # joints with a servo that is lost
         self._missing = True  # some servo may be lost
         self._watched = False
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
@@ -210,7 +212,7 @@ class ServoBus:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self._joint(name)
                 position = joint.admit(goal, clamp)
-                if self._lost and name in self._lost:
+                if self._incomplete and name in self._incomplete:
                     lost += (name,)
                     continue
                 positions[name] = position
@@ -246,7 +248,8 @@ class ServoBus:
 
     def speed(self, joint: str) -> float:
         """Return the speed for commands that give none, rad/s; raises GoalError if unknown."""
-        return self._joint(joint).default_speed
+        found = self._joint(joint)
+        return min(found.default_speed, found.configuration.speed_limit)
 
     def torque(self, joint: str) -> Torque:
         """Return the torque of a joint; raises GoalError if it is unknown."""
@@ -354,6 +357,8 @@ class ServoBus:
         self._last_cycle = self._monotonic()
         for joint, servo in self._each_servo():
             self._note_shortcomings(joint, servo)
+        for joint in self._all:
+            joint.confirmed = joint.complete
         self._diagnosis.swapped(self._all)
         return self.summary
 
@@ -389,33 +394,17 @@ class ServoBus:
         Returns:
             Joints that did not confirm that they are relaxed.
         """
-        unconfirmed: list[str] = []
         self.requests.end_all(BusStoppedError("the servo bus has stopped"))
+        problems: Mapping[str, str] = {}
         try:
             if self._connected:
                 with suppress(DynamixelError):
                     self._brake()
-                with suppress(DynamixelError):
-                    release(self._port, [servo for _, servo in self._each_servo()])
-                for joint in self._all:
-                    joint.forget_goal()
-                    if not joint.stopped and not self._relaxed_for_good(joint):
-                        unconfirmed.append(joint.name)
+                problems = run(self._relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
             self._port.close()
-        return tuple(unconfirmed)
-
-    def _relaxed_for_good(self, joint: Joint) -> bool:
-        try:
-            problem = run(joint.confirm_relaxed())
-            for servo in joint.servos:
-                if not servo.lost:
-                    with suppress(CommunicationError, ServoError):
-                        run(servo.disarm())
-            return not problem
-        except DynamixelError:
-            return False
+        return tuple(name for name, problem in problems.items() if problem)
 
     def _brake(self) -> None:
         """Hold every joint where it is, and wait until it stands."""
@@ -684,13 +673,17 @@ class ServoBus:
             )
             for key, members in together.items()
         ]
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
-        self._missing = any(servo.lost for _, servo in self._each_servo())
+        self._note_lost()
         self._watched = any(servo.watched for _, servo in self._each_servo())
         plan = [*parts, *alone]
         if settled:
             self._plan = plan
         return plan
+
+    def _note_lost(self) -> None:
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        self._incomplete = tuple([joint.name for joint in self._all if not joint.complete])
+        self._missing = bool(self._incomplete)
 
     def _take_goals(self) -> None:
         for name, goal in self.requests.take_goals().items():
@@ -698,7 +691,7 @@ class ServoBus:
             if joint.on and not joint.busy:
                 joint.aim(goal.position, goal.speed, self._last_cycle)
                 continue
-            if joint.lost or joint.torque.waits:
+            if joint.torque.waits or not joint.complete:
                 continue  # since the command was accepted
             self.requests.keep_goal(name, goal)  # until its torque is on
             unseen = [s for s in joint.servos if not s.lost and (s.failed_cycles or s.unseen)]
@@ -720,14 +713,15 @@ class ServoBus:
 
     def _write_goals(self, also_silent: bool = False) -> None:
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
+        usual = also_silent or not (self._troubled or self._missing)
         for joint in self._all:
             if not joint.on or (joint.busy and not also_silent):
                 continue
             if joint.stale:
                 joint.encode()
+            if not (usual or joint.writable):
+                continue
             for servo, share in zip(joint.servos, joint.share, strict=True):
-                if servo.lost or ((servo.failed_cycles or servo.interrupted) and not also_silent):
-                    continue  # it may have been without power, and must not start by itself
                 key = servo.goal_key
                 if key in packets:
                     packets[key][servo.id] = share
@@ -768,7 +762,7 @@ class ServoBus:
             raise
         if ended:
             self._plan = None
-            self._lost = tuple([joint.name for joint in self._all if joint.lost])
+            self._note_lost()
 
     def _take_steps(self, spent: int) -> None:
         """Take as many steps as leave the cycle within twice its usual time, but one at least.
@@ -827,33 +821,49 @@ class ServoBus:
         """
         return self._switching_on(joints) if on else self._relaxing(joints, on_request=True)
 
+    def _relax(self, joints: Iterable[Joint], *, disarm: bool = False) -> Steps[dict[str, str]]:
+        """Relax joints: the first step switches torque off, the others make sure.
+
+        Returns:
+            By joint, why it has not confirmed; empty where it has.
+        """
+        joints = tuple(joints)
+        sure = [joint for joint in joints if joint.stopped and joint.confirmed]
+        for joint in joints:
+            self._drop_goal(joint)
+            joint.relax()
+            joint.confirmed = False
+        self._plan = None
+        with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
+            release(self._port, [servo for joint in joints for servo in joint.servos])
+        yield 0.0
+        problems: dict[str, str] = {}
+        for joint in joints:
+            found: list[str] = []
+            for servo in joint.servos:
+                found.append((yield from confirming(servo, disarm)))
+            problem = "; ".join(filter(None, found))
+            if joint in sure:
+                problem = ""  # it was relaxed when it was stopped; it need not be there any more
+            joint.confirmed = not problem
+            problems[joint.name] = problem
+        return problems
+
     def _relaxing(
         self, joints: Iterable[str] | None, *, stop: bool = False, on_request: bool = False
     ) -> Steps[None]:
         chosen = self._require_connection(joints)
         for joint in chosen:
-            self._drop_goal(joint)
+            if stop:
+                joint.confirmed = joint.confirmed and joint.stopped  # else it must be there
             joint.stopped |= stop
             joint.relaxed |= on_request
-        self._plan = None
-        gone: str = ""
-        try:
-            for joint in chosen:
-                joint.cut()
-        except (PortLostError, NotConnectedError) as cause:
-            gone = str(cause)
-        yield 0.0
-        problems: dict[str, object] = {}
+        found = yield from self._relax(chosen, disarm=stop)
         for joint in chosen:
-            try:
-                problem = gone or (yield from joint.confirm_relaxed())
-            except (PortLostError, NotConnectedError) as cause:
-                problem = str(cause)
-            if problem and not (joint.stopped and not stop):
-                problems[joint.name] = problem
-            else:
+            if not found[joint.name]:
                 kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
                 self._note(kind, joint, joint.torque.value)
+        problems = {name: problem for name, problem in found.items() if problem}
         if problems:
             raise TorqueError(False, problems)
 
@@ -873,18 +883,20 @@ class ServoBus:
         deadline = self._monotonic() + round(timeout * 1e9)
         self._obeyed = self.requests.epoch.advance() if epoch is None else epoch
         self.requests.discard_older()
-        for joint in self._all:
-            self._drop_goal(joint)
-        self._plan = None
-        problems = dict.fromkeys(self._joints, "")
-        for joint in self._all:
-            try:
-                joint.cut()
-            except DynamixelError as cause:
-                problems[joint.name] = str(cause)
-        for joint in self._all:
-            if not problems[joint.name]:
-                problems[joint.name] = self._relaxed_by(joint, deadline)
+        steps = self._relax(self._all)
+        try:
+            while True:
+                self._pause(next(steps))
+                if self._monotonic() > deadline:
+                    steps.close()
+                    break
+        except StopIteration as end:
+            problems: dict[str, str] = end.value
+        else:
+            problems = {
+                joint.name: "" if joint.confirmed else "it has not confirmed in time"
+                for joint in self._all
+            }
         if self._connected and any(problems.values()):
             troubled = [name for name, problem in problems.items() if problem]
             self._enqueue(self._relaxing(troubled), despite_stop=True)
@@ -895,18 +907,6 @@ class ServoBus:
         self._obeyed = self.requests.epoch.value
         self.requests.discard_older()
         self._enqueue(self._relaxing(None), despite_stop=True)
-
-    def _relaxed_by(self, joint: Joint, deadline: int) -> str:
-        """What keeps a joint from confirming by a time, ns, that it is relaxed."""
-        steps = joint.confirm_relaxed()
-        try:
-            while self._monotonic() < deadline:
-                self._pause(next(steps))
-        except StopIteration as end:
-            return str(end.value)
-        except DynamixelError as cause:
-            return str(cause)
-        return "it has not confirmed in time"
 
     def _switching_on(self, joints: Iterable[str] | None) -> Steps[None]:
         chosen = self._require_connection(joints)
@@ -1073,14 +1073,12 @@ class ServoBus:
 
     def _cut(self, joint: Joint) -> None:
         """Relax a joint at once, and make sure of it in the next cycles."""
-        self._drop_goal(joint)
-        joint.cut()
-        self._plan = None
-        self._enqueue(self._confirming(joint), despite_stop=True)
+        steps = self._relax([joint])
+        next(steps)
+        self._enqueue(self._confirming(joint, steps), despite_stop=True)
 
-    def _confirming(self, joint: Joint) -> Steps[None]:
-        yield 0.0
-        problem = yield from joint.confirm_relaxed()
+    def _confirming(self, joint: Joint, steps: Steps[dict[str, str]]) -> Steps[None]:
+        problem = (yield from steps)[joint.name]
         if problem:
             self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
 
@@ -1090,11 +1088,12 @@ class ServoBus:
         A tripped watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            if joint.on and not joint.busy and any(servo.watched for servo in joint.servos):
+            watched = any(servo.watched for servo in joint.servos)
+            if joint.on and watched and joint.complete and not joint.busy:
                 self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
 
     def _holding(self, joint: Joint, gap: int) -> Steps[None]:
-        problem = yield from joint.pin()
+        problem = yield from joint.pin(powered=True)
         text = f"the bus stood still for {gap * 1e-9:.1f} s"
         self._note(EventKind.HELD, joint, f"{text}; {problem or 'it holds where it is'}")
 
@@ -1116,8 +1115,7 @@ class ServoBus:
             self._note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
-        self._lost = tuple([each.name for each in self._all if each.lost])
-        self._missing = True
+        self._note_lost()
 
     def _advice(self, servo: Servo) -> str:
         """Say what damaged replies of a servo mean."""
@@ -1219,8 +1217,7 @@ class ServoBus:
                     servo.lose(0)
                 joint.lose()
         self._plan = None
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
-        self._missing = True
+        self._note_lost()
         self._note_port(EventKind.PORT_LOST, why)
 
     # Helpers

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntFlag
 
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
-from head_tracking.dynamixel.models import AX_12, ServoModel
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
 
 
@@ -38,7 +38,7 @@ class ServoCalibration:
     init: int
     min: int
     max: int
-    model: ServoModel = AX_12
+    model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     reversed: bool = field(init=False, repr=False, compare=False)
     _sign: int = field(init=False, repr=False, compare=False)
     _radians_per_tick: float = field(init=False, repr=False, compare=False)
@@ -128,6 +128,14 @@ class ServoCalibration:
         return tick
 
 
+def fastest_speed(model: ServoModel) -> float:
+    """Return the highest speed, rad/s, that may be configured for a servo of that model.
+
+    It is twice the no-load speed, if the goal speed's register can hold that.
+    """
+    return min(model.speed_maximum * model.speed_unit, 2.0 * model.no_load_speed)
+
+
 @dataclass(frozen=True, slots=True)
 class JointConfiguration:
     """One joint and the servo that drives it, or two that do so together.
@@ -141,7 +149,7 @@ class JointConfiguration:
         init: Tick of position 0 rad.
         min: Tick of the lowest position.
         max: Tick of the highest position.
-        joint_speed: Speed used when a command gives none, rad/s.
+        joint_speed: Speed used when a command gives none, rad/s; `speed_limit` reduces it.
         max_speed: Highest speed ever asked of the servo, rad/s; None stands for the model's
             no-load speed. See `speed_limit`.
         model: The servo's model.
@@ -160,7 +168,7 @@ class JointConfiguration:
     max: int = 1023
     joint_speed: float = 2.0
     max_speed: float | None = None
-    model: ServoModel = AX_12
+    model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     second: ServoCalibration | None = None
     calibration: ServoCalibration = field(init=False, repr=False, compare=False)
 
@@ -176,7 +184,7 @@ class JointConfiguration:
         self._check_speeds()
 
     def _check_speeds(self) -> None:
-        fastest = self.model.speed_maximum * self.model.speed_unit
+        fastest = fastest_speed(self.model)
         for name in ("joint_speed", "max_speed"):
             speed = getattr(self, name)
             if speed is None and name == "max_speed":
@@ -186,11 +194,6 @@ class JointConfiguration:
                     f"{self.joint_name}: {name}: {speed!r} is not possible; allowed are speeds "
                     f"above 0 and up to {fastest:.2f} rad/s"
                 )
-        if self.joint_speed > self.speed_limit:
-            raise ConfigurationError(
-                f"{self.joint_name}: joint_speed: {self.joint_speed} is above the highest allowed "
-                f"speed of {self.speed_limit:.2f} rad/s; lower joint_speed or raise max_speed"
-            )
 
     @property
     def calibrations(self) -> tuple[ServoCalibration, ...]:

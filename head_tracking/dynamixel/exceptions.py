@@ -165,6 +165,10 @@ class RegisterRefusedError(ServoError):
     """A servo answered a write with an error bit, or did not keep the value."""
 
 
+class PositionError(ServoError):
+    """A servo stands where it could turn the wrong way to its range, so torque stays off."""
+
+
 class TorqueError(ServoError):
     """Torque could not be switched, or could not be confirmed, on some joints.
 

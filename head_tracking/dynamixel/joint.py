@@ -6,7 +6,6 @@ independent: whoever sets or clears one does not touch the others. `torque` sums
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from enum import IntFlag
@@ -18,10 +17,10 @@ from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     DynamixelError,
     GoalError,
-    LineBusyError,
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.procedures import relaxing, release
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
@@ -34,8 +33,6 @@ _REMEDIES = {
     Torque.OFF_BY_FAULT: "the joint's servo has shut itself down; find out why, then call recover",
     Torque.OFF_STOPPED: "the joint is stopped; start it first ({}/start)",
 }
-
-_PATIENCE = 0.5  # s to wait for a gap between the packets of a second program before torque off
 
 
 class Joint:
@@ -64,6 +61,7 @@ class Joint:
         busy: Whether steps are being taken that others must wait for.
         awaited: Whether its torque is about to come on for a goal.
         told_problem: Why its torque did not come on for a goal, when that was told.
+        confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
     def __init__(
@@ -82,7 +80,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.awaited = False
+        self.busy = self.awaited = self.confirmed = False
         self.told_problem = ""
         self._limit_speed()
         self._port = port
@@ -100,6 +98,22 @@ class Joint:
     def lost(self) -> bool:
         """Whether no servo of it answers."""
         return all([servo.lost for servo in self.servos])
+
+    @property
+    def complete(self) -> bool:
+        """Whether every servo of it answers, so that it can be commanded."""
+        return not any([servo.lost for servo in self.servos])
+
+    @property
+    def writable(self) -> bool:
+        """Whether goals may be written: none of its servos may have been without power since.
+
+        Two servos get their goals together or not at all: they would tear at each other.
+        """
+        for servo in self.servos:
+            if servo.lost or servo.failed_cycles or servo.interrupted:
+                return False
+        return True
 
     @property
     def torque(self) -> Torque:
@@ -121,6 +135,18 @@ class Joint:
             return self.servos[0].limits
         ends = [servo.limits for servo in self.servos]
         return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
+
+    def _inside(self, servo: Servo, ticks: int) -> int:
+        """Return the tick moved into the limits of the joint."""
+        lowest, highest = self._range(servo)
+        return max(lowest, min(highest, ticks))
+
+    def _range(self, servo: Servo) -> tuple[int, int]:
+        """Return lowest and highest tick of a servo that the limits of the joint allow."""
+        if len(self.servos) == 1:
+            return servo.range
+        first, last = sorted(servo.goal_ticks(limit) for limit in self.limits)
+        return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
         """Return the position to go to, rad, or refuse the goal. Changes nothing.
@@ -238,18 +264,17 @@ class Joint:
             return
         ticks = list(self.goal_ticks)
         for index, servo in enumerate(self.servos):
-            present = servo.ticks if servo.stamp else None
+            present = servo.raw_ticks if servo.stamp else None
             with suppress(CommunicationError):
                 if servo.failed_cycles == 0 and not servo.lost:
-                    read = servo.get("Present Position", 1 + retries)
-                    present = servo.calibration.fold(read)
+                    present = servo.get("Present Position", 1 + retries)
             if present is not None:
-                ticks[index] = servo.inside(present)
+                ticks[index] = self._inside(servo, present)
         self._set_goal(tuple(ticks), self.goal_speed, None)
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
-        ticks = tuple([servo.inside(servo.ticks) for servo in self.servos])
+        ticks = tuple([self._inside(servo, servo.raw_ticks) for servo in self.servos])
         self._set_goal(ticks, self.goal_speed, None)
 
     def lose(self) -> None:
@@ -257,28 +282,16 @@ class Joint:
         self._resumes = self._resumes or self.on
         self.forget_goal()
 
-    def cut(self) -> None:
-        """Switch the torque of all its servos off, at once and without waiting for an answer."""
+    def relax(self) -> None:
+        """Drop its goal and whatever would switch its torque on; the servos are not told."""
         self._overtaken += 1
         self._resumes = False
         self.forget_goal()
-        release(self._port, self.servos)
 
-    def confirm_relaxed(self) -> Steps[str]:
-        """Make sure that its servos are relaxed; return what went wrong, or nothing."""
-        problems: list[str] = []
-        for servo in self.servos:
-            if servo.lost:
-                problems.append("the servo does not answer")
-                continue
-            try:
-                if servo.get("Torque Enable"):
-                    yield 0.0
-                    yield from servo.switch_torque(False)
-            except (CommunicationError, ServoError) as cause:
-                problems.append(str(cause))
-            yield 0.0
-        return "; ".join(problems)
+    def cut(self) -> None:
+        """Switch the torque of all its servos off, at once and without waiting for an answer."""
+        self.relax()
+        release(self._port, self.servos)
 
     def switch_on(self) -> Steps[str]:
         """Hold the present position with torque on; return what went wrong, or nothing."""
@@ -286,20 +299,22 @@ class Joint:
             return ""
         if self.stopped or self.faulted or self.resting or self.relaxed:
             return str(self.torque.value)
-        if self.lost:
+        if not self.complete:
             return "the servo does not answer"
         return (yield from self.pin())
 
-    def pin(self) -> Steps[str]:
-        """Make torque on and the present position the goal; return what went wrong, or nothing."""
+    def pin(self, powered: bool = False) -> Steps[str]:
+        """Make torque on and the present position the goal; return what went wrong, or nothing.
+
+        Args:
+            powered: Whether the torque of its servos is on already.
+        """
         ticks: list[int] = []
         overtaken = self._overtaken
+        self.confirmed = False
         try:
             for servo in self.servos:
-                if servo.lost:
-                    ticks.append(servo.range[0])  # never written while it is lost
-                    continue
-                for wait in (steps := _Value(servo.pin())):
+                for wait in (steps := _Value(servo.pin(self._range(servo), powered))):
                     yield wait
                     if self._overtaken != overtaken:
                         return "somebody has relaxed it meanwhile"
@@ -315,7 +330,7 @@ class Joint:
             # The goal alone may have switched torque on.
             self.cut()
             with suppress(DynamixelError):
-                yield from self.confirm_relaxed()
+                yield from relaxing(self._port, self.servos)
             return str(cause)
         self._set_goal(tuple(ticks), 0.0, None)
         self.on = True
@@ -328,6 +343,7 @@ class Joint:
             servo.ping(3)
             yield 0.0
             yield from servo.identify()
+        self.confirmed = True
 
     def come_back(self, servo: Servo) -> Steps[str]:
         """Take a servo that answers again back; return what became of the torque.
@@ -343,17 +359,22 @@ class Joint:
         others = self.on
         overtaken = self._overtaken
         keep = others or (self._resumes and not (self.relaxed or self.resting))
+        self.confirmed = self.confirmed and not keep
         identity = yield from servo.identify(keep_torque=keep)
         if self._overtaken != overtaken:
             release(self._port, (servo,))
             return self.torque.value
         if keep and identity.faulted:
             self.cut()
+        elif keep and not self.complete:
+            return "its other servo does not answer"
         elif keep and (identity.powered or others):
-            problem = yield from self.pin()
+            problem = yield from self.pin(powered=identity.powered)
             if problem:
                 return f"relaxed, because it does not hold: {problem}"
             return "it kept its torque and holds where it stands"
+        elif keep and len(self.servos) > 1:
+            self.cut()  # the other one may hold
         self._resumes = False
         return self.torque.value
 
@@ -397,11 +418,10 @@ class Joint:
         new = self._reconfigured(lowest, highest, max_speed)
         self.servos[0].recalibrate(new.calibration)
         self.configuration = new
-        self.default_speed = min(self.default_speed, new.speed_limit)
         self._limit_speed()
         if self.goal_ticks:
-            first, *others = self.goal_ticks
-            ticks = (self.servos[0].inside(first), *others)
+            pairs = zip(self.servos, self.goal_ticks, strict=True)
+            ticks = tuple([self._inside(servo, each) for servo, each in pairs])
             self._set_goal(ticks, self.goal_speed, self.commanded_at)
 
     def _reconfigured(
@@ -412,7 +432,6 @@ class Joint:
             old,
             min=old.min if lowest is None else lowest,
             max=old.max if highest is None else highest,
-            joint_speed=min(old.joint_speed, max_speed or old.joint_speed),
             max_speed=old.max_speed if max_speed is None else max_speed or None,
         )
         if new.calibration.reversed != old.calibration.reversed:
@@ -435,17 +454,6 @@ class _Value:
 
     def __iter__(self) -> Steps[None]:
         self.value = yield from self._steps
-
-
-def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
-    """Write torque off to servos, in one packet for each protocol, and wait for nothing."""
-    packets: dict[tuple[int, int], dict[int, bytes]] = {}
-    for servo in servos:
-        register = servo.model.control_table["Torque Enable"]
-        packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
-    for (protocol, address), shares in packets.items():
-        with suppress(LineBusyError):  # whoever makes sure of it reports it
-            port.sync_write(address, shares, protocol, patience=_PATIENCE)
 
 
 def _both(one: IntFlag, other: IntFlag) -> IntFlag:

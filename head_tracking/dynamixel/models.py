@@ -1,37 +1,67 @@
-"""Servo models, as data. A new model is a control table and one entry here.
+"""Servo models, read from the data files in `tables/`: one file for each model.
 
-Speeds and torques are those of the e-manual pages, at the voltage in bold there.
+A file holds the model's properties, its control table and the units of its registers. With `like`
+it states only what differs from another model's file. A new model is one file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import IntFlag
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from head_tracking.dynamixel import tables
 from head_tracking.dynamixel.control_table import (
-    AX_ANGLE,
-    AX_SPEED,
-    AX_TICKS,
-    MX_12W_SPEED,
-    MX_ANGLE,
-    MX_SPEED,
-    MX_TICKS,
-    RPM,
-    X_SPEED,
+    Access,
     Block,
     ControlTable,
+    Memory,
+    Register,
+    Sign,
+    Unit,
 )
-from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors, XL320Errors
+
+TABLES: Final = Path(__file__).parent / "tables"
+"""Where the data files are."""
+
+_RPM: Final = 2.0 * math.pi / 60.0  # rad/s
+_COUNTS: Final = {
+    "scale": 1.0,
+    "degrees": math.radians(1.0),
+    "rpm": _RPM,
+    "rpm_per_minute": _RPM / 60.0,
+}
+"""What a unit's count may be given in, and that in the unit's symbol."""
+
+_ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
+    "status": ErrorBits, "hardware": HardwareErrors, "xl320": XL320Errors
+}  # fmt: skip
+_FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
+_FACTS: Final = frozenset(
+    ("name", "aliases", "protocol", "ticks", "endless", "speed_maximum", "load_maximum",
+     "no_load_rpm", "stall_torque", "nominal_voltage", "error_bits", "bulk_read",
+     "position_limits", "fast_sync_read", "watchdog", "feedback", "goal", "baud_rates", "units",
+     "registers")
+)  # fmt: skip
+_ROW: Final = frozenset(
+    ("address", "size", "access", "memory", "initial", "initial_step", "range", "unit", "sign")
+)
+_OWN: Final = ("name", "aliases")  # is never taken over from another model
 
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """What the driver and the simulator must know about a model.
+    """What the driver must know about a model.
+
+    Speed and torque are those of the e-manual page, at the voltage in bold there.
 
     Attributes:
         name: The name used in configurations and messages.
@@ -44,23 +74,23 @@ class ServoModel:
         position_first: Whether the goal position comes first in that block.
         position_limits: Names of the registers with the lowest and highest goal position.
         ticks: Number of positions.
-        angle_range: Angle that the ticks span, rad.
+        endless: Whether the ticks go round a whole turn, so that each stands for many positions.
         center: The tick in the middle of the range.
+        radians_per_tick: Angle of one tick, rad.
         speed_unit: One count of speed, rad/s.
         speed_maximum: Highest goal speed in joint mode.
-        load_maximum: Register value of full load (of the stall current, where current is told).
+        load_maximum: Register value of full load (of the stall current, where current is measured).
         no_load_speed: Fastest speed without load at `nominal_voltage`, rad/s.
         stall_torque: Torque at standstill at `nominal_voltage`, N m.
         nominal_voltage: Supply for which the two values above hold, V.
         baud_rates: Bits per second by the value of the Baud Rate register.
         errors: Bits of its error state and of its Shutdown register.
+        sign_magnitude: Whether speed and load have their sign in bit 10.
         bulk_read: Whether it takes part in a bulk read (MX with protocol 1.0).
         fast_sync_read: First firmware that knows fast sync read; None: none does.
         watchdog: First firmware that has a Bus Watchdog; None: none has.
         aliases: Other names of the same model.
-        radians_per_tick: Angle of one tick, rad.
-        sign_magnitude: Whether speed and load have their sign in bit 10.
-        endless: Whether the ticks go round a whole turn, so that each stands for many positions.
+        angle_range: Angle that the ticks span, rad.
     """
 
     name: str
@@ -68,10 +98,14 @@ class ServoModel:
     protocol: int
     control_table: ControlTable
     feedback: Block
+    feedback_order: tuple[int, int, int, int, int]
     goal: Block
+    position_first: bool
+    position_limits: tuple[str, str]
     ticks: int
-    angle_range: float
+    endless: bool
     center: int
+    radians_per_tick: float
     speed_unit: float
     speed_maximum: int
     load_maximum: int
@@ -80,21 +114,15 @@ class ServoModel:
     nominal_voltage: float
     baud_rates: Mapping[int, int]
     errors: type[IntFlag]
-    feedback_order: tuple[int, int, int, int, int] = (0, 1, 2, 3, 4)
-    position_first: bool = True
-    position_limits: tuple[str, str] = ("CW Angle Limit", "CCW Angle Limit")
-    bulk_read: bool = False
-    fast_sync_read: int | None = None
-    watchdog: int | None = None
-    aliases: tuple[str, ...] = ()
-    radians_per_tick: float = field(init=False)
-    sign_magnitude: bool = field(init=False)
-    endless: bool = field(init=False)
+    sign_magnitude: bool
+    bulk_read: bool
+    fast_sync_read: int | None
+    watchdog: int | None
+    aliases: tuple[str, ...]
+    angle_range: float = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radians_per_tick", self.angle_range / self.ticks)
-        object.__setattr__(self, "sign_magnitude", "Moving Speed" in self.control_table)
-        object.__setattr__(self, "endless", self.ticks == MX_TICKS)
+        object.__setattr__(self, "angle_range", self.radians_per_tick * self.ticks)
 
     def encode_goal(self, ticks: int, speed: int) -> bytes:
         """Return what to write at `goal`, from register values.
@@ -105,189 +133,20 @@ class ServoModel:
         return self.goal.encode(*((ticks, speed) if self.position_first else (speed, ticks)))
 
 
-def _ax_rates(highest: Mapping[int, int]) -> Mapping[int, int]:
-    usual = {1: 1_000_000, 3: 500_000, 4: 400_000, 7: 250_000, 9: 200_000}
-    slow = {16: 115_200, 34: 57_600, 103: 19_200, 207: 9_600}
-    return MappingProxyType(usual | slow | dict(highest))
-
-
-AX_BAUD_RATES: Final = _ax_rates({})
-MX_BAUD_RATES: Final = _ax_rates({250: 2_250_000, 251: 2_500_000, 252: 3_000_000})
-XL320_BAUD_RATES: Final = MappingProxyType({0: 9_600, 1: 57_600, 2: 115_200, 3: 1_000_000})
-X330_BAUD_RATES: Final = MappingProxyType(
-    {**XL320_BAUD_RATES, 4: 2_000_000, 5: 3_000_000, 6: 4_000_000}
-)
-X_BAUD_RATES: Final = MappingProxyType({**X330_BAUD_RATES, 7: 4_500_000})
-
-_X_ORDER = (2, 1, 0, 3, 4)
-_FIRST_WATCHDOG: Final = 38  # firmware
-
-
-def _joint_mode(
-    table: ControlTable,
-    rpm: float,
-    stall_torque: float,
-    volts: float,
-    *aliases: str,
-    speed_unit: float | None = None,
-    baud_rates: Mapping[int, int] | None = None,
-    errors: type[IntFlag] = ErrorBits,
-) -> ServoModel:
-    """Return a model with a moving speed: AX, RX, MX with protocol 1.0, and XL-320.
-
-    Args:
-        table: Its control table.
-        rpm: No-load speed, revolutions per minute.
-        stall_torque: N m.
-        volts: Supply at which it reaches both.
-        aliases: Other names of it.
-        speed_unit: One count of speed, rad/s; None: that of its series.
-        baud_rates: By the value of Baud Rate; None: those of its series.
-        errors: Bits of its error state.
-    """
-    number = table["Model Number"].initial
-    assert number is not None
-    mx = table.name.startswith("MX")
-    return ServoModel(
-        name=table.name,
-        model_number=number,
-        protocol=2 if errors is XL320Errors else 1,
-        control_table=table,
-        feedback=table.block(
-            "Present Position",
-            "Present Speed",
-            "Present Load",
-            "Present Voltage",
-            "Present Temperature",
-        ),
-        goal=table.block("Goal Position", "Moving Speed"),
-        ticks=MX_TICKS if mx else AX_TICKS,
-        angle_range=MX_ANGLE if mx else AX_ANGLE,
-        center=2048 if mx else 512,
-        speed_unit=speed_unit or (MX_SPEED if mx else AX_SPEED),
-        speed_maximum=1023,
-        load_maximum=1023,
-        no_load_speed=rpm * RPM,
-        stall_torque=stall_torque,
-        nominal_voltage=volts,
-        baud_rates=baud_rates or (MX_BAUD_RATES if mx else AX_BAUD_RATES),
-        errors=errors,
-        bulk_read=mx,
-        aliases=aliases,
-    )
-
-
-def _x(
-    table: ControlTable,
-    rpm: float,
-    stall_torque: float,
-    volts: float,
-    *,
-    stall_current: float | None = None,
-    fast_sync_read: int | None = None,
-) -> ServoModel:
-    """Return a model of the X series or an MX(2.0), from its table and its performance.
-
-    Args:
-        table: Its control table.
-        rpm: No-load speed, revolutions per minute.
-        stall_torque: N m.
-        volts: Supply at which it reaches both.
-        stall_current: mA; None for models that tell their load.
-        fast_sync_read: First firmware that knows fast sync read.
-    """
-    number = table["Model Number"].initial
-    assert number is not None
-    small = table["Baud Rate"].maximum == 6
-    if stall_current is None:
-        effort, full = "Present Load", 1000
-    else:
-        effort = "Present Current"
-        full = round(stall_current / table[effort].unit.scale)
-    return ServoModel(
-        name=table.name,
-        model_number=number,
-        protocol=2,
-        control_table=table,
-        feedback=table.block(
-            effort,
-            "Present Velocity",
-            "Present Position",
-            "Present Input Voltage",
-            "Present Temperature",
-        ),
-        feedback_order=_X_ORDER,
-        goal=table.block("Profile Velocity", "Goal Position"),
-        position_first=False,
-        position_limits=("Min Position Limit", "Max Position Limit"),
-        ticks=MX_TICKS,
-        angle_range=MX_ANGLE,
-        center=2048,
-        speed_unit=X_SPEED,
-        speed_maximum=32767,
-        load_maximum=full,
-        no_load_speed=rpm * RPM,
-        stall_torque=stall_torque,
-        nominal_voltage=volts,
-        baud_rates=X330_BAUD_RATES if small else X_BAUD_RATES,
-        errors=HardwareErrors,
-        fast_sync_read=fast_sync_read,
-        watchdog=_FIRST_WATCHDOG,
-    )
-
-
-AX_12 = _joint_mode(tables.AX_12, 59.0, 1.5, 12.0, "AX-12A", "AX-12+")
-
-MODELS: Final[tuple[ServoModel, ...]] = (
-    AX_12,
-    _joint_mode(tables.AX_12W, 54.0, 0.2, 12.0),  # its speed in joint mode
-    _joint_mode(tables.AX_18, 97.0, 1.8, 12.0, "AX-18"),
-    _joint_mode(tables.RX_10, 54.0, 1.3, 12.0),
-    _joint_mode(tables.RX_24F, 126.0, 2.6, 12.0),
-    _joint_mode(tables.RX_28, 85.0, 3.7, 18.5),
-    _joint_mode(tables.RX_64, 64.0, 5.3, 18.5),
-    _joint_mode(tables.MX_12W, 470.0, 0.2, 12.0, speed_unit=MX_12W_SPEED),
-    _joint_mode(tables.MX_28, 55.0, 2.5, 12.0, "MX-28T", "MX-28R"),
-    _joint_mode(tables.MX_64, 63.0, 6.0, 12.0, "MX-64T", "MX-64R"),
-    _joint_mode(tables.MX_106, 45.0, 8.4, 12.0, "MX-106T", "MX-106R"),
-    _x(tables.MX_28_2, 55.0, 2.5, 12.0),
-    _x(tables.MX_64_2, 63.0, 6.0, 12.0, stall_current=4100.0),
-    _x(tables.MX_106_2, 45.0, 8.4, 12.0, stall_current=5200.0),
-    _joint_mode(
-        tables.XL_320, 114.0, 0.39, 7.4, "XL320", baud_rates=XL320_BAUD_RATES, errors=XL320Errors
-    ),
-    _x(tables.XL430_W250, 57.0, 1.4, 11.1, fast_sync_read=45),
-    _x(tables.XL330_M077, 383.0, 0.215, 5.0, stall_current=1470.0, fast_sync_read=46),
-    _x(tables.XL330_M288, 103.0, 0.52, 5.0, stall_current=1470.0, fast_sync_read=46),
-    _x(tables.XC330_M181, 129.0, 0.60, 5.0, stall_current=1800.0, fast_sync_read=46),
-    _x(tables.XC330_M288, 81.0, 0.93, 5.0, stall_current=1800.0, fast_sync_read=46),
-    _x(tables.XC330_T181, 104.0, 0.76, 11.1, stall_current=800.0, fast_sync_read=46),
-    _x(tables.XC330_T288, 65.0, 0.92, 11.1, stall_current=800.0, fast_sync_read=46),
-    _x(tables.XM430_W210, 77.0, 3.0, 12.0, stall_current=2300.0, fast_sync_read=45),
-    _x(tables.XM430_W350, 46.0, 4.1, 12.0, stall_current=2300.0, fast_sync_read=45),
-    _x(tables.XM540_W150, 53.0, 7.3, 12.0, stall_current=4400.0, fast_sync_read=45),
-    _x(tables.XM540_W270, 30.0, 10.6, 12.0, stall_current=4400.0, fast_sync_read=45),
-    _x(tables.XC430_W150, 106.0, 1.6, 12.0, fast_sync_read=45),
-    _x(tables.XL430_W250_2, 57.0, 1.4, 11.1),
-    _x(tables.XH430_W350, 30.0, 3.4, 12.0, stall_current=1300.0, fast_sync_read=45),
-    _x(tables.XH540_V150, 60.0, 6.4, 24.0, stall_current=2400.0, fast_sync_read=45),
-    _x(tables.XW540_T140, 72.0, 6.9, 12.0, stall_current=4900.0),
-)
-
-_BY_NAME = {name.upper(): model for model in MODELS for name in (model.name, *model.aliases)}
-_BY_NUMBER = {model.model_number: model for model in MODELS}
-
-
+@cache
 def servo_model(name: str) -> ServoModel:
     """Return the model of that name or alias, in capitals or not.
 
     Raises:
         ConfigurationError: No such model is known.
     """
-    model = _BY_NAME.get(name.upper())
-    if model is None:
-        raise ConfigurationError(f"unknown servo model {name!r}; known are {_known()}")
-    return model
+    usual = TABLES / _file_name(name)
+    if usual.is_file() and (model := read_model(usual)).name.upper() == name.upper():
+        return model
+    for model in all_models():
+        if name.upper() in map(str.upper, (model.name, *model.aliases)):
+            return model
+    raise ConfigurationError(f"unknown servo model {name!r}; known are {_known()}")
 
 
 def servo_model_by_number(model_number: int) -> ServoModel:
@@ -296,11 +155,133 @@ def servo_model_by_number(model_number: int) -> ServoModel:
     Raises:
         ConfigurationError: No such model is known.
     """
-    model = _BY_NUMBER.get(model_number)
-    if model is None:
-        raise ConfigurationError(f"unknown servo model number {model_number}; known are {_known()}")
-    return model
+    for model in all_models():
+        if model.model_number == model_number:
+            return model
+    raise ConfigurationError(f"unknown servo model number {model_number}; known are {_known()}")
+
+
+@cache
+def all_models() -> tuple[ServoModel, ...]:
+    """Return all models that there is a data file of, by model number."""
+    models = map(read_model, TABLES.glob("*.toml"))
+    return tuple(sorted(models, key=lambda model: model.model_number))
+
+
+def _file_name(model_name: str) -> str:
+    return re.sub(r"\W+", "_", model_name.lower().replace("(2.0)", "_2")) + ".toml"
 
 
 def _known() -> str:
-    return ", ".join(f"{model.name} ({model.model_number})" for model in MODELS)
+    return ", ".join(f"{model.name} ({model.model_number})" for model in all_models())
+
+
+@cache
+def read_model(path: Path) -> ServoModel:
+    """Return the model that a data file describes.
+
+    Raises:
+        ConfigurationError: The file lacks something, or contradicts itself.
+    """
+    try:
+        return _model(_document(path))
+    except (DynamixelError, OSError, KeyError, TypeError, ValueError) as cause:
+        raise ConfigurationError(f"{path} describes no servo model: {cause!r}") from cause
+
+
+@cache
+def _document(path: Path) -> dict[str, Any]:
+    """Return the contents of a data file, completed by those of the one that it is like."""
+    own = tomllib.loads(path.read_text(encoding="utf-8"))
+    if "like" not in own:
+        return own
+    base = _document(path.with_name(_file_name(own.pop("like"))))
+    inherited = {key: value for key, value in base.items() if key not in _OWN}
+    absent = own.pop("absent", ())
+    registers = {name: row for name, row in base["registers"].items() if name not in absent}
+    for name, row in own.pop("registers", {}).items():
+        registers[name] = registers.get(name, {}) | row
+    baud_rates = own.pop("baud_rates", base["baud_rates"])
+    for key in ("feedback", "goal", "units"):
+        own[key] = base[key] | own.get(key, {})
+    return {**inherited, **own, "registers": registers, "baud_rates": baud_rates}
+
+
+def _model(facts: Mapping[str, Any]) -> ServoModel:
+    _check_keys(facts, _FACTS)
+    name, units = facts["name"], {key: _unit(**row) for key, row in facts["units"].items()}
+    rows = facts["registers"].items()
+    registers = [register for key, row in rows for register in _registers(key, row, units)]
+    table = ControlTable(name, tuple(registers))
+    number = table["Model Number"].initial
+    if number is None:
+        raise ValueError("Model Number has no initial value")
+    feedback = [facts["feedback"][key] for key in _FEEDBACK]
+    block = sorted(feedback, key=lambda register: table[register].address)
+    goal = sorted(facts["goal"].values(), key=lambda register: table[register].address)
+    a, b, c, d, e = map(block.index, feedback)
+    lowest, highest = facts["position_limits"]
+    return ServoModel(
+        name=name,
+        model_number=number,
+        protocol=facts["protocol"],
+        control_table=table,
+        feedback=table.block(*block),
+        feedback_order=(a, b, c, d, e),
+        goal=table.block(*goal),
+        position_first=goal[0] == facts["goal"]["position"],
+        position_limits=(lowest, highest),
+        ticks=facts["ticks"],
+        endless=facts["endless"],
+        center=int(units["position"].zero),
+        radians_per_tick=units["position"].scale,
+        speed_unit=units["speed"].scale,
+        speed_maximum=facts["speed_maximum"],
+        load_maximum=facts["load_maximum"],
+        no_load_speed=facts["no_load_rpm"] * _RPM,
+        stall_torque=facts["stall_torque"],
+        nominal_voltage=facts["nominal_voltage"],
+        baud_rates=MappingProxyType({int(k): v for k, v in facts["baud_rates"].items()}),
+        errors=_ERROR_BITS[facts["error_bits"]],
+        sign_magnitude=table[facts["feedback"]["speed"]].sign is Sign.MAGNITUDE,
+        bulk_read=facts["bulk_read"],
+        fast_sync_read=facts.get("fast_sync_read") or None,
+        watchdog=facts.get("watchdog") or None,
+        aliases=tuple(facts.get("aliases", ())),
+    )
+
+
+def _check_keys(row: Mapping[str, Any], allowed: frozenset[str]) -> None:
+    if unknown := row.keys() - allowed:
+        raise ValueError(f"unknown {sorted(unknown)}; allowed are {sorted(allowed)}")
+
+
+def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:
+    ((kind, value),) = count.items() or {"scale": 1.0}.items()
+    return Unit(symbol, value * _COUNTS[kind], zero)
+
+
+def _registers(name: str, row: Mapping[str, Any], units: Mapping[str, Unit]) -> Iterator[Register]:
+    """Yield the register of a row, or those of a numbered row, such as "Indirect Data 1-28"."""
+    _check_keys(row, _ROW)
+    numbers = re.fullmatch(r"(.* )(\d+)-(\d+)", name)
+    names = [name]
+    if numbers:
+        names = [f"{numbers[1]}{n}" for n in range(int(numbers[2]), int(numbers[3]) + 1)]
+    lowest, highest = row.get("range", (None, None))
+    for index, each in enumerate(names):
+        initial = row.get("initial")
+        if initial is not None:
+            initial += index * row.get("initial_step", 0)
+        yield Register(
+            each,
+            row["address"] + index * row["size"],
+            row["size"],
+            Access(row["access"]),
+            Memory(row["memory"]),
+            initial,
+            lowest,
+            highest,
+            units[row["unit"]] if "unit" in row else Unit(),
+            Sign(row.get("sign", "none")),
+        )

@@ -21,6 +21,7 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
+    PositionError,
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
@@ -160,6 +161,7 @@ class Servo:
         goal_key: Protocol, address and length of the block that goals are written to.
         zero: Tick of position 0.
         scale: What one tick more is for the joint's position, rad.
+        raw_ticks: Present position as the servo counts it.
         ticks: Present position in the turn of the joint.
         position: Present position of the joint, rad.
         velocity: rad/s.
@@ -197,7 +199,7 @@ class Servo:
         self.faulted = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
-        self.ticks = 0
+        self.ticks = self.raw_ticks = 0
         self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
         self.error = 0
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
@@ -412,7 +414,7 @@ class Servo:
             raise problem
         return identity
 
-    def pin(self) -> Steps[int]:
+    def pin(self, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
         """Switch torque on where the servo stands, without a jump; return the goal, in ticks.
 
         The goal is written, and read back, before torque is switched on, because a servo starts
@@ -420,28 +422,74 @@ class Servo:
         AX servo switches torque on by itself when a goal arrives, and a relaxed servo may have
         been moved since its position was read. A shaft outside the range creeps to its end.
 
+        Args:
+            allowed: Lowest and highest tick for the goal; None: its range.
+            powered: Whether its torque is on already.
+
         Raises:
+            PositionError: It stands where the way to its range could lead the other way round.
             RegisterRefusedError: The servo does not take the goal or the torque.
         """
         if self.watched:
             # One that has tripped refuses goals until it is cleared.
             yield from self._set_watchdog(0)
-        present = self.get("Present Position")
+        before = self.get("Present Position")
+        if not powered:
+            self.require_straight_path(before)
         yield 0.0
-        goal = self.inside(self.calibration.fold(present))
+        lowest, highest = allowed or self.range
+        goal = max(lowest, min(highest, before))
         values = (goal, SLOWEST) if self.model.position_first else (SLOWEST, goal)
         yield from self.verify(self.model.goal, *values)
         yield from self.switch_torque(True)
+        if self.model.endless and not powered:
+            now = self.get("Present Position")
+            yield 0.0
+            if abs(now - before) > self.model.ticks // 4:
+                raise PositionError(
+                    f"servo {self.id} was turned over the end of its scale while its torque came "
+                    "on; hold it still and try again"
+                )
         if self.watched:
             units = round(self._wanted_watchdog / _WATCHDOG_UNIT)
             yield from self._set_watchdog(max(1, min(127, units)))
         self.interrupted = False
         return goal
 
+    def require_straight_path(self, ticks: int) -> None:
+        """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
+
+        With torque on, a servo turns towards higher ticks for a higher goal. One that goes all
+        round has a seam in its scale: beyond it, the way to a goal leads round the other way,
+        through what is forbidden. While it is relaxed, an X servo counts the turns; torque on
+        forgets them. An AX servo cannot measure where it is in its dead angle.
+
+        Raises:
+            PositionError: It is such a position.
+        """
+        lowest, highest = self.range
+        last = self.model.ticks - 1
+        if self.model.endless:
+            if 0 <= ticks <= last and abs(2 * ticks - lowest - highest) <= last + 1:
+                return
+            why = "its way back would lead over the seam of its scale, the other way round"
+        else:
+            if not (ticks <= 0 < lowest or ticks >= last > highest):
+                return
+            why = "it may be in its dead angle, and could turn the wrong way"
+        raise PositionError(
+            f"servo {self.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
+            f"{why}. Torque stays off; turn it back into its range by hand, then try again"
+        )
+
     def disarm(self) -> Steps[None]:
         """Switch its watchdog off, if it has one."""
         if self.watched and self.identity is not None:
             yield from self._set_watchdog(0)
+
+    def clear_watchdog(self) -> Steps[None]:
+        """Let a servo whose watchdog has tripped take goals again; it watches no more."""
+        return self._set_watchdog(0)
 
     def _set_watchdog(self, value: int) -> Steps[None]:
         return self.verify(self.model.control_table.block("Bus Watchdog"), value)
@@ -563,7 +611,8 @@ class Servo:
         """
         values = self._unpack(reply.data)
         a, b, c, d, e = self._order
-        ticks, speed, load = values[a], values[b], values[c]
+        self.raw_ticks = ticks = values[a]
+        speed, load = values[b], values[c]
         if self._magnitudes:
             if speed >= _SIGN:
                 speed = _SIGN - speed
@@ -618,11 +667,6 @@ class Servo:
                 "max or the servo's angle limits"
             )
         return lowest, highest
-
-    def inside(self, ticks: int) -> int:
-        """Return the tick moved into what configuration and servo allow."""
-        lowest, highest = self.range
-        return max(lowest, min(highest, ticks))
 
     def goal_ticks(self, position: float) -> int:
         """Return the tick next to a position of the joint, rad, inside the range."""

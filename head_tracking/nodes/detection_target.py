@@ -30,6 +30,7 @@ from head_tracking.ros.spinning import run_node
 from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.transforms import TransformException, Vector3
 from head_tracking.vision import (
     Camera,
@@ -118,7 +119,7 @@ class DetectionTargetNode(Node):
             self.create_subscription(Detection2DArray, "detections", self._working.offer, NEWEST)
         else:
             tracked = f"{p.humans}/{p.source}/tracked"
-            self.create_subscription(IdsList, tracked, self._on_ids, 10)
+            self.create_subscription(IdsList, tracked, self._on_ids, MEASUREMENT)
 
     def destroy_node(self) -> None:
         """Ends the thread that places what is found, too."""

@@ -209,6 +209,8 @@ class HeadTrackerNode(Node):
         else:
             state, reason = self._tracker.machine.state, self._tracker.machine.reason
         text = f"{state}: {reason}"
+        if state is TargetState.IDLE and self.interface.unheard:
+            text += f"; {self.interface.unheard}"
         if text == self._text:
             return
         if not self._text.startswith(f"{state}:"):
@@ -232,7 +234,10 @@ class HeadTrackerNode(Node):
                     f"{1e3 * self._tracker.stamp_error.value:.0f}"
                 ),
             }
-        hampered = self.interface.trouble or self._state is TargetState.STALLED
+        unheard = self.interface.unheard
+        if unheard:
+            values["not heard"] = unheard
+        hampered = self.interface.trouble or unheard or self._state is TargetState.STALLED
         level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
         if self._tracker is not None and self._tracker.fault:
             level = DiagnosticStatus.ERROR

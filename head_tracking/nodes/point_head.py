@@ -132,6 +132,8 @@ class PointHeadNode(Node):
             text = self.actions.task.title
         else:
             text = self._outcome
+        if self.interface.unheard and self.actions.task is None:
+            text = f"{text}; {self.interface.unheard}"
         if text != self._told:
             self._told = text
             self._states.publish(String(data=text))

@@ -114,14 +114,16 @@ class ControllerParameters:
 
     joint_name: str = parameter("", "The joint that the servo turns.", fixed=True)
     joint_speed: float = parameter(
-        2.0, "Speed for commands that give none.", unit="rad/s", minimum=0.02, maximum=12.0
+        2.0,
+        "Speed for commands that give none; at most twice the no-load speed of the servo's model.",
+        unit="rad/s",
+        minimum=0.02,
     )
     max_speed: float = parameter(
         0.0,
-        "Highest speed ever asked of the servo; 0 for what its model can do.",
+        "Highest speed ever asked of the servo; 0 for the no-load speed of its model.",
         unit="rad/s",
         minimum=0.0,
-        maximum=12.0,
     )
     port_name: str = parameter(
         "", "Serial port of the servo; empty for the node's port_name.", fixed=True

@@ -20,14 +20,14 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_topics import JointTopics
-from head_tracking.ros.listening import listen_for
+from head_tracking.ros.listening import listen_for, unheard
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -241,6 +241,7 @@ class HeadInterface:
         name: the node's.
         joints: pan and tilt.
         trouble: why the head is left alone; empty: nothing keeps it from moving.
+        unheard: which publishers of targets cannot be heard, and why; empty: none.
         lock: held while the turner is asked anything.
         slow: there was a STOP, and the head goes slowly until it has arrived.
         buffer: the robot's frames.
@@ -263,6 +264,7 @@ class HeadInterface:
         self.lock = threading.RLock()
         self._changing = threading.Lock()
         self.slow = False
+        self.unheard = ""
         self.newest_target: Target | None = None
         self.head: PanTiltHead | None = None
         self._node = node
@@ -287,7 +289,7 @@ class HeadInterface:
         self._error: float | None = None
         self._errors = Output(node, Float64, error_topic)
         self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
-        node.create_subscription(PointStamped, "target_point", self._on_message, 10)
+        node.create_subscription(PointStamped, "target_point", self._on_message, MEASUREMENT)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
         if loop is None:
@@ -346,6 +348,7 @@ class HeadInterface:
         self._loop.target_takers.append(self._take_target)
         self._loop.add(self)
         steady_timer(self._node, _WATCH_PERIOD, self._watch)
+        steady_timer(self._node, _TELL_PERIOD, self._look_for_unheard)
 
     @property
     def off(self) -> str:
@@ -457,6 +460,11 @@ class HeadInterface:
         with self.lock:
             self.reading()
             self._turner.report()
+
+    def _look_for_unheard(self) -> None:
+        self.unheard = unheard(self._node, PointStamped, "target_point", MEASUREMENT)
+        if self.unheard:
+            self._tell("unheard", self.unheard)
 
     def take_placed(self) -> list[tuple[float, Vector3]]:
         """The targets of this node since this was asked last: stamp [s], point in the base [m]."""

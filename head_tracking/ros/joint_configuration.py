@@ -8,7 +8,12 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from head_tracking.dynamixel import ConfigurationError, JointConfiguration
+from head_tracking.dynamixel import (
+    ConfigurationError,
+    JointConfiguration,
+    fastest_speed,
+    servo_model,
+)
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.bus_parameters import (
     TUTORIAL_HEAD,
@@ -73,15 +78,6 @@ def declare_joint(
         _refuse_impossible(lambda: replace(made[0], min=changed.min, max=changed.max))
         _refuse_impossible(lambda: check_motor(joint.joint_name, changed))
 
-    parameters = NodeParameters(
-        node,
-        ControllerParameters,
-        f"{controller}.",
-        {"joint_name": joint_name},
-        lambda changed: on_controller(changed.joint_name, changed),
-        check_speeds,
-    )
-    joint = parameters.value
     motor = NodeParameters(
         node,
         MotorParameters,
@@ -89,6 +85,16 @@ def declare_joint(
         TUTORIAL_HEAD.get(dynamixel),
         lambda changed: on_motor(joint.joint_name, changed),
         check_limits,
+    ).value
+    fastest = fastest_speed(servo_model(motor.model))
+    joint = NodeParameters(
+        node,
+        ControllerParameters,
+        f"{controller}.",
+        {"joint_name": joint_name},
+        lambda changed: on_controller(changed.joint_name, changed),
+        check_speeds,
+        {"joint_speed": fastest, "max_speed": fastest},
     ).value
     other = NodeParameters(node, SecondMotorParameters, f"{controller}.second_motor.").value
     made.append(configured_joint(dynamixel, joint, motor, other))

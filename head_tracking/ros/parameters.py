@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -43,6 +43,7 @@ class NodeParameters(Generic[P]):
         defaults: values to use instead of the dataclass's own defaults.
         check: called with a value that somebody wants to set; raises ValueError to refuse it.
         on_change: called with the new value after somebody set a parameter.
+        maxima: highest values allowed, where they depend on other parameters.
 
     Raises:
         ParameterError: values given at the start are not allowed; names each, and says what is.
@@ -56,15 +57,19 @@ class NodeParameters(Generic[P]):
         defaults: dict[str, Any] | None = None,
         on_change: Callable[[P], None] | None = None,
         check: Callable[[P], object] | None = None,
+        maxima: Mapping[str, float] | None = None,
     ) -> None:
         self._node = node
         self._prefix = prefix
         self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+        self._infos = {name: parameter_info(field) for name, field in self._fields.items()}
+        for name, maximum in (maxima or {}).items():
+            self._infos[name] = dataclasses.replace(self._infos[name], maximum=maximum)
         self._on_change = on_change
         self._is_possible = check
         values, refused = {}, []
         for name, field in self._fields.items():
-            default, info = (defaults or {}).get(name, field.default), parameter_info(field)
+            default, info = (defaults or {}).get(name, field.default), self._infos[name]
             try:
                 value = node.declare_parameter(
                     prefix + name,
@@ -94,7 +99,7 @@ class NodeParameters(Generic[P]):
         return {
             name: checked(
                 self._prefix + name,
-                parameter_info(self._fields[name]),
+                self._infos[name],
                 self._fields[name].default,
                 value,
             )

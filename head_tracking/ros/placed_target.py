@@ -9,6 +9,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
 from head_tracking.ros.messages import target_from_message
+from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import TransformBuffer, Vector3
 
@@ -48,7 +49,7 @@ class NewestTarget:
         self._placer: TargetPlacer | None = None
         self._newest: PlacedTarget | None = None
         self._subscription = node.create_subscription(
-            PointStamped, "target_point", self._on_target, 10
+            PointStamped, "target_point", self._on_target, MEASUREMENT
         )
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
+from head_tracking.simulation.motion import STEP, Coupling
 from head_tracking.simulation.packets import (
     BROADCAST,
     LONGEST,
@@ -97,6 +98,8 @@ class SimulatedBus:
         for servo in self._servos:
             servo.write_log = self.write_log
         self._line, self._faults, self._echo = line, faults, echo
+        self._couplings: list[Coupling] = []
+        self._now = 0
         self.allow_gaps(_MAX_GAP)
 
     def __iter__(self) -> Iterator[SimulatedServo]:
@@ -126,8 +129,31 @@ class SimulatedBus:
 
     def advance(self, now: int) -> None:
         """Let time pass up to `now`, ns."""
+        if self._couplings:
+            self._advance_coupled(now)
         for servo in self._servos:
             servo.advance(now)
+
+    def couple(self, first: int, second: int, direction: int = -1) -> None:
+        """Join the shafts of two servos, as they stand, by a stiff bracket: they drive one joint.
+
+        Args:
+            first: Id of one.
+            second: Id of the other one.
+            direction: -1 if they turn against each other, face to face; else 1.
+        """
+        self._couplings.append(self[first].couple(self[second], direction))
+
+    def _advance_coupled(self, now: int) -> None:
+        """Let shafts that are joined move in small steps, so that each follows the other."""
+        time = self._now or now
+        while time + STEP < now and not self.at_rest:
+            time += STEP
+            for servo in self._servos:
+                servo.advance(time)
+            for coupling in self._couplings:
+                coupling.pull()
+        self._now = now
 
     def receive(self, data: bytes, now: int, baud_rate: int | None = None) -> list[Answer]:
         """Take bytes from the master and return what goes back.

@@ -208,6 +208,33 @@ class Hand(NamedTuple):
         return max(-self.strength, min(self.strength, torque))
 
 
+class Coupling:
+    """A stiff bracket by which two shafts turn together: a spring of 20 N m/rad, damped (ours).
+
+    Args:
+        first: One shaft.
+        second: The other one; as they stand now, the bracket is not strained.
+        direction: -1 if they are mounted face to face and turn against each other, else 1.
+    """
+
+    def __init__(self, first: Drive, second: Drive, direction: int) -> None:
+        self._first, self._second, self._direction = first, second, direction
+        self._offset = second.angle - direction * first.angle
+
+    @property
+    def twist(self) -> float:
+        """By how much the shafts are apart, rad; which turn a servo counts makes no difference."""
+        apart = self._second.angle - self._direction * self._first.angle - self._offset
+        return math.remainder(apart, 2.0 * math.pi)
+
+    def pull(self) -> None:
+        """Load both shafts with what strains the bracket."""
+        pace = self._second.speed - self._direction * self._first.speed
+        torque = 20.0 * self.twist + 0.2 * pace
+        self._first.pull(self._direction * torque)
+        self._second.pull(-torque)
+
+
 class Temperature:
     """A slow thermal model: one heat capacity that cools to the surroundings (ours).
 
@@ -281,7 +308,7 @@ class Drive:
         self._profile = settings.profile
         self._start_delay = start_delay
         self._coming: deque[tuple[int, DriveSettings]] = deque()
-        self._pushed = 0.0
+        self._pushed = self._pulled = 0.0
         self._hand: Hand | None = None
         self._time: int | None = None
 
@@ -328,6 +355,12 @@ class Drive:
         """Load the shaft from outside until the next call, N m, counter-clockwise."""
         self._pushed = torque
         self.at_rest = False
+
+    def pull(self, torque: float) -> None:
+        """Load the shaft by what it is coupled to, until the next call, N m."""
+        if torque != self._pulled:
+            self._pulled = torque
+            self.at_rest = False
 
     def lead(self, angle: float, duration: float, strength: float) -> None:
         """Let a hand lead the shaft to an angle, rad, within `duration` seconds, and let go."""
@@ -395,7 +428,7 @@ class Drive:
         torque_on, control, goal, _, law, turns_round, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
         velocity, acceleration, _, _ = self._profile
-        mechanics, hand, pushed = self._mechanics, self._hand, self._pushed
+        mechanics, hand, pushed = self._mechanics, self._hand, self._pushed + self._pulled
         stall, free_speed, stiction = (
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip

@@ -362,8 +362,8 @@ class SimulatedPort:
 class SimulatedJoints:
     """The servos of a configuration, simulated: a port to open, and the truth about the joints.
 
-    They stand at position 0 at first, on a wire that takes its time. A context manager. Two servos
-    on one joint turn each for itself: no shaft joins them.
+    They stand at position 0 at first, on a wire that takes its time. A context manager. A stiff
+    bracket joins two servos on one joint.
 
     Attributes:
         port: the port of the bus that they share.
@@ -376,7 +376,12 @@ class SimulatedJoints:
             for joint in self._joints.values()
             for mount in joint.calibrations
         ]
-        self.port = SimulatedPort(servos, paced=True)
+        bus = SimulatedBus(servos)
+        for joint in self._joints.values():
+            if joint.second is not None:
+                alike = joint.calibration.reversed == joint.second.reversed
+                bus.couple(joint.id, joint.second.id, 1 if alike else -1)
+        self.port = SimulatedPort(bus, paced=True)
 
     @property
     def port_name(self) -> str:

@@ -14,9 +14,6 @@ from enum import Enum
 from typing import Final
 
 from head_tracking.dynamixel.control_table import (
-    MX_ACCELERATION,
-    X_ACCELERATION,
-    X_SPEED,
     ControlTable,
     Memory,
     Register,
@@ -35,6 +32,10 @@ from head_tracking.simulation.motion import (
     proportional_law,
 )
 
+RPM: Final = 2.0 * math.pi / 60.0  # rad/s
+MX_ACCELERATION: Final = math.radians(8.583)
+X_ACCELERATION: Final = 214.577 * RPM / 60.0
+X_SPEED: Final = 0.229 * RPM
 _HIGHEST: Final = 1023
 _STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
 _MX_GAIN_SLOPE: Final = 1024.0 * math.radians(300.0 / 1024.0)

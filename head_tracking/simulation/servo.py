@@ -6,9 +6,9 @@ from random import Random
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory
-from head_tracking.dynamixel.models import AX_12, ServoModel
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.motion import Drive
+from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
     ALERT,
     BROADCAST,
@@ -137,7 +137,7 @@ class SimulatedServo:
     def __init__(
         self,
         servo_id: int = 1,
-        model: ServoModel = AX_12,
+        model: ServoModel = servo_model("AX-12"),  # noqa: B008
         *,
         position: float | None = None,
         torque_on_write: bool = True,
@@ -268,6 +268,10 @@ class SimulatedServo:
         way = self._registers.ticks(1.0) - self._registers.ticks(0.0)
         angle = self.true_position + (ticks - self.true_ticks) / way
         self._drive.lead(angle, duration, strength)
+
+    def couple(self, other: SimulatedServo, direction: int) -> Coupling:
+        """Return a bracket that joins the shafts of two servos; see `SimulatedBus.couple`."""
+        return Coupling(self._drive, other._drive, direction)
 
     def impede(self, share: float) -> None:
         """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from head_tracking.command_line import between, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError
-from head_tracking.dynamixel.models import AX_12, ServoModel, servo_model
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -83,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
-    add("--model", type=_model, default=AX_12, help="their model (default: AX-12)")
+    add("--model", type=_model, default=servo_model("AX-12"), help="their model (default: AX-12)")
     add(
         "--servo", type=_servo_option, action="append", metavar="MODEL:ID",
         help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",

@@ -15,6 +15,7 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from head_tracking.command_line import seconds
@@ -32,6 +33,7 @@ from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, 
 from head_tracking.transforms import RobotModelError
 
 _PATIENCE = 10.0  # s for the robot's model to come
+_INPUT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class TrackReportNode(Node):
         self.ages: list[float] = []
         self._stamps: list[float] = []
         self._judge: TrackingJudge | None = None
-        self.create_subscription(PointStamped, "target_point", self._on_target, 50)
+        self.create_subscription(PointStamped, "target_point", self._on_target, _INPUT)
         self.create_subscription(JointState, "joint_states", self._on_joints, 50)
 
     @property

@@ -11,17 +11,22 @@ from typing import NamedTuple
 
 from head_tracking.gaze import Sight
 from head_tracking.parameters import parameter
-from head_tracking.tracking.multiple_model import Bearing, Gains, Motion
+from head_tracking.tracking.multiple_model import Bearings, Motion
 
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
-_USUAL_NOISE = 0.003  # rad; until the points have shown their own
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FASTEST = 3.0  # rad/s; a target that has jumped must hold together like this to be believed
-_DEVIATIONS = 3.0
-_OUTLIER = 6.0  # standard deviations; of a point farther off only so much is taken at first
-_KNOWN = 8  # points after which a target is known well enough for that
+_FEWEST = 8  # points that are kept, however old
+_NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther ones suspected
+_FAST = 2.5  # rad/s
+_UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
+_JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
+_LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
 _SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
 _TRUST = 1.3  # of the horizon
+_REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
+_FADING = 0.3  # s
+_FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
 _LEAST_RANGE_NOISE = 1e-3
@@ -29,6 +34,8 @@ _FIRST_RANGE_RATE = 1.0  # 1/s
 _RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
 _RANGE_MEMORY = 1.0  # s; over which the noise is learned
 _RANGE_OUTLIER = 9.0  # variances
+_RANGE_OUTLIERS = 3  # in a row: the filter is wrong, not the points
+_SMALLEST_RANGE = 1e-3  # m
 _NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
@@ -44,6 +51,7 @@ class Verdict(StrEnum):
     TOO_CLOSE = "the point is too close: no turn of the head brings it before the camera"
     IGNORED = "tracking is switched off"
     FUTURE = "the point lies in the future; the clocks of its sender and of this machine differ"
+    NOT_FINITE = "the point is not finite"
 
     @property
     def used(self) -> bool:
@@ -87,18 +95,21 @@ class Range(NamedTuple):
         rate: its change [1/s].
         covariance: of both: pp, pv, vv.
         variance: of the measured logarithms.
+        outliers: points in a row that were not used because they were too far off.
     """
 
     log: float
     rate: float
     covariance: tuple[float, float, float]
     variance: float
+    outliers: int = 0
 
     @staticmethod
     def seen_once(distance: float) -> Range:
         """After one point [m]."""
         noise = _FIRST_RANGE_NOISE**2
-        return Range(math.log(distance), 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
+        log = math.log(max(distance, _SMALLEST_RANGE))
+        return Range(log, 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
     def after(self, dt: float, distance: float, turning: float) -> Range:
         """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
@@ -110,13 +121,15 @@ class Range(NamedTuple):
         square = away * away + aside * aside
         log = self.log + 0.5 * math.log(square)
         rate = (self.rate * away + turning * aside) / square
-        off = math.log(distance) - log
+        off = math.log(max(distance, _SMALLEST_RANGE)) - log
         expected = pp + self.variance
         unexpected = min(off * off / expected, _RANGE_OUTLIER)
         share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
         variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
         if unexpected == _RANGE_OUTLIER:
-            return Range(log, rate, (pp, pv, vv), variance)
+            if self.outliers + 1 >= _RANGE_OUTLIERS:
+                return Range.seen_once(distance)
+            return Range(log, rate, (pp, pv, vv), variance, self.outliers + 1)
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
         return Range(log + k * off, rate + by_rate * off, left, variance)
@@ -180,64 +193,62 @@ class TargetEstimate:
         (pan, _), (tilt, _) = self._moved(time)
         return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.trust)))
 
-    def towards(self, time: float, sight: Sight, share: float) -> Sight:
-        """A share of the way from where the target should be at a time [s] to where it is seen."""
-        pan, tilt, distance = self.sight_at(time)
-        return Sight(
-            pan + share * (sight.pan - pan),
-            tilt + share * (sight.tilt - tilt),
-            distance + share * (sight.distance - distance),
-        )
-
     def deviation(self, joint: int, time: float) -> float:
-        """Standard deviation of that pan (0) or tilt (1) [rad] at a time [s].
+        """Return the standard deviation of pan (0) or tilt (1) [rad] at a time [s].
 
-        What the models say at the newest point, and what predictions have missed by, which grows
-        with the time ahead.
+        By what predictions have missed by, which grows with the time ahead; at the newest point
+        the models' own account, unless that is larger.
         """
-        here = self.certainty[joint][0]
+        error = max(self.errors[joint], _LEAST_ERROR * self.noise[joint] ** 2)
+        here = min(self.certainty[joint][0], error)
         ahead = (time - self.stamp) / self.horizon
-        return math.sqrt(here + max(self.errors[joint] - here, 0.0) * ahead * ahead)
+        return math.sqrt(here + (error - here) * ahead * ahead)
 
     def speed_deviation(self, joint: int) -> float:
         """Standard deviation of the velocity of pan (0) or tilt (1) at `stamp` [rad/s]."""
         return math.sqrt(self.certainty[joint][1])
 
     def _moved(self, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        ahead = time - self.stamp
-        if ahead <= self.trust:
-            pan, tilt = self.motions
-            return pan.after(ahead), tilt.after(ahead)
-        fading = max(self.timeout - self.trust, 1e-3)
-        beyond = min(ahead - self.trust, fading)
-        way = beyond - 0.5 * beyond * beyond / fading  # the speed falls linearly to 0
-        left = 1.0 - beyond / fading
-        (x, u), (y, v) = (motion.after(self.trust) for motion in self.motions)
-        return (x + way * u, left * u), (y + way * v, left * v)
+        ahead, pace = time - self.stamp, 1.0
+        if ahead > self.trust:  # the target's own time slows down linearly until it stands still
+            fading = max(self.timeout - self.trust, 1e-3)
+            beyond = min(ahead - self.trust, fading)
+            ahead = self.trust + beyond - 0.5 * beyond * beyond / fading
+            pace = 1.0 - beyond / fading
+        (x, u), (y, v) = (self._bounded(motion, ahead) for motion in self.motions)
+        return (x, pace * u), (y, pace * v)
+
+    @staticmethod
+    def _bounded(motion: Motion, ahead: float) -> tuple[float, float]:
+        position, velocity = motion.after(ahead)
+        way = position - motion.position
+        if abs(way) > _FARTHEST_AHEAD:
+            return motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
+        return position, velocity
 
 
 class _Snapshot(NamedTuple):
-    """What is known after a point."""
+    """What is known after a point.
 
-    gains: Gains
-    bearings: tuple[Bearing, Bearing]
+    Attributes:
+        stamp: of the point [s].
+        sight: the point.
+        bearings: of the target.
+        range: its distance.
+    """
+
+    stamp: float
+    sight: Sight
+    bearings: Bearings
     range: Range
 
 
 class _Suspect(NamedTuple):
-    """A point far from where the target should be, of which a part was taken for the time being."""
+    """A point far from where the target should be; nothing of it is used."""
 
     stamp: float
     sight: Sight
-    before: TargetEstimate
-
-    def confirmed(self, stamp: float, sight: Sight) -> bool:
-        """Whether the next point is off to the same side, and about as far."""
-        pan, tilt = self.before.bearing(self.stamp)
-        first = self.sight.pan - pan, self.sight.tilt - tilt
-        pan, tilt = self.before.bearing(stamp)
-        along = first[0] * (sight.pan - pan) + first[1] * (sight.tilt - tilt)
-        return along > 0.5 * (first[0] * first[0] + first[1] * first[1])
+    away: float
 
 
 class TargetEstimator:
@@ -258,13 +269,11 @@ class TargetEstimator:
         self.parameters = parameters
         self.horizon = 0.1
         self._stamps: list[float] = []
-        self._sights: list[Sight] = []
         self._pans: list[float] = []
         self._tilts: list[float] = []
         self._snapshots: list[_Snapshot] = []
-        self._jumped: list[tuple[float, Sight]] = []
-        self._suspect: _Suspect | None = None
-        self._taken = 0
+        self._suspects: list[_Suspect] = []
+        self._began = 0.0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -273,9 +282,10 @@ class TargetEstimator:
         return self._estimate
 
     def reset(self) -> None:
-        """Forgets the target."""
-        self._jumped.clear()
-        self._restart()
+        """Forget the target."""
+        self._suspects.clear()
+        self._cut(0)
+        self._estimate = None
 
     def add(self, stamp: float, sight: Sight, now: float) -> Verdict:
         """Takes a point.
@@ -285,145 +295,159 @@ class TargetEstimator:
             sight: pan, tilt and distance; pan may count full turns.
             now: the time [s].
         """
+        if not all(map(math.isfinite, (stamp, *sight))):
+            return Verdict.NOT_FINITE
         if stamp > now + _FUTURE:
             return Verdict.FUTURE
         if now - stamp > self.parameters.target_timeout:
             return Verdict.TOO_OLD
         stamps = self._stamps
         if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
-            return self._start([(stamp, sight)])
-        index = bisect_right(stamps, stamp)
-        if index == 0:
-            return Verdict.TOO_OLD
-        if stamps[index - 1] == stamp:
-            return Verdict.DOUBLED
-        if index < len(stamps):
-            return self._sort_in(index, stamp, sight)
-        self._resolve(stamp, sight)
-        estimate = self._estimate
-        assert estimate is not None
-        away, unlikely = self._off(estimate, stamp, sight)
-        farthest = max(estimate.deviation(joint, stamp) for joint in (0, 1))
-        if away > self.parameters.jump_threshold + _DEVIATIONS * farthest:
-            return self._consider_jump(stamp, sight)
-        self._jumped.clear()
-        if unlikely > _OUTLIER and self._taken >= _KNOWN:
-            self._suspect = _Suspect(stamp, sight, estimate)
-            sight = estimate.towards(stamp, sight, _OUTLIER / unlikely)
-        self._append(stamp, sight)
-        self._estimate = self._described(-1)
-        return Verdict.TAKEN
+            self._suspects.clear()
+            recent = bool(stamps) and stamp - stamps[-1] < _REMEMBERED
+            self._begin([(stamp, sight)], self._snapshots[-1] if recent else None)
+            verdict = Verdict.NEW_TARGET
+        else:
+            index = bisect_right(stamps, stamp)
+            if index == 0:
+                return Verdict.TOO_OLD
+            if stamps[index - 1] == stamp:
+                return Verdict.DOUBLED
+            verdict = self._judge(index, stamp, sight)
+        if verdict.used:
+            self._estimate = self._described(-1)
+        return verdict
 
-    def _resolve(self, stamp: float, sight: Sight) -> None:
-        """Whether a point far from where the target should be was true: this one tells."""
-        suspect = self._suspect
-        if suspect is None:
-            return
-        self._suspect = None
-        self._cut(len(self._stamps) - 1)
-        before = suspect.before
-        if self._off(before, stamp, sight)[1] > _OUTLIER and suspect.confirmed(stamp, sight):
-            self._append(suspect.stamp, suspect.sight)
-        self._estimate = self._described(-1)
-
-    def _sort_in(self, index: int, stamp: float, sight: Sight) -> Verdict:
-        away, _ = self._off(self._described(index - 1), stamp, sight)
-        if away > self.parameters.jump_threshold:
+    def _judge(self, index: int, stamp: float, sight: Sight) -> Verdict:
+        """Use a point that comes at this place among the others, or suspect it."""
+        before = self._described(index - 1)
+        away, unlikely = self._off(before, stamp, sight)
+        threshold = self.parameters.jump_threshold
+        farthest = max(_FAR * threshold, _FAST * (stamp - before.stamp))
+        if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
+            self._suspects = [each for each in self._suspects if each.stamp > stamp]
+            self._insert(index, [(stamp, sight)])
+            return Verdict.TAKEN
+        timeout = self.parameters.target_timeout
+        suspects = [each for each in self._suspects if abs(stamp - each.stamp) < timeout]
+        alike = [each for each in suspects if self._alike(each, stamp, sight, away)]
+        self._suspects = [*suspects, _Suspect(stamp, sight, away)]
+        points = sorted([*((each.stamp, each.sight) for each in alike), (stamp, sight)])
+        (start, _), (end, _) = points[0], points[-1]
+        among = sum(start <= each.stamp <= end for each in self._suspects)
+        if not alike or end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
             return Verdict.JUMP
-        later = list(zip(self._stamps[index:], self._sights[index:], strict=True))
-        self._cut(index)
-        for each in ((stamp, sight), *later):
-            self._append(*each)
-        self._estimate = self._described(-1)
-        return Verdict.TAKEN
+        if 2 * len(points) <= among:
+            return Verdict.JUMP
+        self._suspects.clear()
+        if not self._jumped(before, points):
+            for point in points:
+                self._insert(bisect_right(self._stamps, point[0]), [point])
+            return Verdict.TAKEN
+        index = bisect_right(self._stamps, points[0][0])
+        later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
+        self._begin(points, self._snapshots[index - 1] if index else None)
+        for then, seen in later:
+            place = bisect_right(self._stamps, then)
+            if place:
+                self._judge(place, then, seen)
+        return Verdict.NEW_TARGET
+
+    def _alike(self, suspect: _Suspect, stamp: float, sight: Sight, away: float) -> bool:
+        """Whether a suspect and another point far off may be the same target."""
+        apart, dt = _angle(suspect.sight, sight), abs(stamp - suspect.stamp)
+        nearest = min(away, suspect.away)
+        return (
+            apart < 0.5 * nearest and apart < 0.8 * self.parameters.jump_threshold + _FASTEST * dt
+        )
+
+    def _jumped(self, before: TargetEstimate, points: Sequence[tuple[float, Sight]]) -> bool:
+        """Whether the way to these points was no part of the motion that they show."""
+        (stamp, first), (end, last) = points[0], points[-1]
+        speed = _angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
+        since = _angle(first, last) / max(end - stamp, 1e-3)
+        return speed > _JUMP * since + _JUMP_SPEED
 
     def _cut(self, index: int) -> None:
-        """Drops the points from this one on."""
-        del self._stamps[index:], self._sights[index:], self._snapshots[index:]
-        del self._pans[index:], self._tilts[index:]
+        """Drop the points from this one on."""
+        for each in (self._stamps, self._pans, self._tilts, self._snapshots):
+            del each[index:]
 
-    def _restart(self) -> None:
+    def _begin(self, points: Sequence[tuple[float, Sight]], before: _Snapshot | None) -> None:
+        """Start with points that have nothing to do with the motion before."""
         self._cut(0)
-        self._suspect = self._estimate = None
-        self._taken = 0
+        (stamp, sight), *others = points
+        bearing = sight.pan, sight.tilt
+        bearings = (
+            Bearings.seen_once(bearing, self.horizon)
+            if before is None
+            else before.bearings.restarted(bearing)
+        )
+        self._began = stamp
+        self._note(_Snapshot(stamp, sight, bearings, Range.seen_once(sight.distance)))
+        for each in others:
+            self._append(*each)
 
-    def _start(self, sights: Sequence[tuple[float, Sight]]) -> Verdict:
-        self._restart()
-        for stamp, sight in sights:
+    def _insert(self, index: int, points: Sequence[tuple[float, Sight]]) -> None:
+        """Sort points in and compute anew what follows them."""
+        later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
+        self._cut(index)
+        for stamp, sight in (*points, *later):
             self._append(stamp, sight)
-        self._jumped.clear()
-        self._estimate = self._described(-1)
-        return Verdict.NEW_TARGET
+
+    def _note(self, snapshot: _Snapshot) -> None:
+        self._snapshots.append(snapshot)
+        self._stamps.append(snapshot.stamp)
+        self._pans.append(snapshot.sight.pan)
+        self._tilts.append(snapshot.sight.tilt)
 
     def _append(self, stamp: float, sight: Sight) -> None:
         stamps, snapshots = self._stamps, self._snapshots
-        stamps.append(stamp)
-        self._sights.append(sight)
-        self._pans.append(sight.pan)
-        self._tilts.append(sight.tilt)
-        self._taken += 1
-        if not snapshots:
-            gains = Gains.seen_once()
-            pan, tilt = (
-                Bearing.seen_once(angle, _USUAL_NOISE, gains) for angle in (sight.pan, sight.tilt)
-            )
-            snapshots.append(_Snapshot(gains, (pan, tilt), Range.seen_once(sight.distance)))
-            return
         before = snapshots[-1]
-        dt = stamp - stamps[-2]
         index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
         judged, ahead = snapshots[index].bearings, stamp - stamps[index]
-        gains = before.gains.after(dt)
-        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings))
-        distance = before.range.after(dt, sight.distance, turning)
-        pan, tilt = (
-            bearing.after(stamps, angles, gains, distance.receding, earlier, ahead)
-            for bearing, angles, earlier in zip(
-                before.bearings, (self._pans, self._tilts), judged, strict=True
-            )
+        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings.joints))
+        distance = before.range.after(stamp - before.stamp, sight.distance, turning)
+        stamps.append(stamp)
+        self._pans.append(sight.pan)
+        self._tilts.append(sight.tilt)
+        bearings = before.bearings.after(
+            stamps, (self._pans, self._tilts), distance.receding, judged, ahead
         )
-        snapshots.append(_Snapshot(gains, (pan, tilt), distance))
-        if stamps[0] < stamp - _HISTORY:
-            del stamps[0], self._sights[0], self._pans[0], self._tilts[0], snapshots[0]
+        snapshots.append(_Snapshot(stamp, sight, bearings, distance))
+        while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
+            del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
 
-    @staticmethod
-    def _off(before: TargetEstimate, stamp: float, sight: Sight) -> tuple[float, float]:
+    def _off(self, before: TargetEstimate, stamp: float, sight: Sight) -> tuple[float, float]:
         """How far a point is from where it should be: [rad], and in standard deviations."""
-        pan, tilt = before.bearing(stamp)
-        offs = sight.pan - pan, sight.tilt - tilt
+        expected = before.bearing(stamp)
+        offs = [seen - there for seen, there in zip(sight[:2], expected, strict=True)]
         likely = [
             off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
             for joint, off in enumerate(offs)
         ]
-        return math.hypot(offs[0] * math.cos(tilt), offs[1]), math.hypot(*likely)
-
-    def _near(self, stamp: float, sight: Sight, later: float, other: Sight) -> bool:
-        """Whether two points may be the same target."""
-        allowed = self.parameters.jump_threshold + _FASTEST * (later - stamp)
-        pan = (other.pan - sight.pan) * math.cos(sight.tilt)
-        return stamp < later and math.hypot(pan, other.tilt - sight.tilt) <= allowed
-
-    def _consider_jump(self, stamp: float, sight: Sight) -> Verdict:
-        if self._jumped and not self._near(*self._jumped[-1], stamp, sight):
-            self._jumped.clear()
-        self._jumped.append((stamp, sight))
-        if stamp - self._jumped[0][0] >= self.parameters.jump_confirmation:
-            return self._start(tuple(self._jumped))
-        return Verdict.JUMP
+        return _angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
 
     def _described(self, index: int) -> TargetEstimate:
         """The estimate after one of the points."""
-        snapshot = self._snapshots[index]
-        pan, tilt = snapshot.bearings
+        stamp, sight, bearings, distance = self._snapshots[index]
+        timeout = self.parameters.target_timeout
+        trust = min(max(_SHORTEST_TRUST, _TRUST * self.horizon), stamp - self._began)
+        pan, tilt = bearings.joints
         return TargetEstimate(
-            self._stamps[index],
-            self._sights[index],
+            stamp,
+            sight,
             (pan.motion, tilt.motion),
-            snapshot.range,
+            distance,
             (math.sqrt(pan.variance), math.sqrt(tilt.variance)),
             (pan.certainty, tilt.certainty),
             (pan.error - pan.variance, tilt.error - tilt.variance),
             self.horizon,
-            max(_SHORTEST_TRUST, _TRUST * self.horizon),
-            self.parameters.target_timeout,
+            trust,
+            min(timeout, trust + min(_FADING, max(trust, 1e-3))),
         )
+
+
+def _angle(a: Sight, b: Sight) -> float:
+    """The angle between two rays that are near each other [rad]."""
+    return math.hypot((a.pan - b.pan) * math.cos(0.5 * (a.tilt + b.tilt)), a.tilt - b.tilt)

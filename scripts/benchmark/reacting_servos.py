@@ -23,7 +23,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from random import Random
 
-from head_tracking.dynamixel.models import AX_12
 from head_tracking.simulation import Answer, SerialLine, SimulatedBus, SimulatedServo
 from head_tracking.simulation.port import PseudoTerminal
 
@@ -93,7 +92,7 @@ class ReactingServos:
 
 def main() -> None:
     """Serves until SIGTERM."""
-    servos = [SimulatedServo(number, AX_12, position=512) for number in IDS]
+    servos = [SimulatedServo(number, position=512) for number in IDS]
     for servo in servos:
         servo.set_register("Return Delay Time", 0)
     reacting = ReactingServos("shaking" in sys.argv[1:])

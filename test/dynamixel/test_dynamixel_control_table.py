@@ -128,9 +128,9 @@ def test_model_is_found_by_number() -> None:
 
 
 def test_unknown_models_list_the_known_ones() -> None:
-    with pytest.raises(ConfigurationError, match=r"'AX-99'; known are AX-12 \(12\)"):
+    with pytest.raises(ConfigurationError, match=r"'AX-99'; known are .*AX-12 \(12\)"):
         servo_model("AX-99")
-    with pytest.raises(ConfigurationError, match=r"4711; known are AX-12 \(12\)"):
+    with pytest.raises(ConfigurationError, match=r"4711; known are .*AX-12 \(12\)"):
         servo_model_by_number(4711)
 
 

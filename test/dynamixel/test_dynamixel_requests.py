@@ -217,3 +217,21 @@ def test_ending_a_request_that_fails_to_end_does_not_keep_the_others_from_ending
     queue.discard_older()
     assert ended == [0, 1, 2]
     assert all(isinstance(future.exception(0.0), StoppedError) for future in futures)
+
+
+def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> None:
+    port = FakePort()
+    bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
+    bus.connect()
+    bus.run(bus.switching_torque(None, True))
+
+    def steps() -> Steps[None]:
+        try:
+            while True:
+                yield 0.0
+        finally:
+            raise RuntimeError("cannot end")
+
+    bus.submit(steps())
+    assert bus.close() == ()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]

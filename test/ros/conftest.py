@@ -9,8 +9,8 @@ os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
 import rclpy
-from program_under_test import Program
 from rclpy.signals import SignalHandlerOptions
+from rig import Program
 from robot_under_test import Robot
 from ros_domain import own_domain
 

@@ -110,16 +110,3 @@ def test_meaning_unit_and_range_can_be_asked_for(make):
     assert descriptor.floating_point_range[0].to_value == 2.0
     assert "speed, position" in node.describe_parameter("law").additional_constraints
     assert node.describe_parameter("port").read_only
-
-
-def test_every_parameter_of_every_node_is_described(make_robot):
-    own = {"use_sim_time", "start_type_description_service"}
-    for mode in ("track", "point"):
-        robot = make_robot("--mode", mode, "--target", "fictitious")
-        for node in robot.composition.nodes.values():
-            for name in set(node._parameters) - own:
-                if name.startswith(("zeros.", "qos_overrides.")):
-                    continue
-                descriptor = node.describe_parameter(name)
-                assert descriptor.description, f"{node.get_name()}.{name}"
-        robot.close()

@@ -6,11 +6,11 @@ import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.control_table import Register
-from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.models import ServoModel, all_models
 from head_tracking.dynamixel.protocol import REFUSALS, StatusCode
 from head_tracking.simulation import SimulatedServo
 
-MODEL = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+MODEL = pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
 OWN = {
     "ID",
     "Lock",

@@ -13,7 +13,7 @@ import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from dynamixel_fakes import speed_ticks
 from plant import JointsRead, Make, Servos, angles, in_camera, turned
@@ -330,6 +330,7 @@ class ClosedLoop:
         self._servos = c.servos(c.start)
         self._random = random.Random(c.seed)
         self._cameras: tuple[Camera, ...] = (c, *c.more)
+        self._is_raw = False
         self._inbox: list[tuple[float, int, Target, bool]] = []
         self.buffer = TransformBuffer()
         self.buffer.set_model(kinectbot())
@@ -346,9 +347,9 @@ class ClosedLoop:
         dx, dy = point[0] - x, point[1] - y
         return c * dx + s * dy, c * dy - s * dx, point[2]
 
-    def run(self, controller: Controller | RawController) -> Outcome:
+    def run(self, controller: Any) -> Outcome:
         """Run from the start to the end: in each cycle read, update, write."""
-        outcome = Outcome(Trace())
+        outcome, self._is_raw = Outcome(Trace()), isinstance(controller, RawController)
         stepped = -math.inf
         for event in self._events():
             now = event.time
@@ -369,14 +370,12 @@ class ClosedLoop:
                     outcome.goals.append(self._servos.goals)
         return outcome
 
-    def _update(
-        self, controller: Controller | RawController, now: float, outcome: Outcome
-    ) -> HeadCommand | None:
+    def _update(self, controller: Any, now: float, outcome: Outcome) -> HeadCommand | None:
         arrived = []
         while self._inbox and self._inbox[0][0] <= now:
             arrived.append(heapq.heappop(self._inbox))
-        before = time.thread_time()
-        if isinstance(controller, RawController):
+        before = time.perf_counter()
+        if self._is_raw:
             for _, _, target, on_head in arrived:
                 stamp = target.stamp * 1e-9 - START
                 controller.camera_saw(stamp, target.point, now, on_head=on_head)
@@ -387,11 +386,11 @@ class ClosedLoop:
             for placed, point in self._placer.place(START + now, {}):
                 moving = placed.frame_id != BASE_FRAME
                 controller.target_seen(placed.stamp * 1e-9, point, START + now, moving=moving)
-                outcome.point_costs.append(time.thread_time() - before)
-                before = time.thread_time()
-            before = time.thread_time()
+                outcome.point_costs.append(time.perf_counter() - before)
+                before = time.perf_counter()
+            before = time.perf_counter()
             command = controller.step(START + now).command
-        outcome.costs.append(time.thread_time() - before)
+        outcome.costs.append(time.perf_counter() - before)
         if command is not None:
             outcome.commands.append((now, command))
         return command
@@ -416,11 +415,11 @@ class ClosedLoop:
         self,
         stamp: int,
         positions: tuple[float, float],
-        controller: Controller | RawController,
+        controller: Any,
     ) -> None:
         base, at = self._conditions.base, stamp * 1e-9
         pose = (0.0, 0.0, 0.0) if base is None else base(at - _ODOMETRY_LATE)
-        if isinstance(controller, RawController):
+        if self._is_raw:
             controller.joints_read(at, positions)
             controller.base_moved(at, pose)
             return

@@ -5,9 +5,9 @@ from __future__ import annotations
 import gc
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from typing import Any, TypeVar
+from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Point, PointStamped
@@ -16,26 +16,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
+from waiting import wait_for
 
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.runner import compose, parse_arguments, ros_arguments
-
-PATIENCE = 10.0
-T = TypeVar("T")
-
-
-def wait_for(what: Callable[[], T], patience: float = PATIENCE) -> T:
-    """Polls until `what` gives something true; what it gave."""
-    deadline = time.monotonic() + patience
-    while not (found := what()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"waited {patience} s in vain; last answer: {found!r}")
-        time.sleep(0.01)
-    return found
 
 
 class Robot:
@@ -62,12 +49,11 @@ class Robot:
         self.simulated = self.composition.simulated
         self.node: Node = rclpy.create_node("person")
         self._lock = threading.Lock()
-        self._joint_states: dict[str, tuple[float, float]] = {}
+        self._joint_states: dict[str, float] = {}
         self._publishers: dict[str, Any] = {}
         self.received: dict[str, list[Any]] = {}
         self._log: list[str] = []
         self._read = 0
-        self._by_hand = False
         self.node.create_subscription(Log, "/rosout", self._on_log, QoSProfile(depth=1000))
         self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         self.threads.start(self.node)
@@ -77,9 +63,7 @@ class Robot:
 
     def _on_joints(self, message: JointState) -> None:
         with self._lock:
-            stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-            for name, position in zip(message.name, message.position, strict=True):
-                self._joint_states[name] = (stamp, position)
+            self._joint_states |= zip(message.name, message.position, strict=True)
 
     def _on_log(self, message: Log) -> None:
         self._log.append(message.msg)
@@ -102,16 +86,7 @@ class Robot:
     def joint(self, name: str) -> float:
         """The newest position in joint_states [rad]."""
         with self._lock:
-            return self._joint_states[name][1]
-
-    def joints(self) -> set[str]:
-        with self._lock:
-            return set(self._joint_states)
-
-    def heard_of(self, name: str) -> float:
-        """When the joint was last measured [s]."""
-        with self._lock:
-            return self._joint_states[name][0]
+            return self._joint_states[name]
 
     @property
     def pan(self) -> float:
@@ -125,19 +100,7 @@ class Robot:
         assert self.simulated is not None
         return self.simulated.true_position(name)
 
-    def by_hand(self, on: bool) -> None:
-        """Lets others command the joints instead of the run's own node, or ends that."""
-        if on is self._by_hand:
-            return
-        self._by_hand = on
-        for name in ("head_tracker", "point_head"):
-            node = self.composition.nodes.get(name)
-            if node is not None and bool(node.interface.off) is not on:
-                assert self.call(f"{name}/enable", not on).success
-
     def publish(self, topic: str, message: Any) -> None:
-        if topic == "joint_commands":
-            self.by_hand(True)
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self.node.create_publisher(type(message), topic, 10)
@@ -145,13 +108,7 @@ class Robot:
             wait_for(lambda: publisher.get_subscription_count() > 0)
         publisher.publish(message)
 
-    def command(self, topic: str, value: float) -> None:
-        """What a person says who moves the joints by hand: nobody else may turn them then."""
-        self.by_hand(True)
-        self.publish(topic, Float64(data=float(value)))
-
     def look_at(self, x: float, y: float, z: float, frame_id: str, stamp: Any = None) -> None:
-        self.by_hand(False)
         message = PointStamped(point=Point(x=float(x), y=float(y), z=float(z)))
         message.header.frame_id = frame_id
         if stamp is not None:

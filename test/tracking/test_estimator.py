@@ -194,3 +194,148 @@ def test_it_can_be_forgotten():
     estimator = fed(circle)
     estimator.reset()
     assert estimator.estimate is None
+
+
+@pytest.mark.parametrize("speed", [0.8, 1.2, 1.6])
+@pytest.mark.parametrize("range_noise", [0.0, 0.05])
+def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right(speed, range_noise):
+    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
+    for k in range(50 * RATE):
+        t = k / RATE
+        x = max(4.0 - speed * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
+        sight = seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
+        distance = sight.distance * math.exp(rnd.gauss(0.0, range_noise))
+        estimator.add(t, sight._replace(distance=distance), t)
+        if t % 4.0 < 1.0 or t < 6.0:  # (while a walk begins or ends the distance may lag)
+            continue
+        assert estimator.estimate.sight_at(t).distance == pytest.approx(sight.distance, rel=0.25)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e12])
+def test_no_distance_makes_the_estimate_infinite(distance):
+    estimator = fed(circle)
+    for k in range(1, 60):
+        t = estimator.estimate.stamp + 1 / RATE
+        sight = seen(circle(t))
+        estimator.add(t, sight._replace(distance=distance if k % 7 else sight.distance), t)
+        assert all(map(math.isfinite, estimator.estimate.sight_at(t + 0.3)))
+
+
+def swing(t, frequency=0.5, amplitude=0.5):
+    bearing = amplitude * math.sin(math.tau * frequency * t)
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
+
+
+def test_a_slow_detector_with_an_outlier_crashes_nothing():
+    estimator = TargetEstimator(EstimatorParameters(target_timeout=3.0))
+    for k in range(40):
+        t = 1.2 * k
+        off = 0.05 if k % 10 == 9 else 0.0
+        assert estimator.add(t, Sight(0.3 + off, 0.0, 2.0), t).used
+        assert estimator.estimate.bearing(t)[0] == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_not_finite_is_not_used(value):
+    estimator = fed(circle)
+    before, now = estimator.estimate, estimator.estimate.stamp + 1 / RATE
+    for sight in (Sight(value, 0.0, 2.0), Sight(0.0, value, 2.0), Sight(0.0, 0.0, value)):
+        assert estimator.add(now, sight, now) is Verdict.NOT_FINITE
+    assert estimator.estimate is before
+
+
+@pytest.mark.parametrize("apart", [0.03, 0.06, 0.09])
+def test_two_points_are_trusted_no_longer_than_they_are_apart(apart):
+    estimator = TargetEstimator(EstimatorParameters())
+    estimator.add(0.0, Sight(0.0, 0.0, 2.0), 0.0)
+    estimator.add(1 / RATE, Sight(apart, 0.0, 2.0), 1 / RATE)
+    for ahead in (0.1, 0.3, 0.5, 5.0):
+        pan, _ = estimator.estimate.bearing(1 / RATE + ahead)
+        assert -0.01 < pan < 2.5 * apart
+
+
+def test_after_a_jump_the_target_is_not_predicted_far_beyond():
+    estimator = fed(lambda t: (2.0, 0.0, 0.0))
+    start = estimator.estimate.stamp
+    for k in range(1, 5):
+        t = start + k / RATE
+        estimator.add(t, Sight(0.6, 0.0, 2.0), t)
+        for ahead in (0.1, 0.3, 0.5):
+            assert estimator.estimate.bearing(t + ahead)[0] < 0.62
+
+
+@pytest.mark.parametrize("gap", [0.3, 0.8, 1.5])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_after_a_gap_the_prediction_stays_near_the_range_of_the_swing(gap, seed):
+    rnd, estimator, beyond = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
+    estimator.horizon, late = 0.18, 0.1
+    for k in range(28 * RATE):
+        t = k / RATE
+        if t < 8.1 or (t - 8.1) % 4.3 > gap:
+            sight = seen(swing(t))
+            pan, tilt = sight.pan + rnd.gauss(0.0, 0.002), sight.tilt + rnd.gauss(0.0, 0.002)
+            estimator.add(t, Sight(pan, tilt, 2.0), t + late)
+        if t > 3.0:
+            pan, _ = estimator.estimate.bearing(t + late + 0.06)
+            beyond = max(beyond, abs(pan) - 0.5)
+    assert beyond < 0.08
+
+
+@pytest.mark.parametrize(("late", "allowed"), [(0.12, 0.05), (0.4, 0.12)])
+def test_five_points_a_second_of_a_swing_are_enough(late, allowed):
+    rnd, estimator, worst = random.Random(1), TargetEstimator(EstimatorParameters()), 0.0
+    lead = late + 0.16
+    estimator.horizon = lead
+    for k in range(150):
+        t = k / 5
+        off = 0.4 if k % 23 == 22 else 0.0
+        sight = seen(swing(t))
+        noisy = Sight(sight.pan + rnd.gauss(0.0, 0.002) + off, sight.tilt, 2.0)
+        verdict = estimator.add(t, noisy, t + late)
+        if t > 6.0:
+            assert verdict is (Verdict.JUMP if off else Verdict.TAKEN)
+            worst = max(worst, 0.0 if off else miss(estimator, swing, lead))
+    assert worst < allowed
+
+
+def test_points_of_a_second_slower_camera_are_used_on_a_fast_swing():
+    estimator, seldom = TargetEstimator(EstimatorParameters()), []
+    points = [(k / 15 + 0.05, k / 15) for k in range(150)]
+    points += [(k / 5 + 0.35, k / 5 + 0.01) for k in range(50)]
+    for now, stamp in sorted(points):
+        verdict = estimator.add(stamp, seen(swing(stamp, 1.0)), now)
+        if now - stamp > 0.2 and now > 3.0:
+            seldom.append(verdict)
+    assert seldom.count(Verdict.TAKEN) == len(seldom)
+
+
+def test_late_points_that_agree_can_confirm_a_jump():
+    estimator = fed(lambda t: (2.0, 0.0, 0.0))
+    start = estimator.estimate.stamp
+    estimator.add(start + 0.2, Sight(0.0, 0.0, 2.0), start + 0.2)
+    verdicts = [
+        estimator.add(start + ago, Sight(0.5, 0.0, 2.0), start + 0.21) for ago in (0.18, 0.1, 0.02)
+    ]
+    assert verdicts[0] is Verdict.JUMP
+    assert Verdict.NEW_TARGET in verdicts
+
+
+@pytest.mark.parametrize("frequency", [0.0, 0.2, 0.5, 1.0])
+def test_stated_deviations_are_those_of_the_predictions(frequency):
+    rnd, estimator = random.Random(7), TargetEstimator(EstimatorParameters())
+    estimator.horizon = ahead = 0.17
+    path = lambda t: swing(t, frequency)  # noqa: E731
+    squares = []
+    for k in range(20 * RATE):
+        t = k / RATE
+        sight = seen(path(t))
+        pan, tilt = sight.pan + rnd.gauss(0.0, 0.002), sight.tilt + rnd.gauss(0.0, 0.002)
+        estimator.add(t, Sight(pan, tilt, 2.0), t)
+        if t > 2.0:
+            there, estimate = seen(path(t + ahead)), estimator.estimate
+            expected = estimate.bearing(t + ahead)
+            for joint in (0, 1):
+                off = expected[joint] - there[joint]
+                squares.append((off / estimate.deviation(joint, t + ahead)) ** 2)
+    assert 0.5 < sum(squares) / len(squares) < 2.0
+    assert estimator.estimate.noise == pytest.approx((0.002, 0.002), rel=0.5)

@@ -1,4 +1,4 @@
-"""The six models against the textbook, one at a time, by matrices; and their mixture."""
+"""Every model against the textbook, by matrices; and their mixture."""
 
 import math
 import random
@@ -7,17 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from head_tracking.tracking.multiple_model import (
-    CALM,
-    OSCILLATORS,
-    RESTLESS,
-    STILL,
-    WALKING,
-    Bearing,
-    Gains,
-    Oscillation,
-    walked,
-)
+from head_tracking.tracking.multiple_model import MODELS, Bearings, Kind, Oscillation, walked
 
 
 def expm(matrix):
@@ -43,11 +33,12 @@ def textbook(order, index, rate, points, times):
     density = np.zeros((order, order))
     density[-1, -1] = index
     generator = chain.copy()
-    if rate:
+    if rate and order == 3:
         generator[2, 1] = -rate * rate
     state = np.zeros(order)
     state[0] = points[0]
-    covariance = np.diag([1.0, 1e6, 1e6][:order])
+    variance = 0.003**2
+    covariance = np.diag([1.0, 0.5**2 / variance, 2.0**2 / variance][:order])
     for dt, z in zip(np.diff(times), points[1:], strict=True):
         f = expm(generator * dt)
         covariance = f @ covariance @ f.T + disturbance(chain, density, dt)
@@ -58,30 +49,28 @@ def textbook(order, index, rate, points, times):
     return state, covariance
 
 
-def fed(times, points, rate=None, receding=0.0, horizon=0.1):
-    """A bearing after all points; with a rate of the swing of its own if none is given."""
-    gains = Gains.seen_once()
-    bearing = Bearing.seen_once(points[0], 0.003, gains)
-    kept = [bearing]
+def fed(times, points, rate=None, receding=0.0, lead=0.1):
+    """What is known after all points; with a rate of the swing of its own if none is given."""
+    tilts = [0.5 * point for point in points]
+    bearings = Bearings.seen_once((points[0], tilts[0]), lead)
+    kept = [bearings]
     for k in range(1, len(points)):
         if rate is not None:
-            bearing = bearing._replace(oscillation=_Fixed(0.0, 0.0, rate))
-        gains = gains.after(times[k] - times[k - 1])
-        index = max(i for i in range(k) if i == 0 or times[i] <= times[k] - horizon)
-        bearing = bearing.after(
+            bearings = bearings._replace(oscillation=_Fixed(0.0, 0.0, rate))
+        index = max(i for i in range(k) if i == 0 or times[i] <= times[k] - lead)
+        bearings = bearings.after(
             times[: k + 1],
-            points[: k + 1],
-            gains,
+            (points[: k + 1], tilts[: k + 1]),
             receding,
             kept[index],
             times[k] - times[index],
         )
-        kept.append(bearing)
-    return bearing, gains
+        kept.append(bearings)
+    return bearings
 
 
 class _Fixed(Oscillation):
-    def after(self, stamps, points, variance):
+    def after(self, stamps, points, variances):
         return self
 
 
@@ -90,23 +79,20 @@ def test_every_model_is_the_textbooks(rate):
     rng = np.random.default_rng(1)
     times = np.cumsum(rng.uniform(0.01, 0.1, 30)).tolist()
     points = rng.normal(size=30).tolist()
-    bearing, gains = fed(times, points, rate)
-    state, covariance = textbook(1, STILL, 0.0, points, times)
-    assert bearing.still == pytest.approx(state[0])
-    assert gains.still == pytest.approx(covariance[0, 0])
-    for index, found, kept in (
-        (CALM, bearing.calm, gains.calm),
-        (RESTLESS, bearing.restless, gains.restless),
-    ):
-        state, covariance = textbook(2, index, 0.0, points, times)
-        assert found == pytest.approx(state, rel=1e-6, abs=1e-6)
-        assert kept == pytest.approx(covariance[np.triu_indices(2)], rel=1e-5, abs=1e-6)
-    _, covariance = textbook(2, WALKING, 0.0, points, times)
-    assert gains.walking == pytest.approx(covariance[np.triu_indices(2)], rel=1e-5, abs=1e-6)
-    for index, found in zip(OSCILLATORS, bearing.oscillators, strict=True):
-        state, covariance = textbook(3, index, rate, points, times)
-        assert found[:3] == pytest.approx(state, rel=1e-5, abs=1e-5)
-        assert found.covariance == pytest.approx(covariance[np.triu_indices(3)], rel=1e-4, abs=1e-6)
+    bearings = fed(times, points, rate)
+    pan, tilt = bearings.joints
+    for m, model in enumerate(MODELS):
+        state, covariance = textbook(model.order, model.density, rate, points, times)
+        whole = np.zeros((3, 3))
+        whole[: model.order, : model.order] = covariance
+        known = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+        expected = [whole[i, j] for i, j in known]
+        assert bearings.covariances[m] == pytest.approx(expected, rel=1e-4, abs=1e-6)
+        if model.kind is not Kind.WALKING:
+            found = pan.states[m][: model.order]
+            assert found == pytest.approx(state, rel=1e-5, abs=1e-5)
+            halves = [0.5 * number for number in found]
+            assert tilt.states[m][: model.order] == pytest.approx(halves, rel=1e-5, abs=1e-5)
 
 
 def test_who_walks_straight_on_is_where_the_walking_model_expects():
@@ -134,19 +120,20 @@ def test_weights_add_up_and_the_mixture_is_finite_whatever_comes(noise):
     for _ in range(200):
         times.append(times[-1] + rng.choice((1e-4, 0.01, 0.03, 0.4)))
         points.append(points[-1] + rng.gauss(0.0, noise) + rng.choice((0.0, 0.0, 0.0, 0.3)))
-    bearing, _ = fed(times, points)
-    assert sum(bearing.weights) == pytest.approx(1.0)
-    assert all(map(math.isfinite, (*bearing.motion, *bearing.scores, *bearing.certainty)))
-    assert bearing.certainty[0] >= 0.0
+    for bearing in fed(times, points).joints:
+        assert sum(bearing.weights) == pytest.approx(1.0)
+        assert all(map(math.isfinite, (*bearing.motion, *bearing.scores, *bearing.certainty)))
+        assert bearing.certainty[0] >= 0.0
 
 
 def learned(path, seconds=4.0, noise=0.0, times=None):
     rng = random.Random(1)
-    oscillation, stamps, points = Oscillation(0.0, 0.0, 0.0), [], []
+    oscillation, stamps, points = Oscillation(), [], []
     for t in np.arange(0.0, seconds, 1 / 30).tolist() if times is None else times:
         stamps.append(t)
         points.append(path(t) + rng.gauss(0.0, noise))
-        oscillation = oscillation.after(stamps, points, max(noise, 1e-6) ** 2)
+        variances = [max(noise, 1e-6) ** 2] * 2
+        oscillation = oscillation.after(stamps, (points, points), variances)
     return oscillation.rate
 
 
@@ -176,7 +163,7 @@ def test_what_stands_still_or_moves_straight_does_not_swing():
 def test_the_motion_goes_on_as_its_parts_say():
     times = [k / 30 for k in range(90)]
     points = [0.4 * math.sin(3.0 * t) for t in times]
-    bearing, _ = fed(times, points)
+    bearing, _ = fed(times, points).joints
     ahead = [bearing.motion.after(0.02 * k) for k in range(10)]
     for (before, _), (after, speed) in pairwise(ahead):
         assert (after - before) / 0.02 == pytest.approx(speed, abs=0.1)

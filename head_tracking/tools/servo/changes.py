@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Final
 
 from head_tracking.dynamixel.control_table import Memory, Register
-from head_tracking.dynamixel.exceptions import DynamixelError
-from head_tracking.dynamixel.models import MODELS, ServoModel
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    DynamixelError,
+    PositionError,
+    ServoError,
+)
+from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
@@ -168,9 +175,21 @@ def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> i
 
 
 def _relax_all(port: DynamixelPort) -> None:
-    registers = {(model.protocol, model.control_table["Torque Enable"].address) for model in MODELS}
-    for protocol, address in sorted(registers):
+    """Switch torque off by broadcast, and one by one where a broadcast would hit other registers.
+
+    In protocol 2.0, Torque Enable of an XL-320 is at 24, where X servos have their Moving
+    Threshold; an XL-320 has nothing at 64, where theirs is.
+    """
+    ax_address, x_address = (
+        servo_model(name).control_table["Torque Enable"].address for name in ("AX-12", "XM430-W350")
+    )
+    for protocol, address in ((1, ax_address), (2, x_address)):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
+    for servo_id, (number, _) in port.find_all().items():
+        with suppress(ConfigurationError, CommunicationError, ServoError):
+            model = servo_model_by_number(number)
+            if model.control_table["Torque Enable"].address != x_address:
+                Servo(port, servo_id, model).set_torque(False)
 
 
 def _check_torque(link: Servo) -> None:
@@ -265,8 +284,12 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             "first"
         )
     low, high = (link.get(name) for name in link.model.position_limits)
-    # A relaxed X servo counts turns; torque on ends that.
-    stands = link.calibration.fold(link.get("Present Position"))
+    link.range = (low, high)
+    stands = link.get("Present Position")
+    try:
+        link.require_straight_path(stands)
+    except PositionError as refusal:
+        raise RefusedError(f"{refusal}, or cycle its power") from refusal
     outside = not low <= stands <= high
     if outside:
         workshop.terminal.confirm(
@@ -274,8 +297,7 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             f"on it creeps to {max(low, min(high, stands))}. Switch it on?"
         )
     try:
-        link.range = (low, high)
-        goal = run(link.pin())
+        goal = run(link.pin((low, high)))
     except DynamixelError as error:
         raise ToolError(f"servo {link.id} does not switch its torque on: {error}") from error
     speed = _speed_register(link)

@@ -6,12 +6,11 @@ import xml.etree.ElementTree as ET
 import pytest
 import xacro
 from rclpy.qos import qos_profile_sensor_data
-from robot_under_test import wait_for
+from rig import JOINTS
 from sensor_msgs.msg import JointState
+from waiting import wait_for
 
 from head_tracking.share import share_directory
-
-JOINTS = ["head_pan_joint", "head_tilt_joint"]
 
 
 def described(tmp_path, arguments=""):
@@ -96,27 +95,25 @@ def test_the_snippet_takes_other_names(tmp_path):
     assert float(said["trigger_joint_command_threshold"]) == 0.01
 
 
-def test_the_servo_bus_speaks_as_the_plugin_does(make_robot, tmp_path):
-    robot = make_robot("--mode", "point", "--without", "head")
-    system = JointStateTopicSystem(robot.node, described(tmp_path))
+def test_the_servo_bus_speaks_as_the_plugin_does(bench, tmp_path):
+    person, servos = bench.person, bench.servos
+    bench.run("--without", "head", "--without", "joint_state_publisher", "--allow-others")
+    system = JointStateTopicSystem(person.node, described(tmp_path))
     wait_for(lambda: set(JOINTS) <= system.states.keys())
-    assert [joint for joint in system.commands] == JOINTS
-    before = robot.at_rest()
+    assert tuple(system.commands) == JOINTS
     wait_for(lambda: system.sent > 20)
-    robot.logged("joint_commands refused")  # no controller is active: nan
-    assert robot.at_rest() == pytest.approx(before, abs=1e-3)
-    assert robot.composition.nodes["servo_bus"]._buses.torque(JOINTS[0]).name != "ON"
+    person.complaint("servo_bus", "nan")  # no controller is active
+    assert servos.torque == [0, 0]
+    assert servos.true == (0.0, 0.0)
     system.activate()
     system.commands.update(head_pan_joint=0.4, head_tilt_joint=-0.2)
-    wait_for(lambda: abs(system.states["head_pan_joint"] - 0.4) < 0.012)
-    wait_for(lambda: abs(system.states["head_tilt_joint"] + 0.2) < 0.012)
-    owners = robot.composition.loop.owners.of(JOINTS)
-    assert set(owners.values()) == {"somebody"}
-    wait_for(lambda: robot.call("stop").success)
+    wait_for(lambda: servos.true == pytest.approx((0.4, -0.2), abs=0.012))
+    assert set(person.owners.values()) == {"somebody"}
+    assert person.call("stop").success
     system.commands.update(head_pan_joint=-0.4)
-    stopped = robot.at_rest()
+    stopped = servos.at_rest()
     sent = system.sent
     wait_for(lambda: system.sent > sent + 30)
-    assert robot.at_rest() == pytest.approx(stopped, abs=0.012)
-    assert robot.call("resume").success
+    assert servos.at_rest() == pytest.approx(stopped, abs=0.012)
+    assert person.call("resume").success
     wait_for(lambda: abs(system.states["head_pan_joint"] + 0.4) < 0.012)

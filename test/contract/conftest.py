@@ -1,0 +1,39 @@
+"""Tests of what users meet: executables, ROS names, exit codes, closed-loop figures.
+
+They import nothing of the package but its public Python API and the simulated servos.
+"""
+
+import os
+
+# what is killed leaves shared memory files behind
+os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from rig import Bench
+
+
+@pytest.fixture(autouse=True, scope="module")
+def discovery() -> Iterator[None]:
+    """Other tests of this process may have switched the discovery of other processes off."""
+    before = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    yield
+    os.environ.pop("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    if before is not None:
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = before
+
+
+@pytest.fixture
+def bench(tmp_path) -> Iterator[Bench]:
+    with closing(Bench(tmp_path)) as bench:
+        yield bench
+
+
+@pytest.fixture(scope="module")
+def module_bench(tmp_path_factory) -> Iterator[Bench]:
+    """The same for all tests of a file, for what takes long to start."""
+    with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
+        yield bench

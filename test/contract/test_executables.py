@@ -1,0 +1,96 @@
+"""Every executable: its name, its help, and the exit code of a mistake."""
+
+import signal
+
+import pytest
+from rig import assert_described, executables
+
+NODES = {
+    "servo_bus", "joint_state_publisher", "robot_state_publisher", "head_tracker", "point_head",
+    "fictitious_target", "frame_target", "target_mux", "visual_target", "detection_target",
+    "simulated_camera", "viewer", "recorder",
+}  # fmt: skip
+PROGRAMS = {
+    "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
+    "head_setup", "servo", "doctor",
+}  # fmt: skip
+
+
+def test_executables_keep_their_names():
+    assert executables().keys() == NODES | PROGRAMS
+
+
+@pytest.mark.parametrize("name", sorted(PROGRAMS - {"relax"}))
+def test_a_program_has_help(bench, name):
+    program = bench.start(name, "--help")
+    assert program.end() == 0, program.output
+    assert program.output.startswith(f"usage: {name}")
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("head_tracking --simm", 2),
+        ("head_tracking --sim --port /dev/ttyUSB0", 2),
+        ("head_tracking --sim --mode dance", 2),
+        ("head_tracking --sim --target somewhere", 2),
+        ("head_tracking --sim --target 1,2@base_link", 2),
+        ("head_tracking --sim --target 1,nan,2@base_link", 2),
+        ("head_tracking --sim --duration -1", 2),
+        ("head_tracking --sim --params nothing.yaml", 2),
+        ("head_tracking --sim --without servo_bus", 2),
+        ("head_tracking --reverse head_pan_joint", 2),
+        ("head_tracking --sim --robot nobot", 1),
+        ("head_tracking --port /dev/ttyNOT0", 1),
+        ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1),
+        ("servo_bus --ros-args -p update_rate:=0.0", 1),
+        ("servo_bus --ros-args -p update_rate:=fast", 1),
+        ("servo_bus --ros-args -p head_pan_controller.motor.max:=1024", 1),
+        ("servo_bus --ros-args -p head_pan_controller.motor.init:=2000", 1),
+        ("servo_bus --ros-args -p head_tilt_controller.motor.id:=1", 1),
+        ("servo_bus --ros-args -p dynamixels:=[head_pan,head_roll]", 1),
+        ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1),
+        ("head_tracker --ros-args -p law:=magic", 1),
+        ("transforms", 2),
+        ("transforms echo a", 2),
+        ("transforms echo a b --rate 0", 2),
+        ("transforms tree --wait 0.3", 1),
+        ("look", 2),
+        ("look 1 2", 2),
+        ("look 1 2 3", 2),
+        ("look --centre --frame a", 2),
+        ("look 1 x 2 --frame a", 2),
+        ("look 1 1 0.5 --frame base_link --wait 0.3", 1),
+        ("relax", 1),
+        ("check_model nobot", 1),
+        ("track_report --duration 0", 2),
+        ("track_report --output /nowhere/picture.svg", 2),
+        ("servo --port /dev/ttyNOT0 info", 2),
+        ("servo --port /dev/ttyNOT0 info 1", 1),
+        ("doctor --nonsense", 3),
+        ("simulated_bus --ids 1 1 300", 2),
+        ("head_setup", 2),
+    ],
+)
+def test_a_mistake_has_its_exit_code_and_no_traceback(bench, words, code):
+    program = bench.start(*words.split())
+    assert program.end() == code, program.output
+    assert program.output
+    assert "Traceback" not in program.output
+
+
+def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
+    names = NODES - {"servo_bus", "viewer", "recorder"}
+    nodes = {name: bench.start(name) for name in names}
+    for name in names:
+        bench.person.wait_for_node(name)
+        assert_described(bench.person, name)
+    for node in nodes.values():
+        assert node.end(signal.SIGINT) == 0, node.output
+        assert "Traceback" not in node.output
+
+
+def test_check_model_prints_the_tree(bench):
+    program = bench.start("check_model", "kinectbot")
+    assert program.end() == 0
+    assert "head_pan_link" in program.output

@@ -1,0 +1,206 @@
+"""The servo bus: joints by commands, by hand and by services; what is refused moves nothing."""
+
+import math
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rig import DEGREE, JOINTS, TICK
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from waiting import wait_for
+
+PAN, TILT = "head_pan_controller", "head_tilt_controller"
+
+
+@pytest.fixture(scope="module")
+def running(module_bench):
+    bench = module_bench
+    bench.program = bench.run("--without", "head")
+    bench.person.wait_for_joints()
+    return bench
+
+
+@pytest.fixture
+def bench(running):
+    """The servos hold at the centre."""
+    person = running.person
+    for servo in (1, 2):
+        running.servos.port.push(servo, 0.0)
+    assert person.call("torque_enable", True).success
+    for controller in (PAN, TILT):
+        person.publish(f"{controller}/speed", Float64(data=3.0))
+
+    def centred():  # (another sender's claim may have to end first)
+        for controller in (PAN, TILT):
+            person.command(controller, 0.0)
+        return person.looks_at(0.0, 0.0)
+
+    wait_for(centred)
+    running.servos.at_rest()
+    person.log.clear()
+    return running
+
+
+@pytest.fixture
+def person(bench):
+    return bench.person
+
+
+def joint_commands(*positions, names=JOINTS, velocities=()):
+    return JointState(name=list(names), position=list(positions), velocity=list(velocities))
+
+
+def test_a_command_moves_one_joint_there_and_all_agree_where_it_is(bench, person):
+    person.command(PAN, 0.5)
+    wait_for(lambda: abs(person.pan - 0.5) < DEGREE)
+    pan, tilt = bench.servos.at_rest()
+    assert pan == pytest.approx(0.5, abs=DEGREE)
+    assert tilt == pytest.approx(0.0, abs=DEGREE)
+    states = person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    assert dict(zip(states[-1].name, states[-1].position, strict=True)) == pytest.approx(
+        {JOINTS[0]: pan, JOINTS[1]: tilt}, abs=2 * TICK
+    )
+    assert len(states[-1].velocity) == len(states[-1].effort) == 2
+
+
+def test_the_speed_can_be_set(person):
+    states = person.hear("servo_states", JointState)
+    person.publish(f"{PAN}/speed", Float64(data=0.5))
+    states.clear()
+    person.command(PAN, 1.0)
+    wait_for(lambda: abs(person.pan - 1.0) < DEGREE)
+    velocities = [abs(state.velocity[0]) for state in states if len(state.name) == 2]
+    assert 0.4 < max(velocities) < 0.65
+
+
+def test_a_relaxed_joint_is_turned_by_hand_and_does_not_jump_back(bench, person):
+    assert person.call(f"{PAN}/torque_enable", False).success
+    assert bench.servos.torque == [0, 1]
+    bench.servos.turn_by_hand(1, -0.7)
+    wait_for(lambda: abs(person.pan + 0.7) < 3 * DEGREE)
+    onward = joint_commands(1.0, names=JOINTS[:1])
+    person.complaint("servo_bus", JOINTS[0], of=lambda: person.publish("joint_commands", onward))
+    before, _ = bench.servos.at_rest()
+    assert person.call(f"{PAN}/torque_enable", True).success
+    assert bench.servos.torque == [1, 1]
+    assert bench.servos.at_rest()[0] == pytest.approx(before, abs=DEGREE)
+
+
+def test_torque_holds_against_the_hand(bench):
+    bench.servos.turn_by_hand(1, -0.7)
+    time.sleep(0.7)
+    assert bench.servos.at_rest()[0] == pytest.approx(0.0, abs=6 * DEGREE)
+
+
+def test_relax_switches_all_torque_off_until_torque_enable(bench, person):
+    assert person.call("relax").success
+    assert bench.servos.torque == [0, 0]
+    before = bench.servos.at_rest()
+    onward = joint_commands(0.5, 0.5)
+    person.complaint("servo_bus", JOINTS[0], of=lambda: person.publish("joint_commands", onward))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.01)
+    assert bench.servos.torque == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        *[(f"{PAN}/command", Float64(data=bad)) for bad in (2.7, -3.0, math.nan, math.inf)],
+        *[(f"{PAN}/speed", Float64(data=bad)) for bad in (0.0, -1.0, math.nan)],
+        ("joint_commands", joint_commands(0.5, 0.5, names=JOINTS[:1])),
+        ("joint_commands", joint_commands(names=JOINTS[:1])),
+        ("joint_commands", joint_commands(0.5, names=())),
+        ("joint_commands", joint_commands(0.5, names=["nose_joint"])),
+        ("joint_commands", joint_commands(0.5, math.nan)),
+        ("joint_commands", joint_commands(0.5, names=JOINTS[:1], velocities=[0.0])),
+    ],
+)
+def test_what_is_not_allowed_is_refused_with_an_error_and_nothing_moves(
+    bench, person, topic, message
+):
+    before = bench.servos.true
+    person.complaint("servo_bus", of=lambda: person.publish(topic, message))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
+
+
+def test_a_stream_of_commands_is_clamped_to_the_limits(bench, person):
+    person.publish("joint_commands", joint_commands(3.0, names=JOINTS[1:]))
+    wait_for(lambda: abs(person.tilt - 288 * TICK) < DEGREE)
+    assert bench.servos.register(2, "Goal Position") == 800
+
+
+def test_an_overloaded_servo_is_reported_and_recovered(bench, person):
+    diagnostics = person.hear("/diagnostics", DiagnosticArray)
+    bench.servos.port.use(lambda bus: bus[1].overload())
+
+    def level():
+        entries = {s.name: s.level for message in diagnostics for s in message.status}
+        return entries.get(f"servo_bus: {JOINTS[0]}")
+
+    wait_for(lambda: level() == DiagnosticStatus.ERROR)
+    assert bench.servos.torque[0] == 0
+    assert person.call("recover").success
+    assert bench.servos.register(1, "Torque Limit") == 1023
+    person.command(PAN, -0.2)
+    wait_for(lambda: abs(person.pan + 0.2) < DEGREE)
+    wait_for(lambda: level() == DiagnosticStatus.OK)
+    assert person.call(f"{PAN}/recover").success
+
+
+def test_one_joint_is_stopped_and_started_without_the_other(bench, person):
+    person.command(TILT, 0.2)
+    assert person.call(f"{PAN}/stop").success
+    heard = person.joint_stamps[JOINTS[0]]
+    wait_for(lambda: abs(person.tilt - 0.2) < DEGREE)
+    assert person.joint_stamps[JOINTS[0]] <= heard + 0.1
+    person.complaint("servo_bus", PAN, of=lambda: person.command(PAN, 0.3))
+    for service in ("start", "restart"):
+        assert person.call(f"{PAN}/{service}").success
+    person.command(PAN, 0.3)
+    wait_for(lambda: abs(person.pan - 0.3) < DEGREE)
+
+
+def test_limits_change_while_the_head_runs_and_nonsense_is_refused(person):
+    assert person.set("servo_bus", f"{PAN}.motor.max", 600).successful
+    person.complaint("servo_bus", JOINTS[0], of=lambda: person.command(PAN, 0.9))
+    for name, bad in (("motor.max", 2000), ("max_speed", 50.0), ("joint_speed", "fast")):
+        refused = person.set("servo_bus", f"{PAN}.{name}", bad)
+        assert not refused.successful
+        assert refused.reason
+    assert person.set("servo_bus", f"{PAN}.motor.max", 1023).successful
+    person.command(PAN, 0.9)
+    wait_for(lambda: abs(person.pan - 0.9) < DEGREE)
+
+
+def test_the_servos_memory_is_written_on_request_and_only_while_relaxed(bench, person):
+    assert not person.call("servo_bus/write_eeprom").success
+    assert bench.servos.register(2, "CCW Angle Limit") == 1023
+    assert person.call("relax").success
+    assert person.call("servo_bus/write_eeprom").success
+    assert bench.servos.register(2, "CCW Angle Limit") == 800
+    assert person.call("servo_bus/write_eeprom").success
+
+
+def test_commands_of_another_sender_wait_until_the_first_ends(person):
+    def owned(sender, pan):
+        message = joint_commands(pan, names=JOINTS[:1])
+        message.header.frame_id = sender
+        person.publish("joint_commands", message)
+        return person.owners[JOINTS[0]] == sender
+
+    wait_for(lambda: owned("/first", 0.1))
+    assert not owned("/second", 0.4)
+    person.complaint("servo_bus", "/first")
+    wait_for(lambda: owned("/second", 0.4))
+    wait_for(lambda: abs(person.pan - 0.4) < DEGREE)
+
+
+def test_an_adapter_that_is_plugged_in_again_is_found(bench, person):
+    bench.servos.port.unplug()
+    heard = wait_for(lambda: person.joint_stamps[JOINTS[0]])
+    bench.servos.port.replug()
+    wait_for(lambda: person.joint_stamps[JOINTS[0]] > heard + 0.5)
+    person.command(PAN, 0.3)
+    wait_for(lambda: abs(person.pan - 0.3) < DEGREE)

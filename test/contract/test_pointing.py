@@ -1,0 +1,200 @@
+"""point_head: a target is looked at once, exactly, or refused; what the head says of it."""
+
+import math
+
+import pytest
+from builtin_interfaces.msg import Time
+from rig import DEGREE, JOINTS
+from std_msgs.msg import Float64
+from waiting import wait_for
+
+AHEAD = (3.0, 0.0, 0.4)  # in base_link
+ROUGH = 2 * DEGREE
+
+
+def pan_to(x: float, y: float) -> float:
+    return math.atan2(y, x - 0.0115)  # where Kinectbot's pan axis is
+
+
+@pytest.fixture(scope="module")
+def running(module_bench):
+    bench = module_bench
+    bench.program = bench.run("--mode", "point")
+    bench.person.wait_for_joints()
+    bench.person.wait_for_node("point_head")
+    return bench
+
+
+@pytest.fixture
+def bench(running):
+    """The head looks ahead."""
+    person = running.person
+    running.servos.port.push(1, 0.0)
+    assert person.call("torque_enable", True).success
+    assert person.set("point_head", "max_velocity", 5.0).successful
+    assert person.call("point_head/enable", True).success
+    assert wait_for(lambda: person.call("point_head/recenter").success)
+    wait_for(lambda: person.looks_at(0.0, 0.0))
+    running.servos.at_rest()
+    person.log.clear()
+    return running
+
+
+@pytest.fixture
+def person(bench):
+    return bench.person
+
+
+def test_a_target_is_looked_at_and_the_miss_is_published(bench, person):
+    misses = person.hear("point_head/pointing_error", Float64)
+    person.look_at(1, 1, 0)
+    wait_for(lambda: person.state("point_head") == "arrived")
+    pan, tilt = bench.servos.at_rest()
+    assert pan == pytest.approx(pan_to(1, 1), abs=DEGREE)
+    assert 0.2 < tilt < 0.5
+    wait_for(lambda: misses[-1].data < 1.2 * DEGREE)
+    person.look_at(1, 1, 0, "torso_link")
+    wait_for(lambda: person.tilt < tilt - 5 * DEGREE)
+    assert 0.0 < bench.servos.at_rest()[1] < tilt
+
+
+@pytest.mark.parametrize("start", [(1, 3, 0), (-1, -2, 0.8)])
+def test_a_far_target_in_the_pan_links_frame_centres_the_head(person, start):
+    person.look_at(*start)
+    wait_for(lambda: abs(person.pan - pan_to(*start[:2])) < ROUGH)
+    person.look_at(100, 0, 0, "head_pan_link")
+    wait_for(lambda: person.looks_at(0.0, 0.0))
+
+
+def test_a_target_above_the_axis_sent_again_and_again_raises_the_head(bench, person):
+    """Each step is less than half a tick of the servo, as the tutorial has it."""
+    _, before = bench.servos.at_rest()
+    for _ in range(12):
+        unstamped = person.point(5, 0, 0.01, "head_link")  # as by `ros2 topic pub`
+        unstamped.header.stamp = Time()
+        person.publish("target_point", unstamped)
+        _, tilt = bench.servos.at_rest()
+    assert tilt - before == pytest.approx(-12 * math.atan2(0.01, 4.91), abs=0.6 * DEGREE)
+
+
+@pytest.mark.parametrize(
+    ("target", "fact"),
+    [
+        ((1, 0, 0, "nose_link"), "nose_link"),
+        ((1, 0, 0, ""), "frame"),
+        ((math.nan, 0, 0, "base_link"), "nan"),
+        ((1, math.inf, 0, "base_link"), "inf"),
+        ((-2, 0, 0.1, "head_pan_link"), JOINTS[0]),
+        ((0.0115, 0, 3, "head_pan_link"), "pan"),
+        ((0.0, 0, 0, "camera_link"), "camera_link"),
+    ],
+)
+def test_a_target_that_cannot_be_looked_at_is_refused_and_nothing_moves(
+    bench, person, target, fact
+):
+    before = bench.servos.true
+    person.complaint("point_head", fact, of=lambda: person.look_at(*target))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
+
+
+def test_a_head_that_is_held_does_not_say_that_it_arrived(bench, person):
+    bench.servos.port.push(1, 3.0)  # twice what the servo can stand against
+    person.look_at(1, -0.3, 0, "head_pan_link")
+    person.complaint("point_head")
+    assert person.state("point_head") != "arrived"
+
+
+def test_the_speed_can_be_lowered_while_it_runs(person):
+    refused = person.set("point_head", "max_velocity", -1.0)
+    assert not refused.successful
+    assert "max_velocity" in refused.reason
+    assert person.set("point_head", "max_velocity", 0.4).successful
+    pans = []
+    person.look_at(1, 1, 0)
+
+    def there():
+        pans.append((person.joint_stamps[JOINTS[0]], person.pan))
+        return abs(person.pan - pan_to(1, 1)) < DEGREE
+
+    wait_for(there)
+    (t0, p0), (t1, p1) = ((t, p) for t, p in (pans[0], pans[-1]))
+    assert (p1 - p0) / (t1 - t0) < 0.5
+
+
+def test_switched_off_it_takes_no_target_and_lets_others_command(bench, person):
+    assert set(person.owners.values()) == {"/point_head"}
+    person.complaint(
+        "servo_bus", "/point_head", of=lambda: person.command("head_pan_controller", 0.5)
+    )
+    assert person.call("point_head/enable", False).success
+    wait_for(lambda: person.state("point_head") == "disabled")
+    assert not person.call("point_head/recenter").success
+    person.look_at(1, -1, 0)
+    person.command("head_pan_controller", 0.5)
+    wait_for(lambda: abs(person.pan - 0.5) < DEGREE)
+    assert bench.servos.at_rest()[0] == pytest.approx(0.5, abs=DEGREE)
+
+
+def test_relaxed_it_stays_where_it_is_whatever_is_asked(bench, person):
+    assert person.call("relax").success
+    before = bench.servos.at_rest()
+    person.complaint("", of=lambda: person.look_at(1, -1, 0))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.01)
+
+
+def test_the_frames_can_be_printed(person):
+    tree = person.call("robot_state_publisher/frames").message.split()
+    assert tree[0] == "world"
+    assert {"base_link", "torso_link", "camera_optical_frame"} <= set(tree)
+
+
+def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
+    for words in ("1,1,0.5@base_link", "1 1 0.4 --frame base_link"):
+        look = bench.start("look", *words.split())
+        assert look.end() == 0, look.output
+        assert person.pan == pytest.approx(pan_to(1, 1), abs=ROUGH)
+    look = bench.start("look", "--centre")
+    assert look.end() == 0, look.output
+    assert person.looks_at(0.0, 0.0)
+    for words in ("-1 0 0.45 --frame base_link", "--frame nose", "1 1 0 --frame base_link -t 1"):
+        if words.endswith("1"):
+            assert person.call("relax").success
+        look = bench.start("look", *words.replace("-t", "--timeout").split())
+        assert look.end() == 1, look.output
+    assert person.looks_at(0.0, 0.0)
+
+
+def test_transforms_of_the_running_head(bench):
+    echo = bench.start(
+        "transforms", "echo", "base_link", "torso_link", "--rate", "20", "--count", "2"
+    )
+    unknown = bench.start("transforms", "echo", "base_link", "nose", "--rate", "20")
+    tree, check = bench.start("transforms", "tree"), bench.start("transforms", "check")
+    assert echo.end() == 0, echo.output
+    assert echo.output.count("Translation: [") == 2
+    assert unknown.end() == 1
+    assert "nose" in unknown.last_line
+    assert tree.end() == 0, tree.output
+    assert tree.output.startswith("world")
+    assert any("Hz" in line and JOINTS[0] in line for line in tree.output.splitlines())
+    assert check.end() == 0, check.output
+
+
+def test_relax_and_doctor_and_servo_beside_a_running_head(bench, person):
+    person.look_at(1, 1, 0)
+    wait_for(lambda: bench.servos.torque == [1, 1])
+    relax = bench.start("relax")
+    assert relax.end() == 0, relax.output
+    assert bench.servos.torque == [0, 0]
+    for program in (
+        bench.start("servo", "--port", bench.servos.name, "info", "1"),
+        bench.start("servo_bus", "--ros-args", "-p", f"port_name:={bench.servos.name}"),
+    ):
+        assert program.end() == 1, program.output  # the port is in use
+        assert "Traceback" not in program.output
+    doctor = bench.start("doctor", "--port", bench.servos.name, "--listen", "3")
+    code = doctor.end()
+    reds = [line.split()[1] for line in doctor.output.splitlines() if line.startswith("red")]
+    assert set(reds) <= {"processor"}, doctor.output  # other tests may keep that busy
+    assert code in ((2,) if reds else (0, 1))
+    assert bench.servos.torque == [0, 0]

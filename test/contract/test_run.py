@@ -1,0 +1,298 @@
+"""A run: its options, its parameters, how it ends, and what its servos see of that."""
+
+import os
+import re
+import signal
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from rig import JOINTS, SOURCE
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from terminal import Terminal
+from waiting import wait_for
+
+X_SERVOS = """
+servo_bus:
+  ros__parameters:
+    head_pan_controller: {motor: {id: 6}}
+    head_tilt_controller: {motor: {id: 7}}
+"""
+
+
+def params(bench, text):
+    file = bench.folder / "params.yaml"
+    file.write_text(text)
+    return str(file)
+
+
+def moves(bench):
+    wait_for(lambda: bench.servos.torque == [1, 1])
+
+
+# options
+
+
+def test_a_run_ends_by_itself_with_what_it_did(bench):
+    run = bench.start(
+        "head_tracking", "--sim", "--duration", "4", "--params", params(bench, X_SERVOS)
+    )
+    person = bench.person
+    person.wait_for_joints()
+    assert run.end() == 0, run.output
+    assert "6, 7" in run.output
+    assert re.search(r"[\d.]+° rms, [\d.]+° max .*; \d+ bus cycles, \d+ faults", run.last_line)
+
+
+@pytest.mark.parametrize(
+    ("text", "fact"),
+    [
+        ("servo_bus:\n  ros__parameters: [\n", "params.yaml"),
+        ("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n", "updat_rate"),
+    ],
+)
+def test_a_parameter_file_that_is_wrong_ends_the_run_before_anything_moves(bench, text, fact):
+    run = bench.run("--params", params(bench, text), "--target", "fictitious")
+    assert run.end() == 1
+    assert fact in run.last_line
+    assert "Traceback" not in run.output
+    assert bench.servos.true == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "joint"),
+    [
+        ("dynamixels: [head_pan]", "head_tilt_joint"),
+        ("head_pan_controller: {joint_name: neck}", "head_pan_joint"),
+    ],
+)
+def test_a_head_that_lacks_a_joint_waits_and_names_it(bench, text, joint):
+    file = params(bench, f"servo_bus: {{ros__parameters: {{{text}}}}}\n")
+    run = bench.start("head_tracking", "--sim", "--params", file)
+    wait_for(lambda: joint in bench.person.latched("head_tracker/state"))
+    assert bench.person.state("head_tracker") == "idle"
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+@pytest.mark.parametrize(
+    "ros",
+    [("point_head:head_pan_joint:=neck_yaw_joint"), ("point_head:pointing_frame:=torso_link")],
+)
+def test_a_head_that_the_model_does_not_have_is_named_and_nothing_ends(bench, ros):
+    run = bench.start("head_tracking", "--sim", "--mode", "point", "--ros-args", "-p", ros)
+    bench.person.complaint("point_head", ros.partition(":=")[2])
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+def test_what_the_robot_has_already_is_left_out(bench):
+    left_out = ("head", "robot_state_publisher", "joint_state_publisher")
+    words = [word for name in left_out for word in ("--without", name)]
+    run = bench.run(*words, "--target", "none")
+    states = bench.person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    nodes = set(bench.person.node.get_node_names())
+    assert "servo_bus" in nodes
+    assert not nodes & {"head_tracker", *left_out}
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+def test_ros_arguments_remap_and_tune(bench):
+    run = bench.run(
+        "--target",
+        "none",
+        ros=("-p", "servo_bus:update_rate:=40.0", "-r", "servo_states:=measured"),
+    )
+    states = bench.person.hear("measured", JointState)
+    wait_for(lambda: len(states) > 50)
+    assert bench.person.get("servo_bus", "update_rate") == 40.0
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+@pytest.mark.parametrize("world", ["", "map"])
+def test_a_robot_of_ones_own_has_no_world_above_it_unless_one_is_named(bench, kinectbot, world):
+    own = bench.folder / "mine.urdf"
+    own.write_text(kinectbot.urdf)
+    ros = ("--ros-args", "-p", f"robot_state_publisher:world_frame:={world}") if world else ()
+    bench.start("head_tracking", "--sim", "--robot", str(own), "--target", "none", *ros)
+    description = bench.person.latched("robot_description", String)
+    assert "head_pan_joint" in description
+    tree = bench.person.call("robot_state_publisher/frames").message.split()
+    assert tree[0] == (world or "base_link")
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"HOME": None, "ROS_LOG_DIR": None},
+        {"ROS_LOG_DIR": "/proc/none"},
+        {"PYTHONIOENCODING": "ascii"},
+    ],
+    ids=str,
+)
+def test_a_run_goes_on_without_a_log_file_and_in_ascii(bench, environment):
+    run = bench.start("head_tracking", "--sim", "--duration", "0.5", environment=environment)
+    assert run.end() == 0, run.output
+    assert "Traceback" not in run.output
+
+
+def test_a_run_whose_reader_has_gone_or_whose_disk_is_full_goes_on(bench):
+    reader, writer = os.pipe()
+    run = bench.start("head_tracking", "--sim", "--duration", "2", stdout=writer)
+    os.close(writer)
+    os.read(reader, 1)
+    os.close(reader)
+    assert run.end() == 0
+    with open("/dev/full", "w") as full:
+        assert bench.start("head_tracking", "--sim", "--duration", "1", stdout=full).end() == 0
+
+
+# the end
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT], ids=str
+)
+def test_a_signal_stops_and_relaxes_the_head(bench, number):
+    run = bench.run("--target", "smooth")
+    moves(bench)
+    assert run.end(number) == 0, run.output
+    assert bench.servos.torque == [0, 0]
+    bench.servos.at_rest()
+
+
+def test_ctrl_c_that_reaches_all_processes_of_a_run_ends_them_well(bench):
+    run = bench.start(
+        "head_tracking", "--port", bench.servos.name, "--target", "smooth", own_group=True
+    )
+    moves(bench)
+    os.killpg(run.process.pid, signal.SIGINT)
+    assert run.end() == 0, run.output
+    assert "Traceback" not in run.output
+    assert bench.servos.torque == [0, 0]
+
+
+def test_a_run_that_is_ended_while_it_starts_makes_nothing_more(bench):
+    run = bench.run("--target", "smooth")
+    status = Path(f"/proc/{run.process.pid}/status")
+    heard = re.compile(r"SigCgt:\s*(\w+)")
+    wait_for(lambda: int(heard.search(status.read_text())[1], 16) >> (signal.SIGTERM - 1) & 1)
+    assert run.end(signal.SIGTERM) == 0, run.output
+    assert bench.servos.torque == [0, 0]
+
+
+def test_a_killed_run_moves_nothing_any_more_and_the_next_one_takes_over(bench):
+    run = bench.run("--target", "smooth")
+    moves(bench)
+    run.kill()
+    before = bench.servos.at_rest()
+    time.sleep(0.3)
+    assert bench.servos.at_rest() == before
+    following = bench.run("--mode", "point", "--allow-others")
+    bench.person.wait_for_joints()
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.02)
+    assert following.end(signal.SIGINT) == 0, following.output
+    assert bench.servos.torque == [0, 0]
+
+
+@pytest.mark.parametrize("name", ["head_tracking", "servo_bus"])
+def test_a_bus_whose_adapter_has_gone_ends_with_1_and_names_the_joints(bench, name):
+    port = bench.servos.name
+    words = ("--ros-args", "-p", f"port_name:={port}") if name == "servo_bus" else ("--port", port)
+    program = bench.start(name, *words)
+    states = bench.person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    bench.servos.port.unplug()
+    bench.person.complaint("servo_bus")
+    assert program.end(signal.SIGINT) == 1, program.output
+    assert all(joint in program.output for joint in JOINTS)
+    assert "Traceback" not in program.output
+
+
+def test_a_port_whose_name_never_comes_back_ends_the_run(bench):
+    run = bench.start("head_tracking", "--port", os.path.realpath(bench.servos.name))
+    bench.person.wait_for_joints()
+    bench.servos.port.close()
+    assert run.end() == 1
+    assert "servo_bus" in run.last_line
+    assert "Traceback" not in run.output
+
+
+def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
+    first = bench.start("servo_bus", "--ros-args", "-p", f"port_name:={bench.servos.name}")
+    states = bench.person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    second = bench.start("head_tracking", "--port", bench.servos.name, "--allow-others")
+    assert second.end() == 1
+    assert bench.servos.name in second.output
+    assert first.end(signal.SIGINT) == 0, first.output
+    third = bench.run("--params", params(bench, X_SERVOS), "--allow-others")
+    assert third.end() == 1
+    assert bench.servos.name in third.last_line
+    assert "Traceback" not in second.output + third.output
+
+
+# a terminal
+
+
+def test_keys_stop_and_resume_a_run_and_leave_the_terminal_as_it_was(bench, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
+    monkeypatch.chdir(SOURCE)
+    with closing(Terminal()) as terminal:
+        terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth")
+        moves(bench)
+        terminal.type(" ")
+        wait_for(lambda: bench.servos.torque == [0, 0])
+        assert bench.person.stopped
+        terminal.type("x")
+        terminal.type("r")
+        moves(bench)
+        assert not bench.person.stopped
+        terminal.type("\x03")
+        terminal.waits_for(r"bus cycles.*\$ ")
+        assert terminal.is_as_before()
+    assert bench.servos.torque == [0, 0]
+
+
+# other heads
+
+
+def real_head(bench):
+    port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.5")
+    head = bench.start("servo_bus", "--ros-args", *port)
+    bench.person.wait_for_node("servo_bus")
+    return head
+
+
+def test_a_simulated_run_does_not_turn_a_real_head(bench):
+    real = real_head(bench)
+    simulated = bench.start("head_tracking", "--sim")
+    said = simulated.read_until("servo_bus")  # it refuses, or holds if it hears of it late
+    assert "Traceback" not in simulated.output, said
+    time.sleep(2.0)
+    assert bench.servos.torque == [0, 0]
+    assert bench.servos.true == (0.0, 0.0)
+    assert real.end(signal.SIGINT) == 0, real.output
+
+
+def test_a_simulated_run_does_not_turn_a_real_head_that_comes_later(bench):
+    bench.start("head_tracking", "--sim")
+    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
+    real = real_head(bench)
+    time.sleep(3.0)
+    assert bench.servos.torque == [0, 0]
+    assert real.end(signal.SIGINT) == 0, real.output
+
+
+def test_of_two_simulated_runs_the_first_goes_on(bench):
+    first = bench.start("head_tracking", "--sim")
+    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
+    second = bench.start("head_tracking", "--sim")
+    second.read_until("servo_bus")
+    assert bench.person.state("head_tracker") == "tracking"
+    allowed = bench.start("head_tracking", "--sim", "--allow-others", "--duration", "3")
+    assert allowed.end() == 0, allowed.output
+    apart = bench.start("head_tracking", "--sim", "--duration", "3", "--ros-args", "-r", "__ns:=/b")
+    assert apart.end() == 0, apart.output
+    assert first.end(signal.SIGINT) == 0, first.output

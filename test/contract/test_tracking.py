@@ -1,0 +1,191 @@
+"""head_tracker: keeps the head on a moving target; its states, laws, switches and parameters."""
+
+import math
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rig import DEGREE, JOINTS, LATCHED
+from std_msgs.msg import Bool, Float64, String
+from waiting import wait_for
+
+STATES = {
+    "idle", "acquiring", "tracking", "coasting", "holding", "searching", "recentering",
+    "at the limit", "stalled", "cautious", "disabled",
+}  # fmt: skip
+TUNED = ("max_joint_speed", "recenter_timeout", "enable_target_search", "law")
+
+
+@pytest.fixture(scope="module")
+def running(module_bench):
+    bench = module_bench
+    bench.program = bench.run("--target", "none")
+    bench.person.wait_for_joints()
+    bench.usual = {name: bench.person.get("head_tracker", name) for name in TUNED}
+    return bench
+
+
+@pytest.fixture
+def bench(running):
+    """The head looks ahead and waits for a target."""
+    person = running.person
+    running.servos.port.push(1, 0.0)
+    for name, value in running.usual.items():
+        assert person.set("head_tracker", name, value).successful
+    assert person.call("torque_enable", True).success
+    assert person.call("head_tracker/enable", True).success
+    wait_for(lambda: person.call("head_tracker/recenter").success)
+    wait_for(lambda: person.looks_at(0.0, 0.0))
+    person.log.clear()
+    return running
+
+
+@pytest.fixture
+def person(bench):
+    return bench.person
+
+
+def in_state(person, state):
+    return lambda: person.state("head_tracker") == state
+
+
+def test_a_target_is_reached_tracked_and_the_error_published(bench, person):
+    errors = person.hear("head_tracker/tracking_error", Float64)
+    states = person.hear("head_tracker/state", String)
+    person.keep_looking(1, 0.6, 0, lambda: errors and errors[-1].data < 1.5 * DEGREE, "torso_link")
+    person.keep_looking(1, 0.6, 0, in_state(person, "tracking"), "torso_link")
+    assert bench.servos.true[0] == pytest.approx(math.atan2(0.6, 1 - 0.0115), abs=1.5 * DEGREE)
+    assert {state.data.partition(":")[0] for state in states} <= STATES
+    assert set(person.owners.values()) == {"/head_tracker"}
+
+
+def test_a_target_that_goes_away_is_waited_for_where_it_was(bench, person):
+    person.keep_looking(1, 1, 0, lambda: person.pan > 0.4, "torso_link")
+    wait_for(in_state(person, "holding"))
+    before = bench.servos.at_rest()
+    time.sleep(0.3)
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.5 * DEGREE)
+
+
+def test_a_target_out_of_reach_is_called_so(person):
+    person.keep_looking(-2, 0.3, 0, in_state(person, "at the limit"), "torso_link")
+
+
+def test_switched_off_it_stops_at_once_and_gives_the_joints_up(bench, person):
+    person.keep_looking(1, 1.5, 0, lambda: person.pan > 0.2)
+    assert person.call("head_tracker/enable", False).success
+    pan = person.pan
+    rest, tilt = bench.servos.at_rest()
+    assert abs(rest - pan) < 0.3  # it was at several rad/s
+    assert person.latched("head_tracker/enabled", Bool) is False
+    assert person.state("head_tracker") == "disabled"
+    assert set(person.owners.values()) == {""}
+    assert not person.call("head_tracker/recenter").success
+    for _ in range(10):
+        person.look_at(1, -1, 0)
+        time.sleep(0.03)
+    assert bench.servos.at_rest() == pytest.approx((rest, tilt), abs=0.01)
+    assert person.call("head_tracker/enable", True).success
+    person.keep_looking(1, -1, 0, lambda: person.pan < 0.0)
+
+
+def test_after_a_timeout_it_recentres(person):
+    assert person.set("head_tracker", "recenter_timeout", 1.0).successful
+    person.keep_looking(1, 0.5, 0, in_state(person, "tracking"))
+    wait_for(in_state(person, "recentering"))
+    wait_for(in_state(person, "idle"))
+    assert person.looks_at(0.0, 0.0)
+
+
+def test_the_search_is_ended_by_a_target(person):
+    assert person.set("head_tracker", "search_target_timeout", 0.8).successful
+    assert person.set("head_tracker", "default_joint_speed", 1.5).successful
+    assert person.set("head_tracker", "enable_target_search", True).successful
+    person.keep_looking(1, 0.3, 0, in_state(person, "tracking"))
+    wait_for(in_state(person, "searching"))
+    wait_for(lambda: abs(person.pan) > 1.0)
+    person.keep_looking(1, 0.3, 0, in_state(person, "tracking"))
+
+
+def test_laws_are_switched_while_the_head_moves(person):
+    assert person.get("head_tracker", "law") == "predictive"
+    side = 1.0
+    for law in ("speed", "position", "predictive"):
+        assert person.set("head_tracker", "law", law).successful
+        side = -side
+        person.keep_looking(1, side, 0, lambda: person.pan * side > 0.3)  # noqa: B023
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("law", "magic"),
+        ("max_joint_acceleration", 0.0),
+        ("target_timeout", -1.0),
+        ("dead_band", 5.0),
+        ("max_joint_speed", "fast"),
+        ("k_pan", -1.0),
+    ],
+)
+def test_a_bad_value_is_refused_with_its_name_and_changes_nothing(person, name, bad):
+    before = person.get("head_tracker", name)
+    refused = person.set("head_tracker", name, bad)
+    assert not refused.successful
+    assert name in refused.reason
+    assert person.get("head_tracker", name) == before
+
+
+@pytest.mark.parametrize(
+    ("target", "fact"),
+    [((1, -1, 0, "nowhere"), "nowhere"), ((math.nan, 0, 0, "base_link"), ""), ((1, 0, 0, ""), "")],
+)
+def test_what_is_no_target_is_named_and_moves_nothing(bench, person, target, fact):
+    before = bench.servos.true
+    person.complaint("head_tracker", fact, of=lambda: person.look_at(*target))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.5 * DEGREE)
+
+
+@pytest.mark.parametrize(
+    ("service", "data"), [("relax", None), ("head_pan_controller/torque_enable", False)]
+)
+def test_servos_that_were_relaxed_stall_the_head_until_their_torque_is_on(person, service, data):
+    person.keep_looking(1, 0.7, 0, in_state(person, "tracking"), "torso_link")
+    assert person.call(service, data).success
+    person.keep_looking(1, -0.7, 0, in_state(person, "stalled"), "torso_link")
+    assert JOINTS[0] in person.latched("head_tracker/state")
+    assert person.call("torque_enable", True).success
+    person.keep_looking(1, -0.7, 0, in_state(person, "tracking"), "torso_link")
+
+
+def test_diagnostics_have_numbers(person):
+    messages = person.hear("/diagnostics", DiagnosticArray)
+
+    def values():
+        entries = {s.name: s.values for message in messages for s in message.status}
+        return {v.key: v.value for v in entries.get("head_tracker: target", ())}
+
+    person.keep_looking(1, 0.5, 0, in_state(person, "tracking"))
+    messages.clear()
+    person.keep_looking(1, 0.5, 0, values)
+    assert values()["law"] == "predictive"
+    assert sum(value.replace(".", "").isdigit() for value in values().values()) >= 3
+
+
+def test_another_robots_description_is_refused_and_the_head_goes_on(bench, person):
+    person.keep_looking(1, 1, 0, lambda: person.pan > 0.4)
+    publisher = person.node.create_publisher(String, "robot_description", LATCHED)
+    publisher.publish(String(data='<robot name="arm"><link name="shoulder"/></robot>'))
+    person.complaint("head_tracker", JOINTS[0])
+    person.keep_looking(1, -1, 0, lambda: person.pan < -0.4)
+    person.node.destroy_publisher(publisher)
+
+
+def test_track_report_makes_a_table_and_a_picture(bench, person):
+    picture = bench.folder / "picture.svg"
+    report = bench.start("track_report", "--duration", "5", "--output", str(picture))
+    person.keep_looking(1, 0.3, 0, lambda: report.process.poll() is not None)
+    assert report.end() == 0, report.output
+    assert "rms" in report.output
+    assert picture.read_text().startswith("<svg")
+    report = bench.start("track_report", "--duration", "0.5", "--output", str(picture))
+    assert report.end() == 1, report.output  # there was no target

@@ -1,0 +1,124 @@
+"""Two servos on one joint, which a stiff bracket joins: they never push against each other."""
+
+from __future__ import annotations
+
+import pytest
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    Goal,
+    GoalError,
+    JointConfiguration,
+    ServoBus,
+    ServoCalibration,
+    Torque,
+    servo_model,
+)
+from head_tracking.simulation import SimulatedBus, SimulatedServo
+
+PERIOD = 0.02
+APART = 12  # ticks; what accelerating and friction make of a stiff bracket
+MODELS = ["XM430-W350", "MX-28", "AX-12"]
+
+
+class Pair:
+    """A joint with two servos, face to face, and its bus."""
+
+    def __init__(self, name: str) -> None:
+        model = servo_model(name)
+        low, high, last = model.ticks // 4, 3 * model.ticks // 4, model.ticks - 1
+        self.second = ServoCalibration("j", 2, last - model.center, last - low, last - high, model)
+        self.joint = JointConfiguration(
+            "j", "c", 1, model.center, low, high, model=model, second=self.second
+        )
+        servos = [
+            SimulatedServo(1, model),
+            SimulatedServo(2, model, position=float(last - model.center)),
+        ]
+        bus = SimulatedBus(servos)
+        bus.couple(1, 2)
+        self.servos = servos
+        self.bench = Bench(bus)
+        self.bus = ServoBus(
+            self.bench.port,
+            [self.joint],
+            self.bench.now,
+            monotonic=self.bench.now,
+            pause=self.bench.pass_time,
+        )
+        self.bus.connect()
+        self.apart = 0.0
+        self.goals_apart = 0
+
+    def step(self, count: int = 1) -> None:
+        first, second = self.servos
+        for _ in range(count):
+            self.bench.pass_time(PERIOD)
+            self.bus.step()
+            last = first.model.ticks - 1
+            self.apart = max(self.apart, abs(first.true_ticks + second.true_ticks - last))
+            if all(servo.register("Torque Enable") for servo in self.servos):
+                goals = sum(servo.register("Goal Position") for servo in self.servos)
+                self.goals_apart = max(self.goals_apart, abs(goals - last))
+
+    def go(self, share: float) -> None:
+        """Go to a part of the range."""
+        lower, upper = self.joint.lower, self.joint.upper
+        self.bus.command({"j": Goal(lower + share * (upper - lower), 2.0)}, clamp=True)
+        self.step(80)
+
+    @property
+    def position(self) -> float:
+        return self.joint.position(self.servos[0].true_ticks)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_joint_of_two_servos_goes_where_it_is_sent(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    assert pair.position == pytest.approx(
+        pair.joint.position(pair.bus._joints["j"].goal_ticks[0]), abs=0.05
+    )
+    assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_narrowed_limits_move_both_goals(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    ticks = pair.joint.model.ticks
+    pair.bus.set_limits("j", highest=ticks // 2)
+    pair.step(100)
+    assert pair.position == pytest.approx(pair.joint.position(ticks // 2), abs=0.05)
+    assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_torque_comes_on_outside_narrowed_limits_without_tearing(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    pair.bus.run(pair.bus.switching_torque(None, False))
+    ticks = pair.joint.model.ticks
+    pair.bus.set_limits("j", highest=ticks // 2)
+    pair.bus.run(pair.bus.switching_torque(None, True))
+    pair.go(0.1)
+    assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("silent", [1, 2])
+def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
+    pair = Pair("XM430-W350")
+    pair.go(0.6)
+    mute = pair.servos[silent - 1]
+    mute.set_register("ID", 99)
+    pair.step(20)
+    with pytest.raises(GoalError):
+        pair.go(0.2)
+    goals = [servo.register("Goal Position") for servo in pair.servos]
+    pair.step(10)
+    assert [servo.register("Goal Position") for servo in pair.servos] == goals
+    mute.set_register("ID", silent)
+    pair.step(60)
+    pair.go(0.2)
+    assert pair.bus.torque("j") is Torque.ON
+    assert pair.apart < APART and pair.goals_apart < APART

@@ -1,0 +1,149 @@
+"""What is called relaxed is relaxed: at the end of a run, and without a running bus."""
+
+from __future__ import annotations
+
+import pytest
+from dynamixel_fakes import PAN, TILT, FakePort
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    ConfigurationError,
+    DynamixelPort,
+    JointConfiguration,
+    PortMissingError,
+    ServoBus,
+    Torque,
+    TorqueError,
+    relax_servos,
+    servo_model,
+)
+from head_tracking.simulation import SimulatedServo
+
+
+def connected(port: FakePort) -> ServoBus:
+    bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
+    bus.connect()
+    bus.run(bus.switching_torque(None, True))
+    return bus
+
+
+# The end of a run
+
+
+def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    port.servos[1].ignored = {24}  # its cable is out
+    with pytest.raises(TorqueError):
+        bus.run(bus.stopping([PAN.joint_name]))
+    assert bus.close() == (PAN.joint_name,)
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
+
+
+def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.run(bus.stopping([PAN.joint_name]))
+    port.servos[1].answers = False
+    assert bus.torque(PAN.joint_name) is Torque.OFF_STOPPED
+    bus.run(bus.switching_torque(None, False))
+    assert bus.close() == ()
+
+
+def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    with pytest.raises(TorqueError):
+        bus.run(bus.stopping([PAN.joint_name]))
+    port.servos[1].answers = True
+    assert bus.close() == ()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
+def test_no_joint_is_called_relaxed_when_the_adapter_has_gone() -> None:
+    port = FakePort()
+    bus = connected(port)
+    bus.run(bus.stopping([TILT.joint_name]))
+    port.gone = True
+    assert bus.close() == (PAN.joint_name,)
+
+
+@pytest.mark.parametrize("close", [False, True])
+def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
+    model = servo_model("XM430-W350")
+    servo = SimulatedServo(1, model)
+    bench = Bench([servo])
+    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
+    bus.connect()
+    bus.run(bus.switching_torque(None, True))
+    assert servo.register("Bus Watchdog") > 0
+    bus.run(bus.stopping(None))
+    if close:
+        assert bus.close() == ()
+    assert servo.register("Bus Watchdog") == 0
+
+
+# Without a running bus
+
+SERVOS = {1: "AX-12", 2: "XM430-W350", 3: "XL-320", 4: "MX-28"}
+
+
+class Left:
+    """Servos that a dead program has left with torque on."""
+
+    def __init__(self) -> None:
+        self.servos = {i: SimulatedServo(i, servo_model(name)) for i, name in SERVOS.items()}
+        self.bench = Bench(self.servos.values())
+        self.bench.port.open()
+        self.bench.pass_time(0.1)
+        for servo in self.servos.values():
+            servo.set_register("Goal Position", servo.model.center + servo.model.ticks // 5)
+            servo.set_register("Torque Enable", 1)
+        self.bench.port.close()
+
+    def make_port(self, port_name: str, baud_rate: int) -> DynamixelPort:
+        del port_name, baud_rate
+        return self.bench.port
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo.register("Torque Enable") for servo in self.servos.values()]
+
+
+def test_servos_are_relaxed_without_a_bus() -> None:
+    left = Left()
+    before = left.servos[2].register("Moving Threshold")
+    assert relax_servos("x", SERVOS, make_port=left.make_port) == dict.fromkeys(SERVOS, "")
+    assert left.torque == [0, 0, 0, 0]
+    assert left.servos[2].register("Moving Threshold") == before
+
+
+def test_a_servo_that_is_not_there_is_named_and_the_others_are_relaxed() -> None:
+    left = Left()
+    problems = relax_servos("x", {7: "AX-12"} | SERVOS, make_port=left.make_port)
+    assert problems[7] and not any(problems[each] for each in SERVOS)
+    assert left.torque == [0, 0, 0, 0]
+
+
+def test_servos_hold_where_they_stand_without_a_bus() -> None:
+    left = Left()
+    left.servos[2].set_register("Bus Watchdog", 255)  # it tripped when the program died
+    left.servos[4].set_register("Torque Enable", 0)
+    left.bench.pass_time(0.15)
+    assert not any(relax_servos("x", SERVOS, hold=True, make_port=left.make_port).values())
+    assert left.torque == [1, 1, 1, 0]
+    stood = {i: servo.true_ticks for i, servo in left.servos.items()}
+    left.bench.pass_time(3.0)
+    left.bench.bus.advance(left.bench.now())
+    for i, servo in left.servos.items():
+        assert servo.true_ticks == pytest.approx(stood[i], abs=servo.model.ticks / 100)
+
+
+def test_what_cannot_be_relaxed_raises() -> None:
+    with pytest.raises(ConfigurationError):
+        relax_servos("/dev/none", {1: "AX-13"})
+    with pytest.raises(PortMissingError):
+        relax_servos("/dev/none", {1: "AX-12"})

@@ -1,0 +1,240 @@
+"""Torque comes on only where no way to a goal crosses the seam of the encoder's scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from simulated_device import Bench
+
+from head_tracking.dynamixel import (
+    EventKind,
+    Goal,
+    JointConfiguration,
+    ServoBus,
+    ServoCalibration,
+    ServoModeError,
+    ServoModel,
+    Torque,
+    TorqueError,
+    servo_model,
+)
+from head_tracking.simulation import SimulatedServo
+
+PERIOD = 0.02
+SLACK = 25  # ticks by which a motion may overshoot
+
+
+@dataclass(frozen=True)
+class Case:
+    """A joint and where its relaxed shaft is led by hand.
+
+    Attributes:
+        model: Of its servos.
+        low: Lowest tick of the first servo.
+        high: Highest tick of it.
+        zero: Tick of position 0.
+        second: Lowest tick of the second servo, which turns the other way; None: there is none.
+        start: Where the shaft is led, in ticks of the first servo, beyond a turn, too.
+        goals: As parts of the range.
+        reversed: Whether the first servo is mounted the other way round.
+    """
+
+    model: str
+    low: int
+    high: int
+    zero: int
+    second: int | None
+    start: int
+    goals: tuple[float, ...]
+    reversed: bool = False
+
+
+@st.composite
+def cases(draw: st.DrawFn, model: str, pair: bool) -> Case:
+    ticks = servo_model(model).ticks
+    width = draw(st.integers(ticks // 20, ticks - 1))
+    low = draw(st.one_of(st.just(0), st.integers(0, ticks - 1 - width)))
+    low = draw(st.sampled_from([low, ticks - 1 - width]))
+    high = low + width
+    farthest = ticks // 2 - 30 - width // 2  # beyond it, only an X servo knows which turn it is
+    if model.startswith("X"):
+        farthest = ticks * 3 // 4
+    overshoot = draw(st.integers(-width, max(1, farthest)))
+    start = high + overshoot if draw(st.booleans()) else low - overshoot
+    second = draw(st.integers(0, ticks - 1 - width)) if pair else None
+    goals = draw(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=3))
+    zero = draw(st.integers(low, high))
+    return Case(model, low, high, zero, second, start, tuple(goals), draw(st.booleans()))
+
+
+class Rig:
+    """A joint, its servos and its bus in simulated time."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        model = servo_model(case.model)
+        begin = (case.low + case.high) // 2
+        if case.model.startswith("MX"):  # its scale goes round for a hand, too
+            begin = case.start
+        self.servos = [SimulatedServo(1, model, position=float(begin % model.ticks))]
+        second = None
+        if case.second is not None:
+            self.servos.append(SimulatedServo(2, model, position=float(self.other(begin))))
+            ends = (self.other(case.low), self.other(case.high))
+            if case.reversed:
+                ends = ends[::-1]
+            second = ServoCalibration("j", 2, self.other(case.zero), *ends, model)
+        ends = (case.high, case.low) if case.reversed else (case.low, case.high)
+        self.joint = JointConfiguration("j", "c", 1, case.zero, *ends, model=model, second=second)
+        self.bench = Bench(self.servos)
+        self.bus = ServoBus(
+            self.bench.port,
+            [self.joint],
+            self.bench.now,
+            monotonic=self.bench.now,
+            pause=self.bench.pass_time,
+        )
+        self.bus.connect()
+        self.before = self.servos[0].true_ticks
+        self.turned = float(begin)  # ticks of the first servo, beyond a turn, too
+        self.lowest = self.highest = self.turned
+        self.kinds: list[EventKind] = []
+
+    def other(self, tick: int) -> int:
+        """The tick of the second servo at a tick of the first."""
+        assert self.case.second is not None
+        return self.case.second + self.case.high - tick
+
+    def step(self, count: int = 1) -> None:
+        ticks = servo_model(self.case.model).ticks
+        for _ in range(count):
+            self.bench.pass_time(PERIOD)
+            self.kinds += [event.kind for event in self.bus.step().events]
+            now = self.servos[0].true_ticks
+            self.turned += (now - self.before + ticks / 2) % ticks - ticks / 2
+            self.before = now
+            self.lowest, self.highest = (
+                min(self.lowest, self.turned),
+                max(self.highest, self.turned),
+            )
+
+    def lead(self) -> None:
+        """Lead the relaxed shaft by hand."""
+        way = self.case.start - self.turned
+        steps = 1 + int(abs(way) // 1000)
+        for _ in range(steps):
+            for servo, sign in zip(self.servos, (1.0, -1.0), strict=False):
+                servo.lead(servo.true_ticks + sign * way / steps, 0.1, 50.0)
+            self.step(20)
+        self.step(10)
+        self.lowest = self.highest = self.turned
+
+
+def drive(case: Case) -> Rig:
+    """Lead the shaft away, then send goals; check where it has been."""
+    rig = Rig(case)
+    rig.lead()
+    start, joint = rig.turned, rig.joint
+    for share in case.goals:
+        goal = joint.lower + share * (joint.upper - joint.lower)
+        for _ in range(3):
+            rig.bus.command({"j": Goal(goal, 4.0)}, clamp=True)
+            rig.step(15)
+        rig.step(60)
+    assert rig.lowest >= min(case.low, start) - SLACK, (start, rig.lowest)
+    assert rig.highest <= max(case.high, start) + SLACK, (start, rig.highest)
+    if case.low <= start <= case.high and 0 < start < servo_model(case.model).ticks - 1:
+        others = [rig.other(round(start))] if case.second is not None else []
+        if all(0 <= each < servo_model(case.model).ticks for each in others):
+            assert rig.bus.torque("j") is Torque.ON  # what is allowed is not refused
+    return rig
+
+
+relaxed = settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+@relaxed
+@given(case=cases("XM430-W350", False))
+@example(case=Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)))
+@example(case=Case("XM430-W350", 0, 900, 500, None, -140, (0.9, 0.0)))
+@example(case=Case("XM430-W350", 0, 4095, 2000, None, -30, (0.5,)))
+def test_an_x_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+@relaxed
+@given(case=cases("MX-28", False))
+@example(case=Case("MX-28", 3000, 4095, 3500, None, 4199, (0.1,), True))
+@example(case=Case("MX-28", 0, 900, 500, None, -140, (0.9, 0.0)))
+def test_an_mx_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+@relaxed
+@given(case=cases("AX-12", False))
+@example(case=Case("AX-12", 200, 800, 500, None, 1023, (0.1,)))
+def test_an_ax_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+@relaxed
+@given(case=cases("XM430-W350", True))
+@example(case=Case("XM430-W350", 1000, 2000, 1500, 3000, 900, (0.5,)))
+def test_two_servos_of_a_joint_never_turn_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+SEAM = [
+    Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)),
+    Case("XM430-W350", 0, 900, 500, None, -140, (0.9,), True),
+    Case("MX-28", 3000, 4095, 3500, None, 4199, (0.1,)),
+    Case("AX-12", 200, 800, 500, None, 1023, (0.1,)),
+    Case("XM430-W350", 1000, 2000, 1500, 3095, 900, (0.5,)),
+]
+
+
+@pytest.mark.parametrize("case", SEAM)
+def test_torque_beyond_the_seam_is_refused_and_told(case: Case) -> None:
+    rig = drive(case)
+    assert rig.bus.torque("j") is Torque.OFF_UNTIL_COMMANDED
+    assert {servo.register("Torque Enable") for servo in rig.servos} == {0}
+    assert EventKind.TORQUE_FAILED in rig.kinds
+    with pytest.raises(TorqueError):
+        rig.bus.run(rig.bus.switching_torque(None, True))
+
+
+def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
+    case = Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,))
+    rig = drive(case)
+    for servo in rig.servos:
+        servo.lead(4000, 0.2, 50.0)
+    rig.step(30)
+    rig.bus.run(rig.bus.switching_torque(None, True))
+    rig.bus.command({"j": Goal(rig.joint.position(3200), 4.0)})
+    rig.step(60)
+    assert rig.servos[0].true_ticks == pytest.approx(3200, abs=SLACK)
+
+
+def model_in_extended_mode() -> tuple[ServoModel, SimulatedServo]:
+    model = servo_model("XM430-W350")
+    servo = SimulatedServo(1, model)
+    servo.set_register("Operating Mode", 4)
+    return model, servo
+
+
+def test_extended_position_mode_is_refused() -> None:
+    model, servo = model_in_extended_mode()
+    bench = Bench([servo])
+    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
+    with pytest.raises(ServoModeError):
+        bus.connect()
+    assert servo.register("Torque Enable") == 0

@@ -1,0 +1,109 @@
+"""The driver's control tables against a list that was copied from the vendor's pages by itself.
+
+`test/published/registers.csv` holds what the pages of eight models print: address, size, access,
+initial value, range and sign. An empty cell is a value that the page does not print.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from head_tracking.dynamixel import ConfigurationError, ServoModel, servo_model
+from head_tracking.dynamixel.models import TABLES, read_model
+
+PUBLISHED = Path(__file__).parents[1] / "published" / "registers.csv"
+with PUBLISHED.open(encoding="utf-8") as lines:
+    ROWS = list(csv.DictReader(lines))
+
+
+@pytest.mark.parametrize("name", sorted({row["model"] for row in ROWS}))
+def test_registers_are_those_of_the_vendor(name: str) -> None:
+    table = servo_model(name).control_table
+    for row in ROWS:
+        if row["model"] != name:
+            continue
+        register = table[row["register"]]
+        ours = {
+            "address": register.address,
+            "size": register.size,
+            "access": register.access.value,
+            "initial": register.initial,
+            "lowest": register.minimum,
+            "highest": register.maximum,
+            "sign": register.sign.value,
+        }
+        for fact, value in ours.items():
+            assert row[fact] in ("", str(value)), (row["register"], fact)
+
+
+NEW_MODEL = """
+like = "XM430-W350"
+name = "XM999-T1"
+no_load_rpm = 100.0
+aliases = ["XM999"]
+fast_sync_read = false
+absent = ["LED"]
+
+[registers]
+"Model Number" = {initial = 9990}
+"Velocity Limit" = {initial = 400}
+"Extra 1-3" = {address = 700, size = 2, access = "RW", memory = "RAM", initial = 5, \
+initial_step = 2, range = [0, 9]}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for path in TABLES.glob("*.toml"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    return tmp_path
+
+
+def add(folder: Path, text: str) -> ServoModel:
+    path = folder / "new.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_model(path)
+
+
+def test_a_new_model_is_one_data_file(folder: Path) -> None:
+    model, base = add(folder, NEW_MODEL), servo_model("XM430-W350")
+    assert (model.name, model.model_number, model.aliases) == ("XM999-T1", 9990, ("XM999",))
+    assert model.no_load_speed == pytest.approx(10.471976)
+    assert (model.fast_sync_read, model.watchdog) == (None, base.watchdog)
+    table = model.control_table
+    assert table["Velocity Limit"].initial == 400
+    assert table["Velocity Limit"].address == base.control_table["Velocity Limit"].address
+    assert "LED" not in table
+    extra = [table[f"Extra {n}"] for n in (1, 2, 3)]
+    assert [(each.address, each.initial) for each in extra] == [(700, 5), (702, 7), (704, 9)]
+    assert model.feedback == base.feedback and model.goal == base.goal
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ('"XM430-W350"', '"XM430-W999"'),
+        ("no_load_rpm", "no_load_speed"),
+        ("initial_step", "initial_steps"),
+        ('"RAM"', '"ROM"'),
+        ("address = 700", "address = 116"),
+        ('absent = ["LED"]', 'absent = ["Goal Position"]'),
+        ("initial = 9990", "initial = 9990, unit = 'furlong'"),
+        ("[registers]", "[registers"),
+    ],
+)
+def test_a_file_that_describes_no_model_is_refused(folder: Path, right: str, wrong: str) -> None:
+    assert right in NEW_MODEL
+    with pytest.raises(ConfigurationError, match=r"new\.toml|W999"):
+        add(folder, NEW_MODEL.replace(right, wrong))
+
+
+def test_every_data_file_is_found_by_its_own_name() -> None:
+    for path in TABLES.glob("*.toml"):
+        model = read_model(path)
+        assert servo_model(model.name) is model
+        for alias in model.aliases:
+            assert servo_model(alias.lower()) is model

@@ -1,0 +1,87 @@
+"""Targets are heard whatever their publishers promise; who is not heard is named."""
+
+from contextlib import closing
+from itertools import product
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, PointStamped, PoseStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from robot_under_test import wait_for
+from std_msgs.msg import String
+
+from head_tracking.ros.spinning import NodeThreads
+from head_tracking.tf.qos import LATCHED
+
+NO_SIGNALS = SignalHandlerOptions.NO
+PROMISES = list(
+    product(
+        (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
+        (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+        (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def robot(make_module_robot):
+    robot = make_module_robot("--target", "mux")
+    mux = robot.composition.nodes["target_mux"]
+    robot.fixed_frame = mux.get_parameter("fixed_frame").value  # in which it passes them on
+    mux.set_parameters([Parameter("switch_time", value=0.0)])
+    return robot
+
+
+@pytest.mark.parametrize("topic", ["target_point", "clicked_point"])
+@pytest.mark.parametrize("number", range(len(PROMISES)))
+def test_a_target_is_heard_from_any_publisher(robot, number, topic):
+    reliability, durability, history = PROMISES[number]
+    qos = QoSProfile(depth=5, reliability=reliability, durability=durability, history=history)
+    publisher = robot.node.create_publisher(PointStamped, topic, qos)
+    away = 2.0 + 0.1 * number + (0.05 if topic != "target_point" else 0.0)
+    message = PointStamped(point=Point(x=away, y=0.0, z=0.0))
+    message.header.frame_id = robot.fixed_frame
+    interface = robot.composition.nodes["head_tracker"].interface
+
+    def heard() -> bool:
+        publisher.publish(message)
+        target = interface.newest_target
+        return target is not None and target.point[0] == pytest.approx(away)
+
+    try:
+        wait_for(heard)
+        assert not interface.unheard
+    finally:
+        robot.node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize("name", ["head_tracker", "point_head"])
+def test_who_publishes_another_message_is_named(start, domain, monkeypatch, name):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain), signal_handler_options=NO_SIGNALS)
+    states: list[str] = []
+    levels: dict[bytes, str] = {}
+    try:
+        with closing(NodeThreads()) as threads:
+            person = Node("person", context=context)
+            person.create_publisher(PoseStamped, "target_point", 10)
+            person.create_subscription(
+                String, f"{name}/state", lambda message: states.append(message.data), LATCHED
+            )
+
+            def on_diagnostics(message: DiagnosticArray) -> None:
+                levels.update((s.level, v.value) for s in message.status for v in s.values)
+
+            person.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+            threads.start(person)
+            start(name)
+            wait_for(lambda: states and "/person" in states[-1] and "Pose" in states[-1], 30.0)
+            if name == "head_tracker":
+                wait_for(lambda: "/person" in levels.get(DiagnosticStatus.WARN, ""), 30.0)
+    finally:
+        rclpy.try_shutdown(context=context)

@@ -1,0 +1,447 @@
+"""A head as a user meets it: executables, ROS names, and simulated servos behind a port.
+
+Nothing here knows how the package is built: what it starts is what setup.py installs.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import rclpy
+from geometry_msgs.msg import Point, PointStamped
+from rcl_interfaces.msg import Log, Parameter, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as ParameterValue
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from ros_domain import own_domain
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool, Trigger
+from waiting import wait_for
+
+from head_tracking.simulation import SimulatedPort, SimulatedServo
+
+SOURCE = Path(__file__).resolve().parents[2]
+PATIENCE = 60.0  # s: other tests may keep the machine busy
+_RETRY = 5.0  # s
+JOINTS = ("head_pan_joint", "head_tilt_joint")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEGREE = math.radians(1.0)
+TICK = math.radians(300.0) / 1024  # rad, of an AX-12
+
+
+@cache
+def executables() -> dict[str, str]:
+    """Return what setup.py installs: the entry point (module:function) of each name."""
+    with mock.patch("setuptools.setup") as setup:
+        runpy.run_path(str(SOURCE / "setup.py"))
+    scripts = setup.call_args.kwargs["entry_points"]["console_scripts"]
+    return dict(line.replace(" ", "").split("=") for line in scripts)
+
+
+def command(name: str) -> list[str]:
+    """Return the words that start an executable, as its installed script does."""
+    module, function = executables()[name].split(":")
+    script = f"import sys; sys.argv[0] = {name!r}; from {module} import {function} as main; "
+    return [sys.executable, "-u", "-c", script + "sys.exit(main())"]
+
+
+class Program:
+    """An executable that runs.
+
+    Args:
+        name: of the executable.
+        arguments: of its command line.
+        domain: of ROS.
+        own_group: it gets a process group of its own.
+        environment: over this process's and the defaults; None: without the variable.
+        stdout: where its output goes; None: to `output`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *arguments: str,
+        domain: str,
+        own_group: bool = False,
+        environment: dict[str, str | None] | None = None,
+        stdout: Any = None,
+    ) -> None:
+        given = os.environ | {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": domain,
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")])),
+        }
+        given |= environment or {}
+        self.process = subprocess.Popen(
+            # nohup, and a shell's &, have signals ignored
+            ["env", "--default-signal", *command(name), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if stdout is None else stdout,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={name: value for name, value in given.items() if value is not None},
+            start_new_session=own_group,
+        )
+        self.output = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        for line in self.process.stdout or ():
+            self.output += line
+
+    @property
+    def last_line(self) -> str:
+        return (self.output.splitlines() or [""])[-1]
+
+    def read_until(self, words: str) -> str:
+        """Wait for a line with these words and return it."""
+
+        def found() -> str:
+            lines = [line for line in self.output.splitlines() if words in line]
+            ended = self.process.poll() is not None
+            assert lines or not ended, f"ended without {words!r}:\n{self.output}"
+            return lines[0] if lines else ""
+
+        try:
+            return wait_for(found, PATIENCE)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.output}") from None
+
+    def end(self, number: signal.Signals | None = None) -> int:
+        """Return the exit code, after a signal or by itself."""
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(PATIENCE)
+        self._reader.join()
+        return code
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+
+
+class Servos:
+    """Two AX-12 with the ids 1 (pan) and 2 (tilt) behind a port; they belong to no program.
+
+    Args:
+        link: the port's name.
+    """
+
+    def __init__(self, link: Path) -> None:
+        self.port = SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link)
+        self.port.open()
+
+    @property
+    def name(self) -> str:
+        return self.port.port_name
+
+    def register(self, servo: int, name: str) -> int:
+        return self.port.use(lambda bus: bus[servo].register(name))
+
+    @property
+    def torque(self) -> list[int]:
+        return [self.register(servo, "Torque Enable") for servo in (1, 2)]
+
+    @property
+    def true(self) -> tuple[float, float]:
+        """Where pan and tilt really are [rad]."""
+        pan, tilt = (TICK * (self.port.true_ticks(servo) - 512) for servo in (1, 2))
+        return pan, tilt
+
+    def turn_by_hand(self, servo: int, position: float) -> None:
+        """Lead a shaft to a position [rad] within half a second."""
+        self.port.lead(servo, 512 + position / TICK, 0.5)
+
+    def at_rest(self) -> tuple[float, float]:
+        """Wait until both shafts have stood still for 0.3 s; where [rad]."""
+        seen: deque[tuple[float, float]] = deque(maxlen=30)
+
+        def still() -> bool:
+            seen.append(self.true)
+            pans, tilts = zip(*seen, strict=True)
+            steady = max(max(pans) - min(pans), max(tilts) - min(tilts)) < 1e-3
+            return len(seen) == seen.maxlen and steady
+
+        wait_for(still, PATIENCE)
+        return seen[-1]
+
+
+class Person:
+    """Somebody at a terminal with ROS tools, who sees and asks only by ROS names.
+
+    Args:
+        domain: of ROS.
+        namespace: of the robot that is talked to.
+    """
+
+    def __init__(self, domain: str, namespace: str = "") -> None:
+        self._namespace = namespace
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=int(domain),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = Node("person", context=self._context, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._ending = False
+        self._heard: dict[str, list[Any]] = {}
+        self._publishers: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
+        self.joints: dict[str, float] = {}
+        self.joint_stamps: dict[str, float] = {}
+        self.log: list[Log] = []
+        self.node.create_subscription(Log, "/rosout", self.log.append, 1000)
+        self.node.create_subscription(JointState, self.name("joint_states"), self._on_joints, 10)
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._ending:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        self._ending = True
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def name(self, relative: str) -> str:
+        return relative if relative.startswith("/") else f"{self._namespace}/{relative}"
+
+    # what is heard
+
+    def _on_joints(self, message: JointState) -> None:
+        self.joints |= dict(zip(message.name, message.position, strict=True))
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        self.joint_stamps |= dict.fromkeys(message.name, stamp)
+
+    @property
+    def pan(self) -> float:
+        return self.joints[JOINTS[0]]
+
+    @property
+    def tilt(self) -> float:
+        return self.joints[JOINTS[1]]
+
+    def wait_for_joints(self) -> None:
+        wait_for(lambda: set(JOINTS) <= self.joints.keys(), PATIENCE)
+
+    def wait_for_node(self, name: str) -> None:
+        names = self.node.get_node_names_and_namespaces
+        where = self._namespace or "/"
+        wait_for(lambda: (name, where) in names(), PATIENCE)
+
+    def looks_at(self, pan: float, tilt: float, tolerance: float = 1.5 * DEGREE) -> bool:
+        return abs(self.pan - pan) < tolerance and abs(self.tilt - tilt) < tolerance
+
+    def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
+        """Return the messages of a topic from the first call on; a list that grows."""
+        name = self.name(topic)
+        if name not in self._heard:
+            self._heard[name] = []
+            self.node.create_subscription(kind, name, self._heard[name].append, qos)
+            wait_for(lambda: self.node.count_publishers(name), PATIENCE)
+        return self._heard[name]
+
+    def latched(self, topic: str, kind: Any = String) -> Any:
+        """Return the data of the latest message of a latched topic."""
+        messages = self.hear(topic, kind, LATCHED)
+        wait_for(lambda: messages, PATIENCE)
+        return messages[-1].data
+
+    def state(self, node: str) -> str:
+        """Return the word by which a node names its state."""
+        return str(self.latched(f"{node}/state")).partition(":")[0]
+
+    @property
+    def stopped(self) -> bool:
+        return bool(self.latched("stopped", Bool))
+
+    @property
+    def owners(self) -> dict[str, str]:
+        """Return the owner of each joint."""
+        lines = str(self.latched("joint_owners")).splitlines()
+        return {joint: owner.strip() for joint, _, owner in (line.partition(":") for line in lines)}
+
+    def complaint(self, node: str, *facts: str, of: Callable[[], object] = lambda: None) -> str:
+        """Wait for a warning or an error of a node that names these facts; its words.
+
+        Args:
+            node: its name ends so.
+            facts: what the words contain.
+            of: what causes it; done again and again, for what repeats is logged once a second.
+        """
+
+        def found() -> str:
+            of()
+            time.sleep(0.02)
+            return next(
+                (
+                    entry.msg
+                    for entry in list(self.log)
+                    if entry.level >= 30
+                    and entry.name.endswith(node)
+                    and all(fact in entry.msg for fact in facts)
+                ),
+                "",
+            )
+
+        try:
+            return wait_for(found, PATIENCE)
+        except AssertionError:
+            raise AssertionError(f"{facts} are not in {[e.msg for e in self.log]}") from None
+
+    # what is asked
+
+    def publish(self, topic: str, message: Any) -> None:
+        name = self.name(topic)
+        if name not in self._publishers:
+            self._publishers[name] = self.node.create_publisher(type(message), name, 10)
+            wait_for(self._publishers[name].get_subscription_count, PATIENCE)
+        self._publishers[name].publish(message)
+
+    def command(self, controller: str, position: float) -> None:
+        self.publish(f"{controller}/command", Float64(data=float(position)))
+
+    def point(self, x: float, y: float, z: float, frame: str = "base_link") -> PointStamped:
+        """Return a target, stamped now."""
+        message = PointStamped(point=Point(x=float(x), y=float(y), z=float(z)))
+        message.header.frame_id = frame
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        return message
+
+    def look_at(self, x: float, y: float, z: float, frame: str = "base_link") -> None:
+        self.publish("target_point", self.point(x, y, z, frame))
+
+    def keep_looking(
+        self, x: float, y: float, z: float, until: Callable[[], Any], frame: str = "base_link"
+    ) -> None:
+        """Publish a target every 30 ms until something is true."""
+
+        def done() -> Any:
+            self.look_at(x, y, z, frame)
+            time.sleep(0.02)
+            return until()
+
+        wait_for(done, PATIENCE)
+
+    def _ask(self, kind: Any, service: str, request: Any) -> Any:
+        name = self.name(service)
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        client = self._clients[name]
+        wait_for(client.service_is_ready, PATIENCE)
+        futures: list[Any] = []
+
+        def answered() -> Any:
+            # An answer is lost if the server has not heard of the client yet: asked once more.
+            if time.monotonic() > _RETRY * len(futures) + began:
+                futures.append(client.call_async(request))
+            return next((future for future in futures if future.done()), None)
+
+        began = time.monotonic() - 1e-3
+        return wait_for(answered, PATIENCE).result()
+
+    def call(self, service: str, data: bool | None = None) -> Any:
+        if data is None:
+            return self._ask(Trigger, service, Trigger.Request())
+        return self._ask(SetBool, service, SetBool.Request(data=data))
+
+    def set(self, node: str, name: str, value: Any) -> SetParametersResult:
+        parameter: Parameter = ParameterValue(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        return self._ask(SetParameters, f"{node}/set_parameters", request).results[0]
+
+    def get(self, node: str, name: str) -> Any:
+        request = GetParameters.Request(names=[name])
+        (value,) = self._ask(GetParameters, f"{node}/get_parameters", request).values
+        return ParameterValue.from_parameter_msg(Parameter(name=name, value=value)).value
+
+    def descriptors(self, node: str) -> dict[str, ParameterDescriptor]:
+        """Return what a node says of each of its parameters."""
+        listed = self._ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        request = DescribeParameters.Request(names=listed.result.names)
+        found = self._ask(DescribeParameters, f"{node}/describe_parameters", request)
+        return {descriptor.name: descriptor for descriptor in found.descriptors}
+
+
+def assert_described(person: Person, node: str) -> None:
+    """Every parameter of a node has a description, and every range is one."""
+    own = ("use_sim_time", "start_type_description_service", "zeros.", "qos_overrides.")
+    found = person.descriptors(node)
+    assert found
+    for name, descriptor in found.items():
+        assert descriptor.description or name.startswith(own), f"{node}.{name}"
+        for bounds in descriptor.floating_point_range:
+            assert bounds.from_value < bounds.to_value, f"{node}.{name}"
+
+
+class Bench:
+    """A ROS domain of its own, with the programs, servos and persons in it.
+
+    Args:
+        folder: for files.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._resources = ExitStack()
+        self.domain = self._resources.enter_context(own_domain())
+
+    def close(self) -> None:
+        self._resources.close()
+
+    def start(self, name: str, *arguments: str, **options: Any) -> Program:
+        program = Program(name, *arguments, domain=self.domain, **options)
+        self._resources.callback(program.kill)
+        return program
+
+    def run(self, *arguments: str, ros: tuple[str, ...] = ()) -> Program:
+        """Start a run of the head with this bench's servos."""
+        # (the servos share a process with the test, and answer when that has time)
+        ros = ("-p", "servo_bus:reply_timeout:=0.1", *ros)
+        return self.start(
+            "head_tracking", "--port", self.servos.name, *arguments, "--ros-args", *ros
+        )
+
+    @cached_property
+    def servos(self) -> Servos:
+        servos = Servos(self.folder / "servos")
+        self._resources.callback(servos.port.close)
+        return servos
+
+    @cached_property
+    def person(self) -> Person:
+        return self.meet("")
+
+    def meet(self, namespace: str) -> Person:
+        """Return a person who talks to the robot of a namespace."""
+        person = Person(self.domain, namespace)
+        self._resources.callback(person.close)
+        return person
