@@ -366,8 +366,7 @@ class PredictiveLaw(TrackingLaw):
     def delays(self) -> tuple[float, float]:
         """See `TrackingLaw`."""
         pan, tilt = self._joints
-        known = self.parameters.servo_delay
-        return (known, known) if known else (pan.servo.delay, tilt.servo.delay)
+        return pan.servo.delay, tilt.servo.delay
 
     @property
     def deviations(self) -> tuple[float, float]:
@@ -477,7 +476,7 @@ class PredictiveLaw(TrackingLaw):
         starts = [now + delay for delay in self.delays]
         if abs(starts[1] - starts[0]) < _ALIKE:
             starts[1] = starts[0]
-        ahead = (0.0, self._period, self._period + 0.5 * RESERVE, self._period + RESERVE)
+        ahead = (0.0, self._period, self._period + RESERVE)
         places = {start: [path(start + time) for time in ahead] for start in set(starts)}
         references = []
         for index, start in enumerate(starts):

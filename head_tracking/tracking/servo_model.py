@@ -124,6 +124,7 @@ class ServoModel:
         """
         self._times, self._setpoints = [stamp], [position]
         self._speeds, self._rooms = [speed], [math.inf]
+        self.delay = self.known_delay or self.delay
         self._miss = 0.0
         self._offset, self._variance = 0.0, _FIRST**2
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
@@ -152,12 +153,11 @@ class ServoModel:
         """A Kalman filter of the set-point's offset: what the delay may explain is not believed."""
         deviation = 0.0 if self.known_delay else self.deviation
         here = self._shaft(stamp - self.delay)
-        late = self._shaft(stamp - self.delay - deviation)
-        soon = self._shaft(stamp - self.delay + deviation)
-        moved = here - self._shaft(stamp - self.delay - elapsed)
+        before = self._shaft(stamp - self.delay - max(deviation, elapsed))
+        spread = abs(here - before) if deviation else 0.0
+        moved = (here - before) * elapsed / max(deviation, elapsed)
         self._variance += _DRIFT**2 * elapsed + (_SCALE * moved) ** 2
         off = position - here - self._offset
-        spread = max(abs(late - here), abs(soon - here))
         expected = self._variance + _READING**2 + spread**2 + (2.0 * self._miss) ** 2
         most = _OUTLIER * math.sqrt(expected)
         gain = min(self._variance / expected, elapsed / _FASTEST)
