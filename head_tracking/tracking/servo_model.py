@@ -25,20 +25,19 @@ _WINDOW = 10  # cells over which displacements are compared
 _KEPT = _CELLS + _WINDOW + 1
 _ROOM = 1024  # cells of the buffer
 _DELAYS: Array = np.array([_CELL * cell for cell in range(_CELLS)])
-_BANDS: Array = np.array([0.0, 0.002, 0.005, 0.01, 0.025])  # rad, to either side
+_BANDS: Array = np.array([0.0, 0.002, 0.004, 0.007, 0.012])  # rad, to either side
 _BAND_LIST: list[float] = _BANDS.tolist()
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
-_SHARES: Array = np.log(np.array([[4.0], [6.0], [6.0], [2.0], [1.0]]))
-_PRIOR: Array = _SHARES - _LOGS - 0.5 * (_LOGS / 0.7) ** 2
+_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.7) ** 2 - 200.0 * _BANDS[:, None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
 _UNSURE = 0.03  # s
 _LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
 _EVERY = 0.05  # s between two windows
-_NOISE = 0.003  # rad of a displacement: the step of an AX-12's encoder
-_MODEL_ERROR = 0.1  # of a displacement
+_NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
+_MODEL_ERROR = 0.04  # of a displacement
 _TELLING = 0.012  # rad; hypotheses that differ by less in a window are not compared
-_MEMORY = 8.0  # s of motion
+_MEMORY = 6.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
 _SHARPNESS = 0.15  # windows overlap, and errors last
 

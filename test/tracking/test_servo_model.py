@@ -55,7 +55,7 @@ def test_the_delay_is_learned_and_known_to_be(delay, resolution):
     assert model.known
 
 
-@pytest.mark.parametrize("band", [0.0, 0.005, 0.01])
+@pytest.mark.parametrize("band", [0.0, 0.003, 0.006])
 def test_a_dead_band_is_told_from_a_delay(band):
     model, _ = swing(Servo(0.06, 0.0005, band))
     assert model.mean == pytest.approx(0.06, abs=0.008)
