@@ -70,6 +70,7 @@ class ServoModel:
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
+        shown: the hardest acceleration that the shaft has shown in its latest motion [rad/s^2].
         acceleration: the hardest that the shaft has shown [rad/s^2], if it was seen to swing
             beyond its commands; else inf.
     """
@@ -81,7 +82,7 @@ class ServoModel:
         self._posterior()
         self.delay = self.mean
         self.known_delay = 0.0
-        self.acceleration, self._hardest = math.inf, 0.0
+        self.acceleration, self.shown = math.inf, 0.0
         self.restart(0.0, 0.0)
 
     @property
@@ -245,13 +246,14 @@ class ServoModel:
         likely = expected[self._best, first:last]
         self._miss = float(np.abs(likely - moved).min())
         self.acceleration *= math.exp(elapsed / _RECOVERY)
-        self._hardest *= math.exp(-elapsed / _RECOVERY)
+        if abs(moved) > _TELLING:
+            self.shown *= math.exp(-elapsed / _RECOVERY)
         if start is not None:
-            self._hardest = max(self._hardest, abs(moved - (before - start)) / window**2)
+            self.shown = max(self.shown, abs(moved - (before - start)) / window**2)
         likely = expected[self._best, first : last + _SLEWING]
         swings = max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND
-        if swings and self._hardest > _SLOWEST_START:
-            self.acceleration = self._hardest
+        if swings and self.shown > _SLOWEST_START:
+            self.acceleration = self.shown
 
     def _at(self, time: float) -> float | None:
         """The reading at a time [s], between two; None: there was none near."""
