@@ -86,7 +86,9 @@ setup(
     license="BSD-3-Clause",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "viewer/bar.js", "dynamixel/tables/*.toml"]},
+    package_data={
+        NAME: ["py.typed", "viewer/bar.js", "dynamixel/tables/*.toml", "simulation/facts/*.csv"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -17,6 +17,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
 from head_tracking.ros.stop_signal import ENDING, StopSignal
 
@@ -53,15 +54,18 @@ class _Program:
     def _answer(self, parent: Connection[Any, Any], stop: StopSignal) -> None:
         with suppress(EOFError, OSError):
             while True:
-                wanted = parent.recv()
+                number, wanted = parent.recv()
                 if wanted is not None:
-                    parent.send(None if self._node is None else getattr(self._node, wanted)())
+                    answer = None
+                    with suppress(HeadTrackingError):  # stopped by somebody else meanwhile
+                        answer = None if self._node is None else getattr(self._node, wanted)()
+                    parent.send((number, answer))
                     continue
                 if self._report is not None:
                     report = self._report()
                     if not stop():  # a bus that is being closed looks like one that is unplugged
                         self._newest = report
-                parent.send(self._newest)
+                parent.send((number, self._newest))
         stop.set()
 
     def _make(self, resources: ExitStack) -> ServoBusNode:

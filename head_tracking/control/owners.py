@@ -18,6 +18,8 @@ LEASE = 1.0
 STOPPED = "the head is stopped; call resume"
 """Why anything but `resume` is refused after a STOP."""
 
+_OVERTAKEN = "the head was stopped after this was asked for"
+
 
 class OwnershipError(Exception):
     """A joint belongs to another owner.
@@ -89,15 +91,21 @@ class JointOwners:
         with self._lock:
             return self._permit()
 
-    def check(self, owner: str, joints: Iterable[str], lease: float = LEASE) -> int:
-        """Return the epoch of a request for joints; refuse what `claim` would refuse.
+    def check(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> int:
+        """Return the epoch of a command for joints; refuse what `claim` would refuse.
+
+        Args:
+            owner: who commands.
+            joints: which.
+            epoch: when the command was made, if that is known.
 
         Raises:
             OwnershipError: one belongs to another owner.
-            StoppedError: the head is stopped.
+            StoppedError: the head is stopped, or was after the command was made.
         """
         with self._lock:
-            return self._check(owner, joints, lease)
+            self._check(owner, joints, LEASE)
+            return self._permit(epoch)
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
         """Give joints to an owner, all or none.
@@ -118,14 +126,14 @@ class JointOwners:
         if changed:
             self._notify()
 
-    def take_over(self, owner: str, joints: Iterable[str]) -> None:
+    def take_over(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> None:
         """Give joints to an owner, whoever had them.
 
         Raises:
-            StoppedError: the head is stopped.
+            StoppedError: the head is stopped, or was after `epoch`, when that was asked for.
         """
         with self._lock:
-            self._permit()
+            self._permit(epoch)
             for joint in joints:
                 self._owners[joint] = (owner, math.inf)
         self._notify()
@@ -153,18 +161,18 @@ class JointOwners:
         finally:
             self._notify()
 
-    def resume(self, epoch: int) -> tuple[str, ...]:
+    def resume(self, epoch: int | None = None) -> tuple[str, ...]:
         """End a STOP and return the owners that have their joints again.
 
         Args:
-            epoch: when that was asked for.
+            epoch: when that was asked for; None: now.
 
         Raises:
             StoppedError: there was another STOP since.
         """
         with self._lock:
-            if epoch != self.epoch.value:
-                raise StoppedError(STOPPED)
+            if epoch not in (None, self.epoch.value):
+                raise StoppedError(_OVERTAKEN)
             resumed = self._resume()
         self._notify()
         return resumed
@@ -198,19 +206,21 @@ class JointOwners:
 
     # with the lock held
 
-    def _permit(self) -> int:
+    def _permit(self, epoch: int | None = None) -> int:
         if self.stopped:
             raise StoppedError(STOPPED)
+        if epoch not in (None, self.epoch.value):
+            raise StoppedError(_OVERTAKEN)
         return self.epoch.value
 
-    def _check(self, owner: str, joints: Iterable[str], lease: float) -> int:
+    def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
             both_last = math.isinf(until) and math.isinf(lease)
             if other != owner and now < until and (self._exclusive or both_last):
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
-        return self._permit()
+        self._permit()
 
     def _give(self, owner: str, joints: tuple[str, ...], lease: float) -> bool:
         """Set the owner, except where a controller is enabled; return whether any changed."""

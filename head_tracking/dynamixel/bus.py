@@ -42,17 +42,11 @@ from head_tracking.dynamixel.exceptions import (
     TorqueError,
 )
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.port import (
-    DynamixelPort,
-    Failed,
-    ReadGroup,
-    ReadMethod,
-    Reply,
-    Retried,
-)
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import confirming, release
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
 from head_tracking.dynamixel.requests import Epoch, Request, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (
@@ -147,7 +141,9 @@ class ServoBus:
         self._all = tuple(self._joints.values())
         self._protection = Protection(self._note, self._cut, settings)
         self._told = self._protection.told
-        self._diagnosis = Diagnosis(self._note, self._cut, self._enqueue, settings)
+        self._diagnosis = Diagnosis(
+            self._note, self._cut, self._enqueue, self._clear_watchdog, settings
+        )
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._connected = False
@@ -1062,11 +1058,16 @@ class ServoBus:
             for servo in joint.servos
         }
         changed = {}
-        for servo in joint.servos:
-            changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
-        for servo in joint.servos:
-            if not joint.stopped and not servo.lost:
-                yield from servo.identify()
+        self._drop_goal(joint)
+        joint.writing = True
+        try:
+            for servo in joint.servos:
+                changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
+            for servo in joint.servos:
+                if not joint.stopped and not servo.lost:
+                    yield from servo.identify()
+        finally:
+            joint.writing = False
         return changed
 
     # Owner's thread: who goes and who comes
@@ -1088,14 +1089,16 @@ class ServoBus:
         A tripped watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            watched = any(servo.watched for servo in joint.servos)
-            if joint.on and watched and joint.complete and not joint.busy:
-                self._enqueue(self._exclusively(joint, self._holding(joint, gap)))
+            if joint.on and joint.complete and any(servo.watched for servo in joint.servos):
+                self._clear_watchdog(joint, f"the bus stood still for {gap * 1e-9:.1f} s")
 
-    def _holding(self, joint: Joint, gap: int) -> Steps[None]:
+    def _clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
+        if not joint.busy:
+            self._enqueue(self._exclusively(joint, self._holding(joint, why)))
+
+    def _holding(self, joint: Joint, why: str) -> Steps[None]:
         problem = yield from joint.pin(powered=True)
-        text = f"the bus stood still for {gap * 1e-9:.1f} s"
-        self._note(EventKind.HELD, joint, f"{text}; {problem or 'it holds where it is'}")
+        self._note(EventKind.HELD, joint, f"{why}; {problem or 'it holds where it is'}")
 
     def _lose(self, joint: Joint, servo: Servo) -> None:
         now = self._monotonic()
@@ -1192,7 +1195,7 @@ class ServoBus:
             self._port.open()
         except PortError:
             return False
-        if not any(answering(iter((servo,)), tries=1) for _, servo in self._each_servo()):
+        if not self._is_the_same_line():
             self._port.close()  # it may be somebody else's by now
             return False
         self._look_again_at = None
@@ -1202,6 +1205,19 @@ class ServoBus:
         if stopped:  # perhaps while nobody could tell them
             self._enqueue(self._relaxing(stopped, stop=True), despite_stop=True)
         return True
+
+    def _is_the_same_line(self) -> bool:
+        """Return whether servos answer, and all that do are those that were there before.
+
+        After a reset of the USB bus two adapters may have swapped their names.
+        """
+        found = False
+        for _, servo in self._each_servo():
+            with suppress(CommunicationError):
+                if not servo.is_same():
+                    return False
+                found = True
+        return found
 
     def _lose_port(self, why: str) -> None:
         self._port.close()

@@ -95,6 +95,7 @@ class Diagnosis:
         note: Takes an event: its kind, the joint, a text, whether the joint is stuck.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         enqueue: Takes steps before goals are written, in this cycle and the next ones.
+        clear_watchdog: Holds a joint where it is, with its watchdog armed anew.
         settings: Temperatures.
     """
 
@@ -103,9 +104,11 @@ class Diagnosis:
         note: Callable[[EventKind, Joint, str, bool], None],
         cut: Callable[[Joint], None],
         enqueue: Callable[[Steps[None]], object],
+        clear_watchdog: Callable[[Joint], None],
         settings: BusSettings,
     ) -> None:
         self._note, self._cut, self._enqueue = note, cut, enqueue
+        self._clear_watchdog = clear_watchdog
         self._warm = settings.warm
         self._watches: dict[int, _Watch] = {}
 
@@ -289,6 +292,8 @@ class Diagnosis:
         self._tell(joint, servo, watch, symptom, now, text)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
             self._cut(joint)
+        elif symptom is Symptom.TRIPPED:
+            self._clear_watchdog(joint)
 
     def _cause(
         self,
@@ -319,7 +324,10 @@ class Diagnosis:
             share = limit / servo.model.load_maximum
             return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
         if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):
-            return Symptom.OVERRULED, f"{off}: its Bus Watchdog has tripped, it ignores goals"
+            return Symptom.TRIPPED, (
+                f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
+                "it ignores goals; it is cleared, and the joint holds where it is"
+            )
         if watch.goals and all(abs(values["Goal Position"] - each) > 1 for each in watch.goals):
             return Symptom.OVERRULED, (
                 f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another "

@@ -59,6 +59,7 @@ class Joint:
         share: The bytes of goal position and speed for each servo.
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
+        writing: Whether the memory of its servos is being written.
         awaited: Whether its torque is about to come on for a goal.
         told_problem: Why its torque did not come on for a goal, when that was told.
         confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
@@ -80,7 +81,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.awaited = self.confirmed = False
+        self.busy = self.awaited = self.confirmed = self.writing = False
         self.told_problem = ""
         self._limit_speed()
         self._port = port
@@ -164,6 +165,11 @@ class Joint:
             check_speed(self.name, speed)
         if not self.on:
             torque = self.torque
+            if self.writing:
+                raise GoalError(
+                    f"{self.name}: command refused, the memory of its servo is being written; "
+                    "command it again once that is done"
+                )
             if torque.waits:
                 remedy = _REMEDIES[torque].format(self.configuration.controller)
                 raise GoalError(f"{self.name}: command refused, {remedy}")
@@ -220,6 +226,8 @@ class Joint:
             self.goal_position = (ticks - servo.zero) * servo.scale
             self.share = (servo.encode_goal(ticks, self.default_speed if speed is None else speed),)
         else:
+            lower, upper = self.limits  # limits may have been narrowed since it was accepted
+            position = min(max(position, lower), upper)
             self._set_goal(tuple([servo.goal_ticks(position) for servo in servos]), speed, now)
 
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
@@ -332,7 +340,8 @@ class Joint:
             with suppress(DynamixelError):
                 yield from relaxing(self._port, self.servos)
             return str(cause)
-        self._set_goal(tuple(ticks), 0.0, None)
+        pairs = zip(self.servos, ticks, strict=True)  # limits may have been narrowed meanwhile
+        self._set_goal(tuple([self._inside(servo, tick) for servo, tick in pairs]), 0.0, None)
         self.on = True
         self._resumes = False
         return ""

@@ -29,7 +29,7 @@ from head_tracking.dynamixel.exceptions import (
     WrongModelError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
-from head_tracking.dynamixel.port import DynamixelPort, Reply
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import (
     ALERT,
     NO_ERROR,
@@ -38,6 +38,7 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
     describe_status,
 )
+from head_tracking.dynamixel.reading import Reply
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 
@@ -220,6 +221,13 @@ class Servo:
     def ping(self, tries: int = 1) -> int:
         """Ask the servo whether it is there; return its error byte."""
         return self._try(tries, lambda: self._port.ping(self.id, self._protocol))
+
+    def is_same(self) -> bool:
+        """Return whether the servo that answers now has the model and the firmware known before."""
+        known = self.identity
+        return self.get("Model Number", 1) == self.model.model_number and (
+            known is None or self.get("Firmware Version", 1) == known.firmware_version
+        )
 
     def read(self, block: Block, tries: int = _TRIES) -> tuple[int, ...]:
         """Read registers and return one value for each."""

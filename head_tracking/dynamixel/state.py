@@ -157,6 +157,7 @@ class Symptom(Enum):
     IDLE = "does not drive"
     WEAK = "weak"
     OVERRULED = "overruled"
+    TRIPPED = "watchdog tripped"
     MODE = "wrong mode"
     AWAY = "moves away"
     SLOW = "slow"

@@ -23,6 +23,7 @@ from head_tracking.dynamixel.state import BusReading, CommandResult, Goal, Torqu
 
 _T = TypeVar("_T")
 _SECOND = 1_000_000_000
+_CLOSING = 10.0  # s that braking, and asking every servo several times, may take in addition
 
 
 class CycleSchedule:
@@ -112,7 +113,7 @@ class BusThread:
         self._wake = bus.requests.arrived
         self._owner = threading.Lock()  # held while the bus is used
         self._stopping = False
-        self._ended = False
+        self._closing = self._ended = False
         self._error: BaseException | None = None
         self._unconfirmed: tuple[str, ...] = ()
         self._longest = 0
@@ -156,7 +157,7 @@ class BusThread:
         Should the thread hang in a callback, the servos are relaxed from here.
 
         Args:
-            timeout: How long to wait for the thread, s.
+            timeout: How long to wait for the thread, s; while it brakes and relaxes, longer.
 
         Raises:
             BusStoppedError: The thread does not end in that time: a callback hangs (the servos have
@@ -167,6 +168,8 @@ class BusThread:
             self._finish()
         elif self._thread is not threading.current_thread():
             self._thread.join(timeout)
+            if self._thread.is_alive() and self._closing:
+                self._thread.join(_CLOSING)
             if self._thread.is_alive():
                 if not self._owner.acquire(timeout=timeout):
                     raise BusStoppedError(
@@ -238,6 +241,7 @@ class BusThread:
         with self._owner:
             if self._ended:
                 return
+            self._closing = True
             try:
                 self._unconfirmed = self._bus.close()
             finally:

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from operator import mul
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from head_tracking.transforms import (
     Joint,
@@ -26,6 +27,9 @@ from head_tracking.transforms import (
     Transform,
     Vector3,
 )
+
+Array = npt.NDArray[np.float64]
+Angles = TypeVar("Angles", Array, np.float64)
 
 ON_LIMIT = 1e-3
 """A gaze that misses by less [rad] because of a joint limit still counts as reached."""
@@ -143,6 +147,11 @@ class PanTiltHead:
         forwards, down, _ = self._geometry.axis
         return math.atan2(down, forwards)
 
+    @property
+    def axes(self) -> Rotation:
+        """The rotation that takes vectors from `base_frame` into C."""
+        return self._geometry.T_C_base.rotation
+
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
         """The joint positions that look at `target`, or come nearest to it.
 
@@ -219,6 +228,37 @@ class PanTiltHead:
     def point(self, sight: Sight) -> Vector3:
         """The point, shape (3,) [m], in `base_frame`, that is seen like this."""
         return self._geometry.ahead(*sight)
+
+    def seen(self, target: Sequence[float], pan: float, tilt: float) -> Vector3:
+        """Return a point of `base_frame` as seen from the camera at these joint positions.
+
+        Args:
+            target: the point, shape (3,) [m], in `base_frame`.
+            pan: position of the pan joint [rad].
+            tilt: position of the tilt joint [rad].
+
+        Returns:
+            The point, shape (3,) [m], in axes fixed to the camera; `placed` takes it back.
+        """
+        return self._geometry.seen(self._point(target), pan, tilt)
+
+    def placed(self, seen: Vector3, pan: Array, tilt: Array) -> tuple[Array, Array, Array]:
+        """Return where a point that the camera sees is, for each of N joint positions.
+
+        Args:
+            seen: the point as seen from the camera, shape (3,) [m]; see `seen`.
+            pan: positions of the pan joint, shape (N,) [rad].
+            tilt: positions of the tilt joint, shape (N,) [rad].
+
+        Returns:
+            x, y, z [m], shape (N,) each, along the axes of C, from a point on the pan axis.
+        """
+        return self._geometry.placed(seen, pan, tilt)
+
+    def placed_in_base(self, seen: Vector3, pan: float, tilt: float) -> Vector3:
+        """Return the point of `base_frame` [m] that is seen like this; the inverse of `seen`."""
+        x, y, z = self._geometry.placed(seen, np.float64(pan), np.float64(tilt))
+        return self._geometry.T_base_C.apply((float(x), float(y), float(z)))
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """The angle [rad], 0 to pi, by which the axis misses a point.
@@ -464,14 +504,14 @@ class HeadGeometry:
 
     def miss(self, point: Vector3, pan: float, tilt: float) -> float:
         """The angle between the pointing axis and the direction to a point of C [rad]."""
-        x, y, z = self._seen(point, pan, tilt)
+        x, y, z = self.seen(point, pan, tilt)
         ax, ay, az = self.axis
         across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
         return math.atan2(across, ax * x + ay * y + az * z)
 
     def distance(self, point: Vector3, pan: float, tilt: float) -> float:
         """How far a point of C on the pointing axis is from where that passes the pan axis [m]."""
-        return max(math.hypot(*self._seen(point, pan, tilt)) + self.lead, _CLOSE)
+        return max(math.hypot(*self.seen(point, pan, tilt)) + self.lead, _CLOSE)
 
     def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
         """The point on the pointing axis at a distance from the pan axis, in the base frame [m]."""
@@ -491,7 +531,7 @@ class HeadGeometry:
         Returns:
             The residual, its derivative by pan and that by tilt.
         """
-        x, y, z = self._seen(point, pan, tilt)
+        x, y, z = self.seen(point, pan, tilt)
         distance = math.hypot(x, y, z)
         dx, dy, dz = x / distance, y / distance, z / distance
         px, py, _ = _turned(point, pan)
@@ -521,11 +561,22 @@ class HeadGeometry:
         ox, oy, oz = self.tilt_origin
         return _in_tilt_basis((x - ox, y - oy, z - oz), self.slant)
 
-    def _seen(self, point: Vector3, pan: float, tilt: float) -> Vector3:
+    def seen(self, point: Vector3, pan: float, tilt: float) -> Vector3:
         """A point of C from the camera, in the tilt basis as tilt carries it [m]."""
         u, v, w = _turned(self._beside(point, pan), tilt)
         cu, cv, cw = self.camera
         return u - cu, v - cv, w - cw
+
+    def placed(self, seen: Vector3, pan: Angles, tilt: Angles) -> tuple[Angles, Angles, Angles]:
+        """Return x, y, z in C [m] of a point from the camera: the inverse of `seen`, for arrays."""
+        u, v, w = (a + b for a, b in zip(seen, self.camera, strict=True))
+        cosine, sine = np.cos(tilt), np.sin(tilt)
+        (ny, nz), (ox, oy, oz) = self.slant, self.tilt_origin
+        down = cosine * v + sine * u
+        x = cosine * u - sine * v + ox
+        y = nz * down + (ny * w + oy)
+        cosine, sine = np.cos(pan), np.sin(pan)
+        return cosine * x - sine * y, cosine * y + sine * x, (nz * w + oz) - ny * down
 
     def _range(self, u: float, v: float) -> float | None:
         """How far along the pointing axis [m] it is as far from the tilt axis as (u, v)."""

@@ -11,6 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -41,6 +42,34 @@ class Report(NamedTuple):
 
     status: BusStatus
     true_positions: Mapping[str, float]
+
+
+class Questions:
+    """Questions to another process and their answers, told apart by a number.
+
+    Args:
+        connection: to the other process, which answers (number, question) by (number, answer).
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._number = 0
+
+    def ask(self, what: str | None, timeout: float) -> Any:
+        """Return the answer to a question; None if it does not come in time, s.
+
+        Raises:
+            EOFError: The other process has gone.
+            OSError: The same.
+        """
+        self._number += 1
+        self._connection.send((self._number, what))
+        deadline = time.monotonic() + timeout
+        while self._connection.poll(max(0.0, deadline - time.monotonic())):
+            number, answer = self._connection.recv()
+            if number == self._number:  # else it answers an earlier question, too late
+                return answer
+        return None
 
 
 class BusProcessNode(Node):
@@ -85,6 +114,7 @@ class BusProcessNode(Node):
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             theirs.close()
+        self._questions = Questions(self._child)
         self._asking = threading.Lock()
         self._problems: list[str] | None = None
         self._report = self._started(stop)
@@ -175,11 +205,7 @@ class BusProcessNode(Node):
     def _ask(self, what: str | None = None) -> Any:
         """What the child says; None if it says nothing (yet, or any more)."""
         with self._asking, suppress(EOFError, OSError):
-            while self._child.poll():  # an answer that came too late
-                self._child.recv()
-            self._child.send(what)
-            if self._child.poll(_REPLY_TIMEOUT):
-                return self._child.recv()
+            return self._questions.ask(what, _REPLY_TIMEOUT)
         return None
 
     def _watch(self) -> None:

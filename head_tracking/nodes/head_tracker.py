@@ -35,6 +35,7 @@ from head_tracking.tracking import (
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _SLOW_TIME = 2.0  # s; so long a head that has a target is slow after a stop, and then less and less
 _FAST = 3.0  # rad/s; as fast a head is not slow
+_KNOWN = 0.05  # s; a stamp error with a larger deviation is not shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,6 +219,14 @@ class HeadTrackerNode(Node):
         self._state, self._text = state, text
         self._states.publish(String(data=text))
 
+    @staticmethod
+    def _stamp_error(tracker: Tracker) -> str:
+        """Return what points are corrected by, and the deviation of what the points tell."""
+        error = tracker.camera.stamp_error
+        if error.deviation > _KNOWN:
+            return "not observable yet"
+        return f"{1e3 * tracker.camera.applied:.0f} ±{1e3 * error.deviation:.0f}"
+
     def _publish_diagnostics(self) -> None:
         """What the head does, by which law, and how late everything is."""
         values = {"law": self._law}
@@ -230,9 +239,7 @@ class HeadTrackerNode(Node):
                 "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
                 "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
                 "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
-                "stamps of the camera too late by (ms)": (
-                    f"{1e3 * self._tracker.stamp_error.value:.0f}"
-                ),
+                "stamps of the camera too late by (ms)": self._stamp_error(self._tracker),
             }
         unheard = self.interface.unheard
         if unheard:

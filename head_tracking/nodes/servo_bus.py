@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Float64
 
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.dynamixel import (
@@ -41,7 +40,7 @@ from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
 from head_tracking.ros.joint_configuration import declare_joint
-from head_tracking.ros.joint_owners import control_message, owners_message, sender_from
+from head_tracking.ros.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -56,7 +55,6 @@ _BAD_NEWS = (
     EventKind.SYMPTOM,
     EventKind.PORT_LOST,
 )
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _SECOND = 1_000_000_000
 _SOMEBODY = "somebody"  # who commands without a name
 
@@ -93,11 +91,7 @@ class ServoBusNode(Node):
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
-        self._owners_topic = self.create_publisher(String, "joint_owners", _LATCHED)
-        self._stopped_topic = self.create_publisher(Bool, "stopped", _LATCHED)
-        self._control_topic = self.create_publisher(DiagnosticStatus, "joint_control", _LATCHED)
         self._messages: dict[ServoBus, StatesMessage] = {}
-        self._last_published: tuple[str, bool | None, int] = "", None, 0
         self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -113,7 +107,6 @@ class ServoBusNode(Node):
         }
         self._connect(p.allow_missing)
         loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
-        loop.owners.observe(self._publish_owners)
         self._create_topics()
         self._bus_services = BusServices(
             self,
@@ -122,9 +115,12 @@ class ServoBusNode(Node):
             lambda: self._eeprom.value.settings,
             self.stop,
             self.resume,
+            short_names=p.short_names,
         )
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
-        self._publish_owners()
+        self._owners_output = OwnersOutput(
+            self, loop.owners, [joint.joint_name for joint in self.joints]
+        )
         self._buses.start()
 
     @property
@@ -287,19 +283,6 @@ class ServoBusNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._goals_output.publish(message)
 
-    def _publish_owners(self) -> None:
-        """Publish who owns which joint, and whether the head is stopped, if that has changed."""
-        owners, joints = self._loop.owners, [joint.joint_name for joint in self.joints]
-        message, stopped = owners_message(owners.of(joints)), owners.stopped
-        before = self._last_published
-        self._last_published = message.data, stopped, owners.epoch.value
-        if self._last_published != before:
-            self._control_topic.publish(control_message(owners, joints))
-        if message.data != before[0]:
-            self._owners_topic.publish(message)
-        if stopped is not before[1]:
-            self._stopped_topic.publish(Bool(data=stopped))
-
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
         if event.kind in _BAD_NEWS:
@@ -325,8 +308,7 @@ class ServoBusNode(Node):
             )
             return
         try:
-            self._check_epoch(epoch)
-            self._loop.owners.take_over(sender, message.name)
+            self._loop.owners.take_over(sender, message.name, epoch)
         except StoppedError as error:
             self._refuse(f"joint_claims of {sender}", error)
 
@@ -337,17 +319,11 @@ class ServoBusNode(Node):
             goals = goals_from_message(message)
             for name in goals:
                 self._buses.torque(name)
-            now = self._loop.owners.check(sender, goals)
-            self._check_epoch(epoch)
-            self._write(sender, goals, now, self._claim(sender))
+            epoch = self._loop.owners.check(sender, goals, epoch)
+            self._write(sender, goals, epoch, self._claim(sender))
         except (ValueError, DynamixelError, OwnershipError) as error:
             named = f" of {sender}" if sender != _SOMEBODY else ""
             self._refuse(f"joint_commands{named}", error)
-
-    def _check_epoch(self, epoch: int | None) -> None:
-        """Raise StoppedError for a message of another process from before a STOP."""
-        if epoch not in (None, self._loop.owners.epoch.value):
-            raise StoppedError("it was sent before the last STOP")
 
     def _claim(self, sender: str) -> Callable[[Iterable[str]], None]:
         """Claims what a command moves, for as long as commands go on."""
@@ -444,7 +420,7 @@ class ServoBusNode(Node):
         ]
 
     def _publish_diagnostics(self) -> None:
-        self._publish_owners()  # claims end by themselves
+        self._owners_output.publish()
         message = DiagnosticArray(
             status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
         )

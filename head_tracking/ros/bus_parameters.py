@@ -42,6 +42,12 @@ class ServoBusParameters:
     allow_missing: bool = parameter(
         False, "Start without the servos that do not answer, and look for them.", fixed=True
     )
+    short_names: bool = parameter(
+        True,
+        "Offer stop, resume, relax, recover and torque_enable also without the node's name before "
+        "them.",
+        fixed=True,
+    )
     command_timeout: float = parameter(
         0.0,
         "A joint that is under way holds where it is this long after its last command; 0: never.",

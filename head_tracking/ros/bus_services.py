@@ -22,10 +22,9 @@ from head_tracking.dynamixel import (
     DynamixelError,
     EepromSettings,
     ServoBus,
-    StoppedError,
     TorqueError,
 )
-from head_tracking.ros.joint_owners import resume_report, stop_report
+from head_tracking.ros.joint_owners import offer_stop
 from head_tracking.ros.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s
@@ -50,6 +49,7 @@ class BusServices:
         eeprom: what to write into the servos' memory when somebody asks for it.
         stop: relaxes everything at once; for each joint what went wrong, or an empty string.
         resume: ends that; returns the controllers that go on.
+        short_names: whether services of the whole bus are offered without the node's name, too.
     """
 
     def __init__(
@@ -60,6 +60,8 @@ class BusServices:
         eeprom: Callable[[], EepromSettings],
         stop: Callable[[], Mapping[str, str]],
         resume: Callable[[], Sequence[str]],
+        *,
+        short_names: bool,
     ) -> None:
         self._buses = buses
         self._owners = owners
@@ -67,7 +69,7 @@ class BusServices:
         self._stop_all = stop
         self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
         self._own = OwnThread(bus, f"{bus.get_name()}_services")
-        self._node = node = self._own.node
+        self._node = self._own.node
         everything = tuple(joint.joint_name for joint in buses.joints)
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
@@ -76,15 +78,14 @@ class BusServices:
             self._offer(f"{controller}/start", partial(self._start, one))
             self._offer(f"{controller}/restart", partial(self._restart, one))
             self._offer(f"{controller}/recover", partial(self._recover, one))
-        self._offer_torque("torque_enable", everything)
-        self._offer("relax", lambda: self._switch(everything, False))
-        self._offer("recover", lambda: self._recover(everything))
-        self._offer(
-            f"{bus.get_fully_qualified_name()}/write_eeprom",
-            lambda: self._write_eeprom(everything),
-        )
-        node.create_service(Trigger, "stop", lambda _, response: _stopped(response, stop()))
-        node.create_service(Trigger, "resume", lambda _, response: _resumed(response, resume))
+        own = f"{bus.get_fully_qualified_name()}/"
+        prefixes = (own, "") if short_names else (own,)
+        for prefix in prefixes:
+            self._offer_torque(f"{prefix}torque_enable", everything)
+            self._offer(f"{prefix}relax", lambda: self._switch(everything, False))
+            self._offer(f"{prefix}recover", lambda: self._recover(everything))
+        self._offer(f"{own}write_eeprom", lambda: self._write_eeprom(everything))
+        offer_stop(self._node, stop, resume, prefixes)
         self._own.start()
 
     def close(self) -> None:
@@ -213,19 +214,5 @@ async def _answer(response: Any, act: Callable[[], Awaitable[str]]) -> Any:
         response.message = await act()
         response.success = True
     except (DynamixelError, TimeoutError) as error:
-        response.success, response.message = False, str(error)
-    return response
-
-
-def _stopped(response: Any, problems: Mapping[str, str]) -> Any:
-    response.success = not any(problems.values())
-    response.message = ", ".join(stop_report(*each) for each in problems.items())
-    return response
-
-
-def _resumed(response: Any, resume: Callable[[], Sequence[str]]) -> Any:
-    try:
-        response.success, response.message = True, resume_report(resume())
-    except StoppedError as error:
         response.success, response.message = False, str(error)
     return response

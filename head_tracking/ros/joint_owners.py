@@ -1,15 +1,20 @@
-"""Who owns which joint, in which epoch, and whether the head is stopped: as messages."""
+"""Owners, epoch and STOP as messages and services."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from std_msgs.msg import String
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
 
 from head_tracking.control import STOPPED, JointOwners
+from head_tracking.dynamixel import StoppedError
 
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OWNER = "owner of "
 
 
@@ -82,3 +87,68 @@ def resume_report(resumed: Iterable[str]) -> str:
     """Return what `resume` answers: who goes on."""
     names = ", ".join(resumed)
     return f"{names} goes on, slowly at first" if names else "commands are accepted again"
+
+
+def offer_stop(
+    node: Node,
+    stop: Callable[[], Mapping[str, str]],
+    resume: Callable[[], Iterable[str]],
+    prefixes: Iterable[str] = ("",),
+) -> None:
+    """Offer the services `stop` and `resume`.
+
+    Args:
+        node: offers them.
+        stop: STOP; returns for each joint what went wrong, or an empty string.
+        resume: ends it; returns the controllers that go on.
+        prefixes: of their names.
+    """
+
+    def on_stop(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        problems = stop()
+        response.success = not any(problems.values())
+        response.message = ", ".join(stop_report(*each) for each in problems.items())
+        return response
+
+    def on_resume(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = resume_report(resume())
+            response.success = True
+        except StoppedError as error:
+            response.message = str(error)
+        return response
+
+    for prefix in prefixes:
+        node.create_service(Trigger, f"{prefix}stop", on_stop)
+        node.create_service(Trigger, f"{prefix}resume", on_resume)
+
+
+class OwnersOutput:
+    """Publishes `joint_owners`, `stopped` and `joint_control`, latched, when they change.
+
+    Args:
+        node: publishes.
+        owners: of the joints.
+        joints: which.
+    """
+
+    def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
+        self._owners, self._joints = owners, tuple(joints)
+        self._texts = node.create_publisher(String, "joint_owners", _LATCHED)
+        self._stops = node.create_publisher(Bool, "stopped", _LATCHED)
+        self._fields = node.create_publisher(DiagnosticStatus, "joint_control", _LATCHED)
+        self._last_published: tuple[String | None, bool | None, int] = None, None, 0
+        owners.observe(self.publish)
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish what has changed; leases end by themselves."""
+        text, stopped = owners_message(self._owners.of(self._joints)), self._owners.stopped
+        before = self._last_published
+        self._last_published = text, stopped, self._owners.epoch.value
+        if self._last_published != before:
+            self._fields.publish(control_message(self._owners, self._joints))
+        if text != before[0]:
+            self._texts.publish(text)
+        if stopped is not before[1]:
+            self._stops.publish(Bool(data=stopped))

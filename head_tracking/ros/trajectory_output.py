@@ -6,15 +6,12 @@ import threading
 from collections.abc import Sequence
 
 from rclpy.node import Node
-from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
-from head_tracking.ros.joint_owners import resume_report, stop_report
+from head_tracking.ros.joint_owners import OwnersOutput, offer_stop
 from head_tracking.ros.own_thread import OwnThread
-from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import SetpointStream
 
 try:
@@ -65,12 +62,8 @@ class TrajectoryOutput:
         self._lock = threading.Lock()
         self._loop = loop
         self._own = OwnThread(node, f"{node.get_name()}_stop")
-        self._stopped = self._own.node.create_publisher(Bool, "stopped", LATCHED)
-        self._own.node.create_service(Trigger, "stop", self._on_stop)
-        self._own.node.create_service(Trigger, "resume", self._on_resume)
-        self._last_published: bool | None = None
-        loop.owners.observe(self._publish_stopped)
-        self._publish_stopped()
+        OwnersOutput(self._own.node, loop.owners, joints)
+        offer_stop(self._own.node, self._stop, loop.owners.resume)
         self._own.start()
 
     @property
@@ -114,21 +107,7 @@ class TrajectoryOutput:
         # stamp 0: at once, by the controller's own clock
         self._publisher.publish(JointTrajectory(joint_names=list(self._joints), points=[point]))
 
-    def _publish_stopped(self) -> None:
-        stopped = self._loop.owners.stopped
-        if stopped is not self._last_published:
-            self._last_published = stopped
-            self._stopped.publish(Bool(data=stopped))
-
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _stop(self) -> dict[str, str]:
         self._loop.owners.stop(self.hold)
         problem = f"{self.topic} was told to hold, and nothing else is sent; it was not relaxed"
-        response.success = False
-        response.message = ", ".join(stop_report(joint, problem) for joint in self._joints)
-        return response
-
-    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        owners = self._loop.owners
-        response.success = True
-        response.message = resume_report(owners.resume(owners.epoch.value))
-        return response
+        return dict.fromkeys(self._joints, problem)

@@ -15,7 +15,7 @@ from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from head_tracking.dynamixel.models import ServoModel
+from head_tracking.simulation.models import SimulatedModel
 
 STEP: Final = 1_000_000
 """Period of the servo's control loop, ns."""
@@ -162,9 +162,9 @@ class Mechanics:
     highest: float
 
     @classmethod
-    def of(cls, model: ServoModel) -> Mechanics:
+    def of(cls, model: SimulatedModel) -> Mechanics:
         """Return the constants that give a model its no-load speed and stall torque."""
-        stiction = _STICTION if "CW Compliance Slope" in model.control_table else _FINE * _STICTION
+        stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
         lowest = -model.center * model.radians_per_tick
         highest = (model.ticks - model.center) * model.radians_per_tick
         return cls(
@@ -290,7 +290,7 @@ class Drive:
 
     def __init__(
         self,
-        model: ServoModel,
+        model: SimulatedModel,
         angle: float,
         settings: DriveSettings,
         ambient_temperature: float,

@@ -11,14 +11,14 @@ import threading
 import time
 import tty
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from queue import SimpleQueue
-from typing import Final, Self, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
-from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
+from head_tracking.simulation.models import Named
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
 
@@ -359,6 +359,44 @@ class SimulatedPort:
         return ready
 
 
+class Mount(Protocol):
+    """How one servo drives its joint, such as the driver's `ServoCalibration`."""
+
+    @property
+    def id(self) -> int:
+        """Servo id."""
+
+    @property
+    def model(self) -> Named:
+        """Its model."""
+
+    @property
+    def init(self) -> int:
+        """Tick of position 0."""
+
+    @property
+    def reversed(self) -> bool:
+        """Whether rising ticks are falling positions."""
+
+    def ticks(self, position: float) -> int:
+        """Return the tick of a position of the joint, rad."""
+
+
+class Mounting(Protocol):
+    """How servos drive a joint, such as the driver's `JointConfiguration`."""
+
+    @property
+    def joint_name(self) -> str:
+        """The joint."""
+
+    @property
+    def calibrations(self) -> Sequence[Mount]:
+        """Its servos."""
+
+    def position(self, ticks: float) -> float:
+        """Return the position of the joint, rad."""
+
+
 class SimulatedJoints:
     """The servos of a configuration, simulated: a port to open, and the truth about the joints.
 
@@ -369,7 +407,7 @@ class SimulatedJoints:
         port: the port of the bus that they share.
     """
 
-    def __init__(self, joints: Iterable[JointConfiguration]) -> None:
+    def __init__(self, joints: Iterable[Mounting]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
         servos = [
             SimulatedServo(mount.id, mount.model, position=mount.init)
@@ -378,9 +416,9 @@ class SimulatedJoints:
         ]
         bus = SimulatedBus(servos)
         for joint in self._joints.values():
-            if joint.second is not None:
-                alike = joint.calibration.reversed == joint.second.reversed
-                bus.couple(joint.id, joint.second.id, 1 if alike else -1)
+            if len(joint.calibrations) == 2:
+                one, other = joint.calibrations
+                bus.couple(one.id, other.id, 1 if one.reversed == other.reversed else -1)
         self.port = SimulatedPort(bus, paced=True)
 
     @property
@@ -391,7 +429,7 @@ class SimulatedJoints:
     def true_position(self, joint_name: str) -> float:
         """Where the joint really is [rad], finer than any encoder tells."""
         joint = self._joints[joint_name]
-        return joint.position(self.port.true_ticks(joint.id))
+        return joint.position(self.port.true_ticks(joint.calibrations[0].id))
 
     def lead(self, joint_name: str, position: float, duration: float) -> None:
         """Lets a hand lead the joint to a position [rad] within `duration` [s]."""

@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
 from enum import Enum
 from typing import Final
 
-from head_tracking.dynamixel.control_table import (
-    ControlTable,
-    Memory,
+from head_tracking.simulation.models import (
+    RPM,
     Register,
-    Sign,
+    SimulatedModel,
     decode_sign_magnitude,
     encode_sign_magnitude,
+    registers_of,
 )
-from head_tracking.dynamixel.models import ServoModel
 from head_tracking.simulation.motion import (
     Control,
     ControlLaw,
@@ -32,7 +30,6 @@ from head_tracking.simulation.motion import (
     proportional_law,
 )
 
-RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 MX_ACCELERATION: Final = math.radians(8.583)
 X_ACCELERATION: Final = 214.577 * RPM / 60.0
 X_SPEED: Final = 0.229 * RPM
@@ -52,7 +49,6 @@ _LIMITS: Final = {
     "Goal Velocity": "Velocity Limit",
 }
 WATCHDOG_TRIPPED: Final = 255
-_MORE_INDIRECT: Final = 53  # firmware from which the 330 series has 28 indirect registers, not 20
 
 
 class Refusal(Enum):
@@ -68,27 +64,6 @@ class Refusal(Enum):
     FAILED = "something that did not work"
 
 
-def firmware_table(model: ServoModel, firmware: int) -> ControlTable:
-    """Return the control table of a model as one version of its firmware has it.
-
-    From version 53 on the 330 series has 28 indirect registers, with their data at 224 to 251, and
-    before 20, with data at 208 to 227 (e-manual, XL330-M288, note on the table of the RAM).
-    """
-    table = model.control_table
-    registers = list(table)
-    if model.watchdog is not None and firmware < model.watchdog:
-        registers = [r for r in registers if r.name != "Bus Watchdog"]
-    small = "Indirect Data 1" in table and table["Indirect Data 1"].address == 208
-    if small and firmware >= _MORE_INDIRECT:
-        registers = [r for r in registers if not r.name.startswith("Indirect")]
-        address, data = table["Indirect Address 1"], table["Indirect Data 1"]
-        for n in range(28):
-            own = replace(address, name=f"Indirect Address {n + 1}", address=168 + 2 * n)
-            registers.append(replace(own, initial=224 + n, maximum=251))
-            registers.append(replace(data, name=f"Indirect Data {n + 1}", address=224 + n))
-    return table if len(registers) == len(table) else ControlTable(table.name, tuple(registers))
-
-
 class Registers(ABC):
     """The bytes of a control table, with the checks a servo makes before it takes new values.
 
@@ -100,34 +75,34 @@ class Registers(ABC):
         firmware: Version of its firmware.
     """
 
-    def __init__(self, model: ServoModel, firmware: int) -> None:
+    def __init__(self, model: SimulatedModel, firmware: int) -> None:
         self.model = model
-        self.table = table = firmware_table(model, firmware)
+        table = registers_of(model.name, firmware)
+        self.table = {register.name: register for register in table}
+        size = table[-1].end
         self._whole = model.protocol == 2  # protocol 2.0 writes registers as a whole
-        self._bytes = bytearray(table.size)
+        self._bytes = bytearray(size)
         self._values = {register.name: 0 for register in table}
-        self._places = {
-            r.name: (r.address, r.end, r.size, r.sign is Sign.TWOS_COMPLEMENT) for r in table
-        }
-        self._owners: list[Register | None] = [None] * table.size
+        self._places = {r.name: (r.address, r.end, r.size, r.signed) for r in table}
+        self._owners: list[Register | None] = [None] * size
         for register in table:
             self._owners[register.address : register.end] = [register] * register.size
         self._aliases = {
-            table[r.name.replace("Address", "Data")].address: r.name
+            self.table[r.name.replace("Address", "Data")].address: r.name
             for r in table
             if r.name.startswith("Indirect Address")
         }
         """Names of the registers that say what stands at the address of an Indirect Data."""
-        self._first_alias = min(self._aliases, default=table.size)
-        self.load_initial_values(Memory.EEPROM)
-        self.load_initial_values(Memory.RAM)
+        self._first_alias = min(self._aliases, default=size)
+        self.load_initial_values(eeprom=True)
+        self.load_initial_values(eeprom=False)
         self["Firmware Version"] = firmware
 
-    def load_initial_values(self, memory: Memory, *, but: Collection[str] = ()) -> None:
+    def load_initial_values(self, *, eeprom: bool, but: Collection[str] = ()) -> None:
         """Set the registers of EEPROM or RAM to the vendor's values, where there are any."""
-        for register in self.table:
+        for register in self.table.values():
             if (
-                register.memory is memory
+                register.eeprom is eeprom
                 and register.initial is not None
                 and register.name not in but
             ):
@@ -181,8 +156,8 @@ class Registers(ABC):
                     whole[at : at + len(share)] = share
                     share = bytes(whole)
                 value = register.decode(share)
-                refusal = None if register.admits(value) else Refusal.RANGE
-                refusal = refusal or self.refusal(register, value)
+                allowed = register.lowest <= value <= register.highest
+                refusal = self.refusal(register, value) if allowed else Refusal.RANGE
                 if refusal:
                     return refusal
                 changes[register.name] = value
@@ -192,7 +167,7 @@ class Registers(ABC):
     @property
     def first_measured(self) -> int:
         """Address of the first register that the servo itself keeps up to date."""
-        own = (r for r in self.table if r.name.startswith(("Present", "Realtime Tick")))
+        own = (r for r in self.table.values() if r.name.startswith(("Present", "Realtime Tick")))
         return min(register.address for register in own)
 
     def set_registered(self, value: int) -> None:
@@ -315,7 +290,7 @@ class JointRegisters(Registers):
         """See `Registers`."""
         if register.name == "Lock" and value < self["Lock"]:
             return Refusal.LOCKED  # only a power cycle unlocks
-        if register.memory is Memory.EEPROM and self.get("Lock"):
+        if register.eeprom and self.get("Lock"):
             return Refusal.LOCKED
         if self._is_wheel or self._is_multi_turn:
             return None
@@ -438,7 +413,7 @@ class XRegisters(Registers):
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
         name = register.name
-        if register.memory is Memory.EEPROM and self["Torque Enable"]:
+        if register.eeprom and self["Torque Enable"]:
             return Refusal.LOCKED
         if name == "Operating Mode":
             modes = [_VELOCITY, _POSITION, _EXTENDED, _PWM]

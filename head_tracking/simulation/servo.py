@@ -5,9 +5,8 @@ from __future__ import annotations
 from random import Random
 from typing import Final
 
-from head_tracking.dynamixel.control_table import Memory
-from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.models import Named, Register, SimulatedModel, simulated_model
 from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
     ALERT,
@@ -70,15 +69,14 @@ class Alarms:
     servo down stays until it is rebooted.
 
     Attributes:
-        active: The bits (`ServoModel.errors`) that every answer tells of.
+        active: The bits  that every answer tells of.
         forced: Bits that somebody else wants to be there, such as ENCODER.
     """
 
-    def __init__(self, model: ServoModel) -> None:
-        errors = model.errors
-        self._voltage = int(errors["INPUT_VOLTAGE"])
-        self._heat = int(errors["OVERHEATING"])
-        self._overload = int(errors["OVERLOAD"])
+    def __init__(self, model: SimulatedModel) -> None:
+        self._voltage = model.voltage_error
+        self._heat = model.heat_error
+        self._overload = model.overload_error
         self._lasting = self._overload if model.protocol == 1 else 0xFF
         self._latched = 0
         self.active = 0
@@ -113,7 +111,7 @@ class SimulatedServo:
 
     Args:
         servo_id: Its id.
-        model: Its model.
+        model: Its model's name, or anything that has such a name.
         position: Where the shaft stands at first, in ticks; None: in the middle.
         torque_on_write: Switch torque on when a goal or a moving speed is written, as servos with
             a Moving Speed are seen to do.
@@ -137,7 +135,7 @@ class SimulatedServo:
     def __init__(
         self,
         servo_id: int = 1,
-        model: ServoModel = servo_model("AX-12"),  # noqa: B008
+        model: str | Named = "AX-12",
         *,
         position: float | None = None,
         torque_on_write: bool = True,
@@ -150,29 +148,29 @@ class SimulatedServo:
         boot_time: float = 0.3,
         random: Random | None = None,
     ) -> None:
-        ticks = float(model.center) if position is None else position
-        if not 0.0 <= ticks <= model.ticks - 1:
+        self.model = own = simulated_model(model)
+        ticks = float(own.center) if position is None else position
+        if not 0.0 <= ticks <= own.ticks - 1:
             raise SimulationError(
                 f"servo {servo_id} cannot stand at tick {position}; allowed are 0 to "
-                f"{model.ticks - 1}"
+                f"{own.ticks - 1}"
             )
-        self.model = model
-        self.supply_voltage = model.nominal_voltage if supply_voltage is None else supply_voltage
-        self.alarms = Alarms(model)
+        self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
+        self.alarms = Alarms(own)
         self.encoder_frozen = False
         self.write_log: WriteLog | None = None
         self._torque_on_write = torque_on_write
         self._position_noise = position_noise
         self._eeprom_time, self._boot_time = eeprom_time, boot_time
         self._random = random or Random(servo_id)
-        kind = JointRegisters if model.sign_magnitude else XRegisters
-        self._registers = kind(model, firmware or _FIRMWARE[model.protocol])
+        kind = XRegisters if own.control == "profile" else JointRegisters
+        self._registers = kind(own, firmware or _FIRMWARE[own.protocol])
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
         self._measured = self._registers.first_measured
         self._drive = Drive(
-            model,
-            (ticks - model.center) * model.radians_per_tick,
+            own,
+            (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
             ambient_temperature,
             round(start_delay * 1e9),
@@ -238,20 +236,29 @@ class SimulatedServo:
         self._drive.inertia = inertia
 
     def register(self, name: str) -> int:
-        """Return a register as a read would find it; raises UnknownRegisterError."""
+        """Return a register as a read would find it; raises SimulationError if it has none."""
         self._measure()
-        return self._registers[self._registers.table[name].name]
+        return self._registers[self._find(name).name]
 
     def set_register(self, name: str, value: int) -> None:
         """Set a register as the servo's former owner left it: no check, no torque.
 
         Raises:
-            UnknownRegisterError: There is no such register.
-            RangeError: The value does not fit into its bytes.
+            SimulationError: There is no such register, or the value does not fit into its bytes.
         """
-        self._registers.table[name].bytes_of(value)
+        register = self._find(name)
+        try:
+            value.to_bytes(register.size, "little", signed=register.signed)
+        except OverflowError as cause:
+            raise SimulationError(f"{name} cannot hold {value}") from cause
         self._registers[name] = value
         self._configure()
+
+    def _find(self, name: str) -> Register:
+        try:
+            return self._registers.table[name]
+        except KeyError:
+            raise SimulationError(f"a simulated {self.model.name} has no {name!r}") from None
 
     def push(self, torque: float) -> None:
         """Load the shaft from outside until the next call, N m, counter-clockwise."""
@@ -357,7 +364,7 @@ class SimulatedServo:
 
     def _start(self) -> None:
         registers = self._registers
-        registers.load_initial_values(Memory.RAM)
+        registers.load_initial_values(eeprom=False)
         registers.fold(self._drive)
         registers.start(self.true_ticks)
         self._waiting = None
@@ -496,7 +503,7 @@ class SimulatedServo:
             self._configure()
         if self._eeprom_time:
             written = (registers.table[name] for name in changes)
-            slow = sum(register.size for register in written if register.memory is Memory.EEPROM)
+            slow = sum(register.size for register in written if register.eeprom)
             self._be_deaf(slow * self._eeprom_time)
         if self.write_log is not None:
             self.write_log.note(self._now, self.id, registers, before)
@@ -526,7 +533,7 @@ class SimulatedServo:
             spared = _RESETS[packet.parameters]
             if not spared and packet.id == BROADCAST:
                 return Refusal.FAILED  # newer firmware ignores it, so that ids stay apart
-        self._registers.load_initial_values(Memory.EEPROM, but=spared)
+        self._registers.load_initial_values(eeprom=True, but=spared)
         if self.model.protocol == 2:
             self._start()
         self._configure()

@@ -10,9 +10,9 @@ from head_tracking.tracking.estimator import (
 )
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.following import FollowingWatch, NotFollowing
+from head_tracking.tracking.joint_readings import JointReading
 from head_tracking.tracking.laws import (
     LAWS,
-    JointReading,
     PositionLaw,
     PredictiveLaw,
     PredictiveLawParameters,

@@ -22,10 +22,10 @@ _FAST = 2.5  # rad/s
 _UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
-_TRUST = 1.3  # of the horizon
+_SHORTEST_TRUST = 0.2  # s; over which an acceleration is believed
+_TRUST = 1.2  # of the horizon
 _REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
-_FADING = 0.3  # s
+_FADING = 0.2  # s
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
@@ -260,13 +260,19 @@ class TargetEstimator:
 
     Times are in seconds on any clock.
 
+    Args:
+        parameters: what counts as the same target.
+        level: tilt [rad] at which the head points along the horizon; the angle between two rays
+            that differ in pan depends on their elevation.
+
     Attributes:
         parameters: may change at any time.
         horizon: how far ahead of the points predictions are needed [s].
     """
 
-    def __init__(self, parameters: EstimatorParameters) -> None:
+    def __init__(self, parameters: EstimatorParameters, level: float = 0.0) -> None:
         self.parameters = parameters
+        self._level = level
         self.horizon = 0.1
         self._stamps: list[float] = []
         self._pans: list[float] = []
@@ -320,10 +326,12 @@ class TargetEstimator:
 
     def _judge(self, index: int, stamp: float, sight: Sight) -> Verdict:
         """Use a point that comes at this place among the others, or suspect it."""
-        before = self._described(index - 1)
-        away, unlikely = self._off(before, stamp, sight)
+        estimate = self._estimate
+        if estimate is None or estimate.stamp != self._stamps[index - 1]:
+            estimate = self._described(index - 1)
+        away, unlikely = self._off(estimate, stamp, sight)
         threshold = self.parameters.jump_threshold
-        farthest = max(_FAR * threshold, _FAST * (stamp - before.stamp))
+        farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
         if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
             self._suspects = [each for each in self._suspects if each.stamp > stamp]
             self._insert(index, [(stamp, sight)])
@@ -335,12 +343,13 @@ class TargetEstimator:
         points = sorted([*((each.stamp, each.sight) for each in alike), (stamp, sight)])
         (start, _), (end, _) = points[0], points[-1]
         among = sum(start <= each.stamp <= end for each in self._suspects)
-        if not alike or end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
+        if not alike or 2 * len(points) <= among:
             return Verdict.JUMP
-        if 2 * len(points) <= among:
+        jumped = self._jumped(estimate, points)
+        if jumped and end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
             return Verdict.JUMP
         self._suspects.clear()
-        if not self._jumped(before, points):
+        if not jumped:
             for point in points:
                 self._insert(bisect_right(self._stamps, point[0]), [point])
             return Verdict.TAKEN
@@ -355,7 +364,7 @@ class TargetEstimator:
 
     def _alike(self, suspect: _Suspect, stamp: float, sight: Sight, away: float) -> bool:
         """Whether a suspect and another point far off may be the same target."""
-        apart, dt = _angle(suspect.sight, sight), abs(stamp - suspect.stamp)
+        apart, dt = self._angle(suspect.sight, sight), abs(stamp - suspect.stamp)
         nearest = min(away, suspect.away)
         return (
             apart < 0.5 * nearest and apart < 0.8 * self.parameters.jump_threshold + _FASTEST * dt
@@ -364,8 +373,8 @@ class TargetEstimator:
     def _jumped(self, before: TargetEstimate, points: Sequence[tuple[float, Sight]]) -> bool:
         """Whether the way to these points was no part of the motion that they show."""
         (stamp, first), (end, last) = points[0], points[-1]
-        speed = _angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
-        since = _angle(first, last) / max(end - stamp, 1e-3)
+        speed = self._angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
+        since = self._angle(first, last) / max(end - stamp, 1e-3)
         return speed > _JUMP * since + _JUMP_SPEED
 
     def _cut(self, index: int) -> None:
@@ -383,7 +392,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing)
         )
-        self._began = stamp
+        self._began, self._estimate = stamp, None
         self._note(_Snapshot(stamp, sight, bearings, Range.seen_once(sight.distance)))
         for each in others:
             self._append(*each)
@@ -406,7 +415,7 @@ class TargetEstimator:
         before = snapshots[-1]
         index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
         judged, ahead = snapshots[index].bearings, stamp - stamps[index]
-        turning = math.hypot(*(bearing.motion.after(0.0)[1] for bearing in before.bearings.joints))
+        turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
         distance = before.range.after(stamp - before.stamp, sight.distance, turning)
         stamps.append(stamp)
         self._pans.append(sight.pan)
@@ -426,7 +435,12 @@ class TargetEstimator:
             off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
             for joint, off in enumerate(offs)
         ]
-        return _angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
+        return self._angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
+
+    def _angle(self, a: Sight, b: Sight) -> float:
+        """The angle between two rays that are near each other [rad]."""
+        elevation = 0.5 * (a.tilt + b.tilt) - self._level
+        return math.hypot((a.pan - b.pan) * math.cos(elevation), a.tilt - b.tilt)
 
     def _described(self, index: int) -> TargetEstimate:
         """The estimate after one of the points."""
@@ -446,8 +460,3 @@ class TargetEstimator:
             trust,
             min(timeout, trust + min(_FADING, max(trust, 1e-3))),
         )
-
-
-def _angle(a: Sight, b: Sight) -> float:
-    """The angle between two rays that are near each other [rad]."""
-    return math.hypot((a.pan - b.pan) * math.cos(0.5 * (a.tilt + b.tilt)), a.tilt - b.tilt)

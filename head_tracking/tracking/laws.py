@@ -21,6 +21,7 @@ from head_tracking.tracking.joint_controller import (
     MotionLimits,
     Reference,
 )
+from head_tracking.tracking.joint_readings import JointReading
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,21 +92,6 @@ class PredictiveLawParameters:
 @dataclass(frozen=True, slots=True)
 class NoParameters:
     """Of a law that has none of its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class JointReading:
-    """The joints of the head at one moment.
-
-    Attributes:
-        stamp: when they were measured [s].
-        positions: of pan and tilt [rad].
-        velocities: of pan and tilt [rad/s].
-    """
-
-    stamp: float
-    positions: tuple[float, float]
-    velocities: tuple[float, float] = (0.0, 0.0)
 
 
 def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, float]:

@@ -47,10 +47,10 @@ class Model(NamedTuple):
 MODELS = (
     Model(Kind.STEADY, 1, 1e4, 2.0),  # near-constant position: the latest point
     Model(Kind.STEADY, 1, 10.0, 1.0),  # near-constant position, averaged
-    Model(Kind.STEADY, 2, 3e5, 10.0),  # near-constant velocity
+    Model(Kind.STEADY, 2, 1e5, 10.0),  # near-constant velocity
     Model(Kind.WALKING, 2, 1e3, 3.0),  # straight on in space
     Model(Kind.HARMONIC, 3, 1e3, 4.0),  # harmonic, low process noise
-    Model(Kind.HARMONIC, 3, 5e6, 10.0),  # harmonic, high process noise
+    Model(Kind.HARMONIC, 3, 2e6, 10.0),  # harmonic, high process noise
 )
 """A new target is expected to be calm until it shows that it is not."""
 
@@ -108,6 +108,11 @@ class Motion(NamedTuple):
     swing_velocity: float
     swing_acceleration: float
     rate: float
+
+    @property
+    def speed(self) -> float:
+        """The velocity now [rad/s]."""
+        return self.walk + self.velocity + self.swing_velocity
 
     def after(self, dt: float) -> tuple[float, float]:
         """Return position [rad] and velocity [rad/s] a time `dt` [s] later."""
@@ -429,26 +434,40 @@ def _mixed(
     raw = [1.0 / max(score - off, least) ** 2 for score in scores]
     total = sum(raw)
     weights = tuple([each / total for each in raw])
-    position = velocity = walk = swing = acceleration = 0.0
-    for weight, (x, v, a), kind in zip(weights, states, _KINDS, strict=True):
-        position += weight * x
+    origin = states[0][0]
+    offset = square = steady = walk = swing = acceleration = speeds = within = 0.0
+    moving = 0.0
+    for weight, (x, v, a), kind, (pp, _, _, vv, _, _) in zip(
+        weights, states, _KINDS, covariances, strict=True
+    ):
+        away, speed = weight * (x - origin), weight * v
+        offset += away
+        square += away * (x - origin)
+        speeds += speed * v
+        within += weight * pp
+        moving += weight * vv
         if kind is Kind.HARMONIC:
-            swing += weight * v
+            swing += speed
             acceleration += weight * a
         elif kind is Kind.WALKING:
-            walk += weight * v
+            walk += speed
         else:
-            velocity += weight * v
-    share = max(weights[_WALKING], _LEAST_SHARE)
+            steady += speed
     motion = Motion(
-        position, walk, share, receding, velocity, swing, acceleration, max(rate, _LEAST_RATE)
+        origin + offset,
+        walk,
+        max(weights[_WALKING], _LEAST_SHARE),
+        receding,
+        steady,
+        swing,
+        acceleration,
+        max(rate, _LEAST_RATE),
     )
-    speed = velocity + walk + swing
-    here = moving = 0.0
-    for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(weights, states, covariances, strict=True):
-        here += weight * (variance * pp + (x - position) ** 2)
-        moving += weight * (variance * vv + (v - speed) ** 2)
-    return Bearing(states, variance, scores, error, weights, motion, (here, moving))
+    certainty = (
+        variance * within + max(square - offset**2, 0.0),
+        variance * moving + max(speeds - motion.speed**2, 0.0),
+    )
+    return Bearing(states, variance, scores, error, weights, motion, certainty)
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from head_tracking.transforms import (
     LATEST,
     ExtrapolationException,
@@ -18,10 +21,13 @@ from head_tracking.transforms import (
     Vector3,
 )
 
+Array = npt.NDArray[np.float64]
+
 _MOST_WAITING = 4096
 _TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
 _WINDOW = 100_000_000  # ns; the base's motion is measured over two of these
 _FARTHEST = 1e12  # m: the square of what is much farther is no number any more
+_STEP = 0.04  # s between two rotations of the base that are kept
 _AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose
 
 
@@ -179,6 +185,7 @@ class HeadBase:
         self._stamp = 0.0
         self._newest = Transform.identity()
         self._motion: tuple[_Way, _Way] | None = None
+        self._rotations: deque[tuple[int, float, float, float, float]] = deque()
 
     def update(self) -> str:
         """Takes the newest pose and the way to it; why not, or an empty string."""
@@ -205,6 +212,25 @@ class HeadBase:
         except TransformException:
             self.update()
             return self.pose(time)
+
+    def rotations(self, times: Array) -> Array:
+        """Return `R_fixed_base` at times [s], shape (N,), as quaternions x y z w, shape (4, N).
+
+        They lie between rotations 40 ms apart, each of which is looked up once; not normalised.
+        """
+        first, last = math.floor(times.min() / _STEP), math.ceil(times.max() / _STEP)
+        known = self._rotations
+        while known and known[0][0] < first:
+            known.popleft()
+        if known and known[0][0] > first:
+            known.clear()
+        for step in range(known[-1][0] + 1 if known else first, last + 1):
+            x, y, z, w = rotation = self.at(step * _STEP).rotation
+            if known and sum(a * b for a, b in zip(rotation, known[-1][1:], strict=True)) < 0.0:
+                x, y, z, w = -x, -y, -z, -w
+            known.append((step, x, y, z, w))
+        steps, *columns = np.array(known).T
+        return np.array([np.interp(times / _STEP, steps, column) for column in columns])
 
     def pose(self, time: float) -> Transform:
         """`T_fixed_base` at a time [s] near now, with the velocity and acceleration it had last."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -15,9 +14,9 @@ from head_tracking.tracking.estimator import (
     Verdict,
 )
 from head_tracking.tracking.following import FollowingWatch
-from head_tracking.tracking.laws import JointReading, TrackingLaw
-from head_tracking.tracking.mounting import Mounting
-from head_tracking.tracking.stamp_error import StampError
+from head_tracking.tracking.head_camera import HeadCamera
+from head_tracking.tracking.joint_readings import JointReading, JointReadings
+from head_tracking.tracking.laws import TrackingLaw
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
     TargetState,
@@ -26,8 +25,8 @@ from head_tracking.tracking.target_state import (
 )
 from head_tracking.transforms import Rotation, Vector3
 
-_VELOCITY_WINDOW = 0.06  # s
 _SMOOTHING = 0.05  # of a delay, from one step to the next
+_FAR_AHEAD = 1e6  # m; a ray to such a point is level
 _INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
 """The greatest speed of a head after a stop, until it is on its target [rad/s]."""
@@ -86,9 +85,7 @@ class Tracker:
         law: may be changed for another one at any time.
         at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
         machine: the target state machine.
-        mounting: finds out whether the head is mounted as it should be.
-        fault: how it is not, as its camera sees it; it is switched off then, until it is enabled
-            anew. Empty: nothing is known to be wrong.
+        camera: what the points of a camera on the head tell of it.
     """
 
     def __init__(
@@ -101,23 +98,29 @@ class Tracker:
     ) -> None:
         self.head = head
         self.law = law
-        self.estimator = TargetEstimator(estimator)
+        ahead = head.sight((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
+        self.estimator = TargetEstimator(estimator, 0.0 if ahead is None else ahead.tilt)
         self.machine = TargetStateMachine(head, state)
-        self.fault = ""
         self.at_most = math.inf
         self._base = base
         self._stall_watches = (
             FollowingWatch(head.pan_joint),
             FollowingWatch(head.tilt_joint),
         )
-        self._readings: deque[JointReading] = deque()
-        self.stamp_error = StampError()
-        self.mounting = Mounting(head)
-        self._seen: deque[tuple[float, Sight]] = deque()
+        self._readings = JointReadings()
+        self.camera = HeadCamera(head, self._readings, base)
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
         self._came: float | None = None
+
+    @property
+    def fault(self) -> str:
+        """How the head is mounted wrong, as its camera sees it; empty: nothing is known to be.
+
+        The tracker is disabled then, until it is enabled anew.
+        """
+        return self.camera.fault
 
     @property
     def state(self) -> TargetState:
@@ -133,18 +136,7 @@ class Tracker:
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as measured at `stamp` [s]; only newer ones count."""
-        readings = self._readings
-        if readings and stamp <= readings[-1].stamp:
-            return
-        while len(readings) > 1 and readings[1].stamp <= stamp - _VELOCITY_WINDOW:
-            readings.popleft()
-        pan = tilt = 0.0
-        if readings and stamp - readings[0].stamp < 5.0 * _VELOCITY_WINDOW:
-            before, dt = readings[0].positions, stamp - readings[0].stamp
-            pan, tilt = (positions[0] - before[0]) / dt, (positions[1] - before[1]) / dt
-        readings.append(JointReading(stamp, positions, (pan, tilt)))
-        self.stamp_error.joints_read(stamp, positions)
-        self.mounting.joints_read(stamp, positions)
+        self._readings.append(stamp, positions)
 
     def target_seen(
         self, stamp: float, point: Vector3, now: float, *, moving: bool = False
@@ -159,31 +151,12 @@ class Tracker:
         """
         if not self.machine.enabled:
             return Verdict.IGNORED
-        estimate = self.estimator.estimate
-        if estimate is not None:
-            pan, tilt, _ = estimate.sight
-        else:
-            pan, tilt = self._readings[-1].positions if self._readings else (0.0, 0.0)
-        if self._base is not None:
-            place = self._base.at(stamp)
-            if estimate is None:
-                self._upright = place.rotation
-            x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
-            point = self._upright.inverse() @ (x, y, z)
-        sight = self.head.sight(point, pan, tilt)
-        if sight is None:
-            verdict = Verdict.TOO_CLOSE
-        else:
-            if moving:
-                self.fault = self.fault or self.mounting.point_seen(stamp, sight)
-            sight = self._unerring(stamp, sight, moving)
-            stamp -= self.stamp_error.value if moving else 0.0
-            verdict = self.estimator.add(stamp, sight, now)
+        if moving and self._readings.latest is not None:
+            stamp, point = self.camera.corrected(stamp, point)
+        verdict = self._add(stamp, point, now)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
-            if new:
-                self.stamp_error.new_target()
             self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
@@ -194,28 +167,36 @@ class Tracker:
             self.machine.refused(verdict, now)
         return verdict
 
-    def _unerring(self, stamp: float, sight: Sight, moving: bool) -> Sight:
-        """The point as it is without its stamp's error, if it is of a camera on the head."""
-        error = self.stamp_error
-        self._seen.append((stamp, sight))
-        while self._seen[0][0] < stamp - 1.0:
-            self._seen.popleft()
-        if error.point_seen(stamp, sight, moving=moving):
-            self.estimator.reset()
-            for then, seen in sorted(self._seen)[:-1]:
-                then_corrected = then - error.value
-                self.estimator.add(then_corrected, error.corrected(then, seen), then_corrected)
-        return error.corrected(stamp, sight) if moving else sight
+    def _add(self, stamp: float, point: Vector3, now: float) -> Verdict:
+        """Hand a point in the frame that stands still to the estimator."""
+        estimate, latest = self.estimator.estimate, self._readings.latest
+        if estimate is not None:
+            pan, tilt, _ = estimate.sight
+        else:
+            pan, tilt = latest.positions if latest is not None else (0.0, 0.0)
+        if self._base is not None:
+            place = self._base.at(stamp)
+            if estimate is None:
+                self._upright = place.rotation
+            x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
+            point = self._upright.inverse() @ (x, y, z)
+        sight = self.head.sight(point, pan, tilt)
+        return Verdict.TOO_CLOSE if sight is None else self.estimator.add(stamp, sight, now)
 
     def step(self, now: float) -> TrackingStep:
         """What to do now; nothing before the joints were read."""
-        if not self._readings or not self.machine.enabled:
+        joints = self._readings.latest
+        if joints is None or not self.machine.enabled:
             return TrackingStep()
-        if self.fault:
-            self.machine.off = self.fault
+        if self.camera.update():
+            self.estimator.reset()  # it has learned from points in wrong places
+            for stamp, point in self.camera.corrected_again():
+                self._add(stamp, point, stamp)
+            self.machine.seen(now, new=False)
+        if self.camera.fault:
+            self.machine.off = self.camera.fault
             return TrackingStep(self.enable(False, now))
         self.law.at_most = self.at_most
-        joints = self._readings[-1]
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):
@@ -244,8 +225,7 @@ class Tracker:
             return None
         self.estimator.reset()
         if on:
-            self.fault = ""
-            self.mounting.reset()
+            self.camera.check_mounting()
         self.machine.enable(on)
         return None if on else self._stop(now)
 
@@ -272,9 +252,7 @@ class Tracker:
         self._readings.clear()
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
-        self._seen.clear()
-        self.stamp_error.reset()
-        self.mounting.reset()
+        self.camera = HeadCamera(self.head, self._readings, self._base)
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None
@@ -285,7 +263,8 @@ class Tracker:
     def _stop(self, now: float) -> HeadCommand | None:
         for watch in self._stall_watches:
             watch.restart()
-        return self.law.stop(self._readings[-1], now) if self._readings else None
+        joints = self._readings.latest
+        return None if joints is None else self.law.stop(joints, now)
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:
         """The estimate as the head's base sees it; None if nobody knows where the base is."""

@@ -7,6 +7,7 @@ a process of its own, so that all of them see the machine in all its moods.
 from __future__ import annotations
 
 import gc
+import json
 import math
 import os
 import statistics
@@ -25,7 +26,6 @@ from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 
 from head_tracking.dynamixel import (
     Adapter,
-    BusEvent,
     BusReading,
     BusThread,
     DynamixelError,
@@ -36,10 +36,11 @@ from head_tracking.dynamixel import (
     ReadGroup,
     ReadMethod,
     ServoBus,
+    ServoModel,
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.port import Failed
+from head_tracking.dynamixel.reading import Failed
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -53,12 +54,14 @@ from head_tracking.simulation import (
 )
 
 SERVER = Path(__file__).parent / "paced_bus.py"
+TIMED = Path(__file__).parent / "timed_run.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
 FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 PERIOD = 20_000_000  # ns
 REPLUGS = 100
-BESIDE_ROUNDS, BESIDE_CYCLES = 3, 250
+MODELS = {"XM430-W350": 4_000_000, "AX-12": 1_000_000}  # baud rate
+UPDATE_RATES = (50, 100, 200, 500)  # Hz
 
 
 class Cost(NamedTuple):
@@ -239,11 +242,7 @@ def bus() -> str:
 def _rows() -> Iterator[str]:
     quiet = rounds(0, loaded=False)
     yield _wall_row(0, quiet, "1.15x, and rustypot's")
-    yield _row(
-        "processor time of that cycle",
-        {name: f"{cost.processor:.0f} us" for name, cost in quiet.items()},
-        "60 us",
-    )
+    yield processor_row(quiet)
     yield _wall_row(500, rounds(500, loaded=False), "1.07x")
     yield _row(
         "median cycle, return delay 0, every core busy with other processes",
@@ -253,8 +252,10 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    yield node_part()
-    yield beside_a_busy_thread()
+    yield searched_replies()
+    yield free_running()
+    yield update_rates()
+    yield in_a_run()
     yield silent_servo()
     yield returning_servo()
     yield replugging()
@@ -348,7 +349,9 @@ def faulty_cycles() -> str:
     line = SimulatedLine(simulated, clock)
     joints = [
         JointConfiguration("ax", "ax_controller", 1, 512, 300, 800),
-        JointConfiguration("xm", "xm_controller", 2, 2048, 1024, 3072, model=servos[1].model),
+        JointConfiguration(
+            "xm", "xm_controller", 2, 2048, 1024, 3072, model=servo_model("XM430-W350")
+        ),
     ]
     port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
     driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
@@ -479,145 +482,144 @@ def returning_servo() -> str:
     return f"| longest cycle while one of two AX-12 returns | **{'; '.join(found)}** | | twice |"
 
 
-def node_part() -> str:
-    """From a reading to a published message, with a message that is filled anew or made anew."""
-    import rclpy
-    from sensor_msgs.msg import JointState
+def processor_row(costs: dict[str, Cost]) -> str:
+    """Processor time of a cycle, over that of rustypot's transport."""
+    least = costs["rustypot"].processor if "rustypot" in costs else math.nan
+    figures = {
+        name: f"{cost.processor:.0f} us ({cost.processor / least:.2f}x rustypot)"
+        for name, cost in costs.items()
+    }
+    return _row("processor time of that cycle", figures, "port 1.2x, whole bus 2.0x")
 
-    from head_tracking.dynamixel import ErrorBits, ServoState
-    from head_tracking.nodes.servo_bus import StatesMessage
 
-    rclpy.init()
-    node = rclpy.create_node("benchmark")
-    publisher = node.create_publisher(JointState, "servo_states", 10)
-    states = {
-        f"joint_{i}": ServoState(
-            f"joint_{i}", i, 10**18, 0.1, 0.2, 0.3, 12.0, 30.0, ErrorBits(0), True, 0.1
-        )
+def driven(
+    model: ServoModel, baud_rate: int, latency: float = 0.0, return_delay: int = 0
+) -> tuple[ServoBus, SimulatedBus, SimulatedClock, DynamixelPort]:
+    """Two servos of a model on a paced line in simulated time, and the bus that drives them."""
+    servos = [SimulatedServo(i, model, boot_time=0.0) for i in (1, 2)]
+    for servo in servos:
+        servo.set_register("Return Delay Time", return_delay // 2)
+    simulated, clock = SimulatedBus(servos), SimulatedClock(PERIOD)
+    line = SimulatedLine(simulated, clock, baud_rate, latency=latency)
+    port = DynamixelPort(
+        "simulated", baud_rate, open_device=lambda *_: SimulatedDevice(line), clock=clock
+    )
+    joints = [
+        JointConfiguration(f"joint_{i}", f"controller_{i}", i, model.center, 0, model.ticks - 1,
+                           model=model)
         for i in (1, 2)
-    }
-    kept = StatesMessage(states)
+    ]  # fmt: skip
+    driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
+    driver.connect()
+    return driver, simulated, clock, port
 
-    def anew() -> JointState:
-        message = JointState()
-        seconds, rest = divmod(sum(s.stamp for s in states.values()) // len(states), 10**9)
-        message.header.stamp = type(message.header.stamp)(sec=seconds, nanosec=rest)
-        message.name = [state.joint_name for state in states.values()]
-        message.position = [state.position for state in states.values()]
-        message.velocity = [state.velocity for state in states.values()]
-        message.effort = [state.load for state in states.values()]
-        return message
 
-    def cost(make: Callable[[], JointState], publish: bool) -> float:
-        start = time.perf_counter()
-        for _ in range(2000):
-            message = make()
-            if publish:
-                publisher.publish(message)
-        return (time.perf_counter() - start) / 2000 * 1e6
-
-    figures: dict[str, list[float]] = {}
-    for _ in range(9):
-        figures.setdefault("kept", []).append(cost(lambda: kept.filled(states), False))
-        figures.setdefault("anew", []).append(cost(anew, False))
-        figures.setdefault("kept, published", []).append(cost(lambda: kept.filled(states), True))
-        figures.setdefault("anew, published", []).append(cost(anew, True))
-    node.destroy_node()
-    rclpy.try_shutdown()
-    us = {name: statistics.median(each) for name, each in figures.items()}
+def searched_replies() -> str:
+    """Cycles in which a reply is not just what was expected, through a usual adapter."""
+    shares = []
+    for name in MODELS:
+        driver, _, clock, port = driven(servo_model(name), MODELS[name], 0.001, 500)
+        before, cycles = port.searches, 500
+        for k in range(cycles):
+            clock.now += PERIOD + 13_700 * (k % 73)  # at all phases of the latency timer
+            driver.step()
+        shares.append(f"{name} {100 * (port.searches - before) / cycles:.1f} %")
     return (
-        f"| the node's part, from a reading to a message | **{us['kept']:.1f} us**, with "
-        f"publishing {us['kept, published']:.1f} us | a new message each time, as before: "
-        f"{us['anew']:.1f} us, with publishing {us['anew, published']:.1f} us | half |"
+        "| cycles in which a reply must be searched for; return delay 500 us, latency timer 1 ms "
+        f"| **{', '.join(shares)}** | | 0 % |"
     )
 
 
-class TimedBus(ServoBus):
-    """Notes how long each cycle takes [s]."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.took: list[float] = []
-        self._began = math.nan
-
-    def read(self) -> BusReading:
-        """The first half of a cycle."""
-        self._began = time.perf_counter()
-        return super().read()
-
-    def write(self) -> tuple[BusEvent, ...]:
-        """The other half, after which the cycle counts."""
-        events = super().write()
-        self.took.append(time.perf_counter() - self._began)
-        return events
-
-
-def cycle_times(port_name: str) -> list[float]:
-    """How long the cycles of a bus thread at 50 Hz take [s], with a command in each."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
-    bus = TimedBus(DynamixelPort(port_name), joints)
-    bus.connect()
-
-    def command(_: BusReading) -> None:
-        position = 0.001 * (len(bus.took) & 255)
-        bus.command({"joint_1": Goal(position, 1.0), "joint_2": Goal(-position, 1.0)})
-
-    thread = BusThread(bus, 50.0, command)
-    thread.start()
-    _wait(lambda: len(bus.took) >= WARM_UP + BESIDE_CYCLES)
-    thread.stop()
-    return bus.took[WARM_UP:]
-
-
-def _in_another_process(port_name: str) -> list[float]:
-    program = f"import bus as b; print(*b.cycle_times({port_name!r}))"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=Path(__file__).parent,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return [float(word) for word in done.stdout.split()]
-
-
-@contextmanager
-def busy_thread() -> Iterator[None]:
-    """A thread of this process that computes without pause."""
-    done = threading.Event()
-
-    def compute() -> None:
-        while not done.is_set():
-            sum(range(1000))
-
-    thread = threading.Thread(target=compute)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-
-
-def beside_a_busy_thread() -> str:
-    """A cycle while another thread computes: in the same process, and with the bus in its own."""
-    ways = {"own": _in_another_process, "same": cycle_times}
-    took: dict[str, list[float]] = {name: [] for name in ways}
-    with served(0) as port_name:
-        for _ in range(BESIDE_ROUNDS):
-            for name, measure in ways.items():
-                with busy_thread():
-                    took[name] += measure(port_name)
-    shown = {
-        name: f"median {each[9]:.1f} ms, p95 {each[18]:.1f} ms, longest {1e3 * max(took[name]):.1f}"
-        for name, times in took.items()
-        for each in ([1e3 * time for time in statistics.quantiles(times, n=20)],)
-    }
+def free_running() -> str:
+    """Cycles a second that the wire allows, in simulated time."""
+    found = []
+    for name, baud_rate in MODELS.items():
+        rates = []
+        for latency, return_delay in ((0.0, 0), (0.001, 0), (0.001, 500)):
+            driver, _, clock, _ = driven(servo_model(name), baud_rate, latency, return_delay)
+            cycles, begin = 500, clock.now
+            for k in range(cycles):
+                goal = Goal(0.001 * (k & 255), 1.0)
+                driver.command({"joint_1": goal, "joint_2": goal})
+                driver.step()
+            seconds = (clock.now - begin) * 1e-9
+            rates.append(f"{cycles / seconds:.0f}")
+        found.append(f"two {name} at {baud_rate / 1e6:.0f} Mbaud {' / '.join(rates)}")
     return (
-        "| a cycle of two AX-12 at 50 Hz while another thread of the run computes without pause, "
-        f"{len(took['own'])} cycles | bus in a process of its own (`--bus-process`): "
-        f"**{shown['own']} ms** | in the same process: {shown['same']} ms | p95 2 ms |"
+        "| cycles a second that the wire allows, free running: adapter without latency / latency "
+        f"1 ms / and return delay 500 us | **{'; '.join(found)}** | | reported |"
     )
+
+
+def update_rates() -> str:
+    """How well a joint follows a path, by cycles a second, in simulated time.
+
+    What the servo lags behind, a tracker leads by (`laws.py`): it is told apart from what is left.
+    """
+    found = []
+    for name, baud_rate in MODELS.items():
+        followed = [_follow(servo_model(name), baud_rate, rate) for rate in UPDATE_RATES]
+        listed = ", ".join(f"{rest:.2f} deg ({1e3 * lag:.0f} ms)" for lag, rest in followed)
+        found.append(f"{name} {listed}")
+    rates = ", ".join(map(str, UPDATE_RATES))
+    return (
+        "| rms error, besides a constant lag, of a joint that follows a swing of 0.5 rad at 0.5 Hz "
+        f"with `update_rate` {rates} Hz (lag) | **{'; '.join(found)}** | | reported |"
+    )
+
+
+def _follow(model: ServoModel, baud_rate: int, rate: int) -> tuple[float, float]:
+    """Return the lag of a joint, s, and its rms error besides, degrees."""
+    driver, simulated, clock, _ = driven(model, baud_rate, latency=0.001)
+    period, start = 1_000_000_000 // rate, clock.now
+    samples: list[tuple[int, float, float]] = []
+    for k in range(rate * 5):
+        clock.now = max(clock.now, start + k * period)
+        driver.read()
+        now = (clock.now - start) * 1e-9
+        driver.command({f"joint_{i}": Goal(_on_path(i, now), 6.0) for i in (1, 2)})
+        driver.write()
+        if k > rate:
+            for part in range(1, 5):
+                time_now = clock.now + part * period // 5
+                simulated.advance(time_now)
+                for servo in simulated:
+                    aside = servo.true_ticks - servo.model.center
+                    true = aside * servo.model.radians_per_tick
+                    samples.append((servo.id, (time_now - start) * 1e-9, true))
+    errors = {
+        lag: statistics.fmean((true - _on_path(i, t - 1e-3 * lag)) ** 2 for i, t, true in samples)
+        for lag in range(0, 151, 3)
+    }
+    lag = min(errors, key=lambda each: errors[each])
+    return 1e-3 * lag, math.degrees(math.sqrt(errors[lag]))
+
+
+def _on_path(servo_id: int, seconds: float) -> float:
+    return 0.5 * math.sin(math.pi * seconds + servo_id)
+
+
+def in_a_run() -> str:
+    """How long a cycle takes while page, camera and detector run as in a run."""
+    times: dict[str, list[float]] = {}
+    runs = {
+        "with page, camera and detector": ("--target", "face", "--viewer"),
+        "without": ("--target", "none"),
+    }
+    for name, arguments in runs.items():
+        done = subprocess.run(
+            [sys.executable, str(TIMED), "--sim", "--duration", "30", *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+        times[name] = json.loads(done.stdout.splitlines()[-1])[WARM_UP:]
+    figures = "; ".join(
+        f"{name} median {1e3 * each[9]:.1f} ms, p95 {1e3 * each[18]:.1f} ms"
+        for name, took in times.items()
+        for each in (statistics.quantiles(took, n=20),)
+    )
+    return f"| a cycle of the bus in `head_tracking --sim` | **{figures}** | | p95 3 ms |"
 
 
 def replugging() -> str:
@@ -664,8 +666,10 @@ def _wait(condition: Callable[[], object]) -> None:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "node": node_part,
-    "beside": beside_a_busy_thread,
+    "searched": searched_replies,
+    "free": free_running,
+    "rates": update_rates,
+    "run": in_a_run,
     "silent": silent_servo,
     "returning": returning_servo,
     "faulty": faulty_cycles,

@@ -132,7 +132,6 @@ def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spel
 
     run(head, path, ((1, 0), (0, 1)), watched, replace(ON_HEAD, duration=4.0))
     assert watched.named is None
-    assert watched.tracker.mounting.evidence < 0.7
 
 
 @pytest.mark.parametrize(

@@ -52,20 +52,20 @@ def test_stamps_that_are_wrong_make_no_head_swing(head, law, late, path):
 def test_the_error_of_the_stamps_is_told(head):
     steered = tracker(head)
     error(head, swing, replace(ON_HEAD, stamp_error=0.07), steered=steered)
-    assert steered.stamp_error.value == pytest.approx(0.07, abs=0.01)
+    assert steered.camera.applied == pytest.approx(0.07, abs=0.01)
 
 
 def test_stamps_that_are_right_are_left_alone(head):
     for path in (still, swing, circle):
         steered = tracker(head)
         error(head, path, ON_HEAD, steered=steered)
-        assert steered.stamp_error.value == 0.0
+        assert steered.camera.applied == 0.0
 
 
 def test_a_camera_beside_the_head_has_no_stamp_errors_to_learn(head):
     steered = tracker(head)
     error(head, swing, replace(ON_HEAD, on_head=False), steered=steered)
-    assert steered.stamp_error.value == 0.0
+    assert steered.camera.applied == 0.0
 
 
 @pytest.mark.parametrize("path", [still, swing, circle])

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import pytest
 from dynamixel_fakes import PAN, TILT, TORQUE, FakeClock, FakePort, FakeServo, speed_ticks, writes
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
+    BusEvent,
     BusReading,
     BusSettings,
     ConfigurationError,
@@ -23,10 +25,12 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoCalibration,
     ServoError,
+    Symptom,
     Torque,
     TorqueError,
     servo_model,
 )
+from head_tracking.simulation import SimulatedServo
 
 XM = servo_model("XM430-W350")
 XM_PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 2048, 1024, 3072, model=XM)
@@ -463,3 +467,67 @@ def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
     rig.steps(2)
     assert rig.pan["Goal Position"] == PAN.ticks(0.1)
+
+
+# What must not run later, or be called something else
+
+
+def simulated(position: float = 2048.0) -> tuple[SimulatedServo, Bench, ServoBus]:
+    servo = SimulatedServo(1, XM, position=position)
+    bench = Bench([servo])
+    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=XM)
+    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
+    bus.connect()
+    return servo, bench, bus
+
+
+def cycles(bench: Bench, bus: ServoBus, count: int) -> list[BusEvent]:
+    events: list[BusEvent] = []
+    for _ in range(count):
+        bench.pass_time(0.02)
+        events += bus.step().events
+    return events
+
+
+def test_a_tripped_watchdog_is_named_and_cleared() -> None:
+    servo, bench, bus = simulated()
+    bus.command({"j": Goal(0.3)})
+    cycles(bench, bus, 80)
+    servo.set_register("Bus Watchdog", 255)
+    servo.set_register("Goal Position", round(servo.true_ticks))
+    bus.command({"j": Goal(-0.5)})
+    events = cycles(bench, bus, 100)
+    assert any(Symptom.TRIPPED.value in event.text for event in events)
+    assert not any(Symptom.OVERRULED.value in event.text for event in events)
+    assert 0 < servo.register("Bus Watchdog") < 255
+    bus.command({"j": Goal(-0.5)})
+    cycles(bench, bus, 80)
+    assert servo.register("Present Position") == pytest.approx(2048 - 326, abs=10)
+
+
+def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
+    servo, bench, bus = simulated()
+    writing = bus.submit(bus.writing_eeprom("j", EepromSettings(return_delay=100.0)))
+    cycles(bench, bus, 1)
+    assert not writing.done()
+    with pytest.raises(GoalError):
+        bus.command({"j": Goal(0.5)})
+    cycles(bench, bus, 60)
+    assert writing.result(0.0)
+    assert servo.register("Torque Enable") == 0
+    bus.command({"j": Goal(0.5)})
+    cycles(bench, bus, 60)
+    assert servo.register("Torque Enable") == 1
+
+
+@pytest.mark.parametrize("steps", range(1, 9))
+def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps: int) -> None:
+    servo, bench, bus = simulated(position=2800.0)
+    switching = bus.switching_torque(None, True)
+    for _ in range(steps):
+        next(switching, None)
+    bus.set_limits("j", highest=2500)
+    bus.run(switching)
+    cycles(bench, bus, 5)
+    assert servo.register("Torque Enable") == 1
+    assert servo.register("Goal Position") <= 2500

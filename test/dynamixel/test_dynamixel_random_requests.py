@@ -64,7 +64,7 @@ class Requests(RuleBasedStateMachine):
         configurations = [
             JointConfiguration(
                 name, f"c{name}", servo.id, servo.model.center, 0, servo.model.ticks - 1,
-                model=servo.model,
+                model=servo_model(servo.model.name),
             )
             for name, servo in self.servos.items()
         ]  # fmt: skip

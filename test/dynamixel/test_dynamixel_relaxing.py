@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakePort
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, writes
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
@@ -84,6 +84,35 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     if close:
         assert bus.close() == ()
     assert servo.register("Bus Watchdog") == 0
+
+
+# An adapter that comes back
+
+
+@pytest.mark.parametrize("other", [{"Firmware Version": 25}, {"Model Number": 18}])
+def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
+    other: dict[str, int],
+) -> None:
+    port, clock = FakePort(), FakeClock(tick=1000)
+    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
+    bus.connect()
+    port.gone = True
+    bus.step()
+    ((name, value),) = other.items()
+    before = port.servos[2][name]
+    port.servos[2][name] = value  # of another servo with the same id, on another adapter
+    port.gone = False
+    port.take_log()
+    for _ in range(20):
+        clock.pass_time(0.1)
+        bus.step()
+    assert not bus.statistics().connected
+    assert not writes(port.take_log())
+    port.servos[2][name] = before
+    for _ in range(20):
+        clock.pass_time(0.1)
+        assert bus.step() is not None
+    assert bus.statistics().connected
 
 
 # Without a running bus

@@ -78,7 +78,9 @@ class Rig:
             clock=bench.clock,
         )
         ids = dict.fromkeys(servo.id for servo in servos)
-        joints = [joint(i, next(s.model for s in servos if s.id == i)) for i in ids]
+        joints = [
+            joint(i, servo_model(next(s.model.name for s in servos if s.id == i))) for i in ids
+        ]
         self.bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
         self.events: list[str] = []
         self.kinds: list[EventKind] = []
@@ -432,7 +434,9 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             return [answer, replace(answer, delay=answer.delay + late)]
 
         bench = Bench(SimulatedBus([servo], line=twice))
-        bus = ServoBus(bench.port, [joint(1, servo.model)], bench.now, monotonic=bench.now)
+        bus = ServoBus(
+            bench.port, [joint(1, servo_model(servo.model.name))], bench.now, monotonic=bench.now
+        )
         for _ in range(10):
             with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
                 bus.connect()

@@ -250,3 +250,20 @@ def test_callback_that_hangs_is_named() -> None:
 def test_senseless_rate_is_refused(rate: float) -> None:
     with pytest.raises(ConfigurationError, match="1 to 1000"):
         BusThread(ServoBus(FakePort(), (PAN,)), rate, ignore)
+
+
+def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
+    release = threading.Event()
+
+    class SlowPort(FakePort):
+        def close(self) -> None:
+            release.wait(PATIENCE)
+            super().close()
+
+    bus = ServoBus(SlowPort(), [PAN])  # type: ignore[arg-type]
+    bus.connect()
+    thread = BusThread(bus, 100.0, lambda _: None)
+    thread.start()
+    threading.Timer(0.3, release.set).start()
+    thread.stop(timeout=0.05)
+    assert thread.unconfirmed == () and not thread.running

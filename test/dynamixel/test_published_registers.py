@@ -1,4 +1,4 @@
-"""The driver's control tables against a list that was copied from the vendor's pages by itself.
+"""The tables of driver and simulator against a list that was copied from the vendor's pages.
 
 `test/published/registers.csv` holds what the pages of eight models print: address, size, access,
 initial value, range and sign. An empty cell is a value that the page does not print.
@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from head_tracking.dynamixel import ConfigurationError, ServoModel, servo_model
-from head_tracking.dynamixel.models import TABLES, read_model
+from head_tracking.dynamixel.models import TABLES, all_models, read_model
+from head_tracking.simulation.models import registers_of, simulated_model
 
 PUBLISHED = Path(__file__).parents[1] / "published" / "registers.csv"
 with PUBLISHED.open(encoding="utf-8") as lines:
@@ -37,6 +38,34 @@ def test_registers_are_those_of_the_vendor(name: str) -> None:
         }
         for fact, value in ours.items():
             assert row[fact] in ("", str(value)), (row["register"], fact)
+
+
+@pytest.mark.parametrize("name", sorted({row["model"] for row in ROWS}))
+def test_simulated_registers_are_those_of_the_vendor(name: str) -> None:
+    table = {register.name: register for register in registers_of(name, 50)}
+    for row in ROWS:
+        if row["model"] != name:
+            continue
+        register = table[row["register"]]
+        theirs = {
+            "address": register.address,
+            "size": register.size,
+            "access": "RW" if register.writable else "R",
+            "initial": register.initial,
+            "lowest": register.lowest,
+            "highest": register.highest,
+        }
+        for fact, value in theirs.items():
+            assert row[fact] in ("", str(value)), (row["register"], fact)
+        assert register.signed == (row["sign"] == "two's complement"), row["register"]
+
+
+@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
+def test_every_model_of_the_driver_can_be_simulated(model: ServoModel) -> None:
+    simulated = simulated_model(model)
+    assert simulated.number == model.model_number
+    names = {register.name for register in model.control_table}
+    assert names == {r.name for r in registers_of(model.name, 50)}
 
 
 NEW_MODEL = """

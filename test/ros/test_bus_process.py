@@ -3,12 +3,15 @@
 import os
 import re
 import signal
+import threading
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
 from robot_under_test import wait_for
 
 from head_tracking.dynamixel import DynamixelPort
+from head_tracking.nodes.bus_process import Questions
 
 
 def torque(port: str) -> list[int]:
@@ -23,6 +26,23 @@ def torque(port: str) -> list[int]:
 def children(process: int) -> list[int]:
     found = Path(f"/proc/{process}/task/{process}/children")
     return [int(word) for word in found.read_text().split()] if found.exists() else []
+
+
+def test_a_late_answer_is_not_taken_for_the_answer_to_stop():
+    ours, theirs = Pipe()
+    questions = Questions(ours)
+
+    def answer() -> None:
+        first, _ = theirs.recv()
+        second, what = theirs.recv()
+        theirs.send((first, "a report"))
+        theirs.send((second, f"answer to {what}"))
+
+    other = threading.Thread(target=answer)
+    other.start()
+    assert questions.ask(None, 0.01) is None
+    assert questions.ask("stop", 60.0) == "answer to stop"
+    other.join()
 
 
 def alive(process: int) -> bool:

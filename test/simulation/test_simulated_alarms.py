@@ -15,7 +15,7 @@ SECOND = 1000 * MS
 
 
 def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> ErrorBits:
-    register = servo.model.control_table[name]
+    register = servo_model(servo.model.name).control_table[name]
     data = value.to_bytes(register.size, "little")
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
     assert status is not None

@@ -28,7 +28,7 @@ def servo(model=XM430, **options) -> SimulatedServo:
 
 
 def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
-    register = servo.model.control_table[name]
+    register = servo_model(servo.model.name).control_table[name]
     data = value.to_bytes(register.size, "little", signed=value < 0)
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
     assert status is not None

@@ -43,7 +43,9 @@ class Ordeal:
         self.bench = Bench(
             SimulatedBus(self.servos, faults=self.faults, write_log=WriteLog(1_000_000))
         )
-        self.joints = [ordeal_joint(servo.id, servo.model) for servo in self.servos]
+        self.joints = [
+            ordeal_joint(servo.id, servo_model(servo.model.name)) for servo in self.servos
+        ]
         bench = self.bench
         self.bus = ServoBus(bench.port, self.joints, bench.now, monotonic=bench.now)
         self.bus.connect()

@@ -339,3 +339,11 @@ def test_stated_deviations_are_those_of_the_predictions(frequency):
                 squares.append((off / estimate.deviation(joint, t + ahead)) ** 2)
     assert 0.5 < sum(squares) / len(squares) < 2.0
     assert estimator.estimate.noise == pytest.approx((0.002, 0.002), rel=0.5)
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(0.0, Verdict.TAKEN), (1.3, Verdict.JUMP)])
+def test_how_far_a_point_is_away_depends_on_the_elevation_of_the_rays(level, verdict):
+    estimator = TargetEstimator(EstimatorParameters(), level)
+    for k in range(60):
+        estimator.add(k / RATE, Sight(0.0, 1.3, 2.0), k / RATE)
+    assert estimator.add(2.0, Sight(0.12, 1.3, 2.0), 2.0) is verdict

@@ -207,4 +207,4 @@ def test_velocities_are_told_from_the_readings(make):
     tracker = make()
     for k in range(10):
         tracker.joints_read(0.02 * k, (0.03 * k, -0.01 * k))
-    assert tracker._readings[-1].velocities == pytest.approx((1.5, -0.5))
+    assert tracker._readings.latest.velocities == pytest.approx((1.5, -0.5))

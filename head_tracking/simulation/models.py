@@ -1,0 +1,214 @@
+"""What servos of each model are like: data of the simulator's own, in `facts/`.
+
+Nothing is shared with the driver: an address that the driver has wrong is right here. Sources: the
+ROBOTIS e-manual page of each model.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final, Protocol
+
+from head_tracking.simulation.exceptions import SimulationError
+
+RPM: Final = 2.0 * math.pi / 60.0
+"""One revolution per minute, rad/s."""
+
+_FACTS: Final = Path(__file__).parent / "facts"
+_SIGN_BIT: Final = 1024
+_LARGEST: Final = 1023
+
+
+class Named(Protocol):
+    """Anything that has a model's name, such as the driver's model."""
+
+    @property
+    def name(self) -> str:
+        """The name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One register.
+
+    Attributes:
+        name: The vendor's name.
+        address: First byte.
+        size: Bytes, low byte first.
+        writable: Whether a packet may write it.
+        eeprom: Whether it survives power-off.
+        signed: Whether it holds two's complement.
+        initial: Factory value, or value at power-on; None where the vendor prints none.
+        lowest: Lowest value that a write may carry.
+        highest: Highest value that a write may carry.
+    """
+
+    name: str
+    address: int
+    size: int
+    writable: bool
+    eeprom: bool
+    signed: bool
+    initial: int | None
+    lowest: int
+    highest: int
+
+    @property
+    def end(self) -> int:
+        """Address of the first byte after it."""
+        return self.address + self.size
+
+    def decode(self, data: bytes) -> int:
+        """Return the value of its bytes; sign and magnitude stay together."""
+        return int.from_bytes(data, "little", signed=self.signed)
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedModel:
+    """A model, as the simulator knows it.
+
+    Attributes:
+        name: The vendor's name.
+        number: Contents of its Model Number register.
+        protocol: 1 or 2.
+        control: How it follows a goal: "compliance" (margin and slope), "gain", or "profile".
+        ticks: Number of positions.
+        endless: Whether they go round a whole turn.
+        center: The tick in the middle.
+        radians_per_tick: rad.
+        speed_unit: One count of speed, rad/s.
+        speed_maximum: Highest goal speed in joint mode.
+        load_maximum: Register value of full load, or of the stall current.
+        no_load_speed: rad/s, at `nominal_voltage`.
+        stall_torque: N m, at `nominal_voltage`.
+        nominal_voltage: V.
+        voltage_error: Bit of its error state.
+        heat_error: Bit of its error state.
+        overload_error: Bit of its error state.
+        bulk_read: Whether it takes part in a bulk read of protocol 1.0.
+        fast_sync_read: First firmware that knows fast sync read; None: none does.
+        baud_rates: Bits per second by the value of the Baud Rate register.
+    """
+
+    name: str
+    number: int
+    protocol: int
+    control: str
+    ticks: int
+    endless: bool
+    center: int
+    radians_per_tick: float
+    speed_unit: float
+    speed_maximum: int
+    load_maximum: int
+    no_load_speed: float
+    stall_torque: float
+    nominal_voltage: float
+    voltage_error: int
+    heat_error: int
+    overload_error: int
+    bulk_read: bool
+    fast_sync_read: int | None
+    baud_rates: Mapping[int, int]
+
+
+def _rows(name: str) -> list[dict[str, str]]:
+    with (_FACTS / name).open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+@cache
+def _models() -> dict[str, SimulatedModel]:
+    return {row["name"].upper(): _model(row) for row in _rows("models.csv")}
+
+
+def _model(row: Mapping[str, str]) -> SimulatedModel:
+    ticks = int(row["ticks"])
+    rates = (code.split("=") for code in row["baud_rates"].split())
+    return SimulatedModel(
+        name=row["name"],
+        number=int(row["number"]),
+        protocol=int(row["protocol"]),
+        control=row["control"],
+        ticks=ticks,
+        endless=row["endless"] == "yes",
+        center=ticks // 2,
+        radians_per_tick=math.radians(float(row["degrees"])) / ticks,
+        speed_unit=float(row["rpm_per_count"]) * RPM,
+        speed_maximum=int(row["top_speed"]),
+        load_maximum=int(row["full_load"]),
+        no_load_speed=float(row["no_load_rpm"]) * RPM,
+        stall_torque=float(row["stall_torque"]),
+        nominal_voltage=float(row["volts"]),
+        voltage_error=1 << int(row["voltage_bit"]),
+        heat_error=1 << int(row["heat_bit"]),
+        overload_error=1 << int(row["overload_bit"]),
+        bulk_read=row["bulk_read"] == "yes",
+        fast_sync_read=int(row["fast_sync_read"]) if row["fast_sync_read"] else None,
+        baud_rates={int(code): int(rate) for code, rate in rates},
+    )
+
+
+def simulated_model(model: str | Named) -> SimulatedModel:
+    """Return the model of that name.
+
+    Raises:
+        SimulationError: There is none.
+    """
+    name = model if isinstance(model, str) else model.name
+    try:
+        return _models()[name.upper()]
+    except KeyError:
+        known = ", ".join(each.name for each in _models().values())
+        raise SimulationError(f"no servo {name!r} can be simulated; known are {known}") from None
+
+
+@cache
+def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
+    """Return the registers of a model with a version of its firmware, by address."""
+    found: list[Register] = []
+    for row in _rows("registers.csv"):
+        since, until = int(row["since"] or 0), int(row["until"] or 255)
+        if name not in row["models"].split() or not since <= firmware <= until:
+            continue
+        initial = int(row["initial"]) if row["initial"] else None
+        if row["register"] == "Model Number":
+            initial = simulated_model(name).number
+        base, size, count = row["register"], int(row["size"]), int(row["count"])
+        for index in range(count):
+            register = base
+            if count > 1:
+                stem, first = base.rsplit(" ", 1)
+                register = f"{stem} {int(first) + index}"
+            grows = index if base.startswith("Indirect Address") else 0
+            found.append(
+                Register(
+                    register,
+                    int(row["address"]) + index * size,
+                    size,
+                    row["access"] == "RW",
+                    row["memory"] == "EEPROM",
+                    row["sign"] == "signed",
+                    None if initial is None else initial + grows,
+                    int(row["lowest"] or 0),
+                    int(row["highest"] or 0),
+                )
+            )
+    return tuple(sorted(found, key=lambda register: register.address))
+
+
+def encode_sign_magnitude(value: int) -> int:
+    """Return a number, of at most 1023 either way, with its sign in bit 10."""
+    magnitude = min(abs(value), _LARGEST)
+    return magnitude + _SIGN_BIT if value < 0 else magnitude
+
+
+def decode_sign_magnitude(raw: int) -> int:
+    """Return the number whose sign is in bit 10."""
+    magnitude = raw % _SIGN_BIT
+    return -magnitude if raw & _SIGN_BIT else magnitude

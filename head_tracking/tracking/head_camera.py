@@ -1,0 +1,323 @@
+"""What the points of a camera on the head tell of the camera: how late it is, how it is mounted.
+
+A point of such a camera is a ray. Where the ray points follows from the joints at the time when the
+picture was taken. By each hypothesis (an error of the stamps, a mounting of the servos) the same
+ray points elsewhere, and only by the true one the target moves smoothly while the head turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.tracking.hypothesis_bank import HypothesisBank
+from head_tracking.tracking.joint_readings import JointReadings
+from head_tracking.tracking.target import HeadBase
+from head_tracking.transforms import Rotation, Vector3
+
+Array = npt.NDArray[np.float64]
+
+_ERRORS: Array = np.concatenate([np.arange(-0.3, 0.301, 0.02), np.arange(0.35, 0.901, 0.05)])
+"""The errors of the stamps that are compared [s]."""
+_ZERO = int(np.abs(_ERRORS).argmin())
+_RIGHT = 0.9  # prior probability that the stamps are right
+_USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
+_WORTH = 0.025  # s; an error is applied if it is larger than this
+_CLEAR = 4.0  # and than so many deviations
+_EXACT = 0.03  # s; with less deviation what is applied is confirmed by the points,
+_CONTRADICTED = 20.0  # and is given up only if its score falls so far behind the best
+_SURE = 0.95  # probability at which the stamps are right after all,
+_BETTER = 3.0  # if their score is better by this
+
+_TURNS: Array = np.array(
+    [
+        ((1, 0), (0, 1)),
+        ((-1, 0), (0, 1)),
+        ((1, 0), (0, -1)),
+        ((-1, 0), (0, -1)),
+        ((0, 1), (1, 0)),
+        ((0, 1), (-1, 0)),
+        ((0, -1), (1, 0)),
+        ((0, -1), (-1, 0)),
+    ],
+    dtype=np.float64,
+)
+"""How far pan and tilt of the camera turn by the pan servo, and by the tilt servo, for each
+mounting; the first is right."""
+_NEAR: Array = np.arange(-0.1, 0.151, 0.025)
+"""The errors of the stamps at which wrong mountings are compared [s]."""
+_WRONG = 7.0  # of a score: so much better, a wrong mounting is believed
+_EXCLUDED = 10.0  # so much worse, it is excluded
+
+_OTHERWISE = 0.02  # s; a change of the applied error by more makes the estimator start anew
+_EVERY = 0.045  # s between two points that tell the error of the stamps
+_RECENT, _MOST_RECENT = 1.0, 64  # s and points; so many are corrected again
+_AHEAD = 1.0  # s after the latest reading; a point that is stamped later is not judged
+_SLOPE = 0.03  # s to both sides, over which the speed of a joint is measured
+_RANGE_SHARE = 0.2  # of a measured distance in the mean one
+
+
+class StampError(NamedTuple):
+    """What the points have told of the error of the stamps.
+
+    Attributes:
+        mean: [s]; above 0: the stamps are too late.
+        deviation: standard deviation [s]; large while the head has hardly moved.
+    """
+
+    mean: float
+    deviation: float
+
+
+class HeadCamera:
+    """Estimates the stamp error of a camera on the head, and whether its joints turn it rightly.
+
+    Times are in seconds on the clock of the stamps.
+
+    Args:
+        head: that carries the camera.
+        readings: of its joints.
+        base: where the head's base frame is; None: it stands still.
+
+    Attributes:
+        applied: the stamp error that points are corrected by [s]; 0 until it is clear.
+        fault: how the servos turn the camera otherwise than they report; empty: as they report.
+    """
+
+    def __init__(
+        self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
+    ) -> None:
+        self.applied = 0.0
+        self._head, self._readings, self._base = head, readings, base
+        self._came = -math.inf
+        self._confirmed = False
+        self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
+        self._timing = _RayBank(head, readings, base, _ERRORS, np.zeros(len(_ERRORS), int), _EVERY)
+        self.check_mounting()
+
+    @property
+    def stamp_error(self) -> StampError:
+        """What the points have told until now; the prior takes no part."""
+        return _moments(self._timing.scores)
+
+    def check_mounting(self) -> None:
+        """Find out anew how the head is mounted."""
+        self.fault = ""
+        right = _ERRORS[5:]  # a wait for the others would take too long
+        wrong = len(_TURNS) - 1
+        errors = np.concatenate([right, np.tile(_NEAR, wrong)])
+        counts = [len(right)] + wrong * [len(_NEAR)]
+        mountings = np.repeat(np.arange(len(_TURNS)), counts)
+        self._mounting: _RayBank | None = _RayBank(
+            self._head, self._readings, self._base, errors, mountings, 0.0
+        )
+
+    def corrected(self, stamp: float, point: Vector3) -> tuple[float, Vector3]:
+        """Accept a point; return when the picture was taken [s], and the point as it was then [m].
+
+        Args:
+            stamp: of the point [s].
+            point: shape (3,) [m], in the frame that stands still, by the joints at `stamp`.
+        """
+        (pan,), (tilt,) = self._readings.at(np.array([stamp]))
+        in_base = point if self._base is None else self._base.at(stamp).inverse() @ point
+        ray = self._head.seen(in_base, pan, tilt)
+        latest = self._readings.latest
+        if latest is not None and self._came < stamp < latest.stamp + _AHEAD:
+            self._came = stamp
+            self._recent.append((stamp, ray))
+            self._timing.waiting.append((stamp, ray))
+            if self._mounting is not None:
+                self._mounting.waiting.append((stamp, ray))
+        return self._placed(stamp, ray) if self.applied else (stamp, point)
+
+    def corrected_again(self) -> list[tuple[float, Vector3]]:
+        """Return the points of the last second, corrected by what is known now."""
+        return [self._placed(*ray) for ray in self._recent if ray[0] > self._came - _RECENT]
+
+    def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
+        """Return when a ray was seen [s], and the point in the frame that stands still [m]."""
+        taken = stamp - self.applied
+        (pan,), (tilt,) = self._readings.at(np.array([taken]))
+        point = self._head.placed_in_base(ray, pan, tilt)
+        return taken, point if self._base is None else self._base.at(taken) @ point
+
+    def update(self) -> bool:
+        """Judge the points for which joint readings have come.
+
+        Returns:
+            Whether the applied error has changed by more than 20 ms.
+        """
+        before = self.applied
+        if self._timing.judge():
+            self._decide_error(self._timing.scores)
+        if self._mounting is not None and self._mounting.judge():
+            self._decide_mounting(self._mounting)
+        return abs(self.applied - before) > _OTHERWISE
+
+    def _decide_error(self, scores: Array) -> None:
+        """Apply the most likely error if it is clear, and none if that is clear again."""
+        mean, deviation = _moments(scores + _PRIOR)
+        applied = float(np.interp(self.applied, _ERRORS, scores))
+        if abs(mean - self.applied) < _OTHERWISE:
+            self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
+        elif self._confirmed and applied > -_CONTRADICTED:
+            return
+        before = self.applied
+        if abs(mean) > max(_CLEAR * deviation, _WORTH):
+            self.applied = _peak(scores)
+        elif self.applied:
+            right = np.exp(scores + _PRIOR)
+            if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
+                self.applied = 0.0
+        self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
+
+    def _decide_mounting(self, bank: _RayBank) -> None:
+        """Report a mounting that is clearly wrong; exclude those that the points contradict."""
+        found = sorted(set(bank.mountings.tolist()))
+        best = np.array([bank.scores[bank.mountings == mounting].max() for mounting in found])
+        behind = best[0] - best
+        if behind.min() < -_WRONG:
+            self.fault = self._named(found[int(behind.argmin())])
+        elif behind.max() > _EXCLUDED:
+            bank.keep(np.isin(bank.mountings, np.array(found)[behind < _EXCLUDED]))
+            if not bank.mountings.any():
+                self._mounting = None
+
+    def _named(self, mounting: int) -> str:
+        (by_pan, _), (_, by_tilt) = _TURNS[mounting]
+        pan, tilt = self._head.pan_joint, self._head.tilt_joint
+        if not by_pan:
+            return (
+                f"{pan} and {tilt} are crosswise, as the camera sees it: swap the servos' ids, or "
+                "`servo calibrate` with the ids the other way round (or is the camera rolled?)"
+            )
+        wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
+        return (
+            f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} against what the "
+            "servo says, as the camera sees it: find the direction by `servo calibrate` (or is "
+            f"the picture {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
+        )
+
+
+class _RayBank:
+    """A bank of hypotheses that is given rays; it waits for the joint readings that it needs.
+
+    Args:
+        head: that carries the camera.
+        readings: of its joints.
+        base: where the head's base frame is; None: it stands still.
+        errors: of the stamps by each hypothesis, shape (N,) [s].
+        mountings: by each hypothesis, shape (N,): places in `_TURNS`.
+        every: time between two rays that are judged [s]; others are left out.
+
+    Attributes:
+        waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
+    """
+
+    def __init__(
+        self,
+        head: PanTiltHead,
+        readings: JointReadings,
+        base: HeadBase | None,
+        errors: Array,
+        mountings: npt.NDArray[np.int_],
+        every: float,
+    ) -> None:
+        self.mountings = mountings
+        self._errors = errors
+        self._head, self._readings, self._base = head, readings, base
+        self._bank = HypothesisBank(len(errors), mountings > 0)
+        self.waiting: deque[tuple[float, Vector3]] = deque()
+        self._every, self._wait = every, -float(errors.min())
+        self._judged = -math.inf
+        self._range = math.nan
+        self._first: Rotation | None = None
+
+    @property
+    def scores(self) -> Array:
+        """See `HypothesisBank`."""
+        return self._bank.scores
+
+    def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
+        """Drop all other hypotheses."""
+        self.mountings, self._errors = self.mountings[chosen], self._errors[chosen]
+        self._bank.keep(chosen)
+
+    def judge(self) -> bool:
+        """Score the hypotheses by the rays whose joint readings have come; return if any was."""
+        latest, judged = self._readings.latest, False
+        while latest and self.waiting and self.waiting[0][0] + self._wait <= latest.stamp:
+            stamp, ray = self.waiting.popleft()
+            away = math.hypot(*ray)
+            self._range = away if math.isnan(self._range) else self._range
+            self._range += _RANGE_SHARE * (away - self._range)
+            if stamp - self._judged > self._every:
+                self._judged, judged = stamp, True
+                share = self._range / away
+                self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
+        return judged
+
+    def _score(self, stamp: float, ray: Vector3) -> None:
+        """Score the hypotheses by the bearings that they make of a ray."""
+        times = stamp - self._errors
+        angles = np.array(self._readings.at(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
+        speeds = np.abs(angles[:, -1] - angles[:, -2]) / (2.0 * _SLOPE)
+        angles = angles[:, :-2]
+        if self.mountings.any():
+            angles = np.einsum("nsa,sn->an", _TURNS[self.mountings], angles)
+        x, y, z = self._head.placed(ray, angles[0], angles[1])
+        if self._base is not None:
+            x, y, z = self._upright(self._base, times, np.array([x, y, z]))
+        bearings = np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+        self._bank.add(stamp, bearings, speeds)
+
+    def _upright(self, base: HeadBase, times: Array, points: Array) -> Array:
+        """Return points in C at times [s], shape (3, N), along the axes that C had at first."""
+        rotations = base.rotations(times)
+        if self._first is None:
+            self._first = self._head.axes @ base.at(float(times[0])).rotation.inverse()
+        points = self._head.axes.inverse().as_matrix() @ points
+        square = (rotations * rotations).sum(axis=0)
+        half = np.cross(rotations[:3], points, axis=0)
+        turned = points + 2.0 / square * (
+            rotations[3] * half + np.cross(rotations[:3], half, axis=0)
+        )
+        return np.asarray(self._first.as_matrix() @ turned)
+
+
+def _prior() -> Array:
+    """Return log probabilities of the errors: mostly none, else Cauchy."""
+    others = np.gradient(_ERRORS) / (math.pi * _USUAL * (1.0 + (_ERRORS / _USUAL) ** 2))
+    probabilities = (1.0 - _RIGHT) * others
+    probabilities[_ZERO] += _RIGHT
+    return np.asarray(np.log(probabilities))
+
+
+_PRIOR = _prior()
+
+
+def _moments(logarithms: Array) -> StampError:
+    """Return mean and standard deviation of the errors by their log probabilities [s]."""
+    weights = np.exp(logarithms - logarithms.max())
+    weights /= weights.sum()
+    mean = float(weights @ _ERRORS)
+    return StampError(mean, math.sqrt(float(weights @ (_ERRORS - mean) ** 2)))
+
+
+def _peak(scores: Array) -> float:
+    """Return the error [s] of the best score, between the ones that were compared."""
+    best = int(scores.argmax())
+    if not 0 < best < len(scores) - 1:
+        return float(_ERRORS[best])
+    a, b, c = _ERRORS[best - 1 : best + 2]
+    before, here, after = scores[best - 1 : best + 2]
+    left, right = (b - a) * (here - after), (b - c) * (here - before)
+    if left == right:
+        return float(b)
+    return float(b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right))

@@ -1,0 +1,91 @@
+"""Measured joint positions of the last seconds: the one history that tracking reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_SPAN = 3.0  # s
+_ROOM = 2048  # readings; half of them are kept when the room is full
+_VELOCITY_WINDOW = 0.06  # s
+
+
+@dataclass(frozen=True, slots=True)
+class JointReading:
+    """The joints of the head at one moment.
+
+    Attributes:
+        stamp: when they were measured [s].
+        positions: of pan and tilt [rad].
+        velocities: of pan and tilt [rad/s].
+    """
+
+    stamp: float
+    positions: tuple[float, float]
+    velocities: tuple[float, float] = (0.0, 0.0)
+
+
+class JointReadings:
+    """Pan and tilt over the last 3 s, linear between two readings.
+
+    Times are in seconds on the clock of the stamps.
+
+    Attributes:
+        latest: the latest reading; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.latest: JointReading | None = None
+        self._rows = np.empty((3, _ROOM))
+        self._start = self._end = 0
+
+    def __len__(self) -> int:
+        return self._end - self._start
+
+    def clear(self) -> None:
+        """Forget all readings."""
+        self.latest = None
+        self._start = self._end = 0
+
+    def append(self, stamp: float, positions: tuple[float, float]) -> bool:
+        """Accept pan and tilt [rad] measured at `stamp` [s]; return False if it is not newer."""
+        if self.latest is not None and stamp <= self.latest.stamp:
+            return False
+        rows = self._rows
+        if self._end == _ROOM:
+            self._start = max(self._start, _ROOM // 2)
+            kept = self._end - self._start
+            rows[:, :kept] = rows[:, self._start :].copy()
+            self._start, self._end = 0, kept
+        rows[:, self._end] = stamp, *positions
+        self._end += 1
+        while rows[0, self._start] < stamp - _SPAN:
+            self._start += 1
+        self.latest = JointReading(stamp, positions, self._velocities(stamp, positions))
+        return True
+
+    def covers(self, start: float, end: float) -> bool:
+        """Return whether there are readings from before `start` until after `end` [s]."""
+        rows = self._rows[0]
+        return self._end > self._start and bool(
+            rows[self._start] <= start and end <= rows[self._end - 1]
+        )
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return pan and tilt [rad] at times [s], shape (N,) each; the end values outside."""
+        stamps, pans, tilts = self._rows[:, self._start : self._end]
+        return np.interp(times, stamps, pans), np.interp(times, stamps, tilts)
+
+    def _velocities(self, stamp: float, positions: tuple[float, float]) -> tuple[float, float]:
+        """Return the mean velocities [rad/s] over the last 60 ms, 0 if nothing is known of them."""
+        stamps = self._rows[0, self._start : self._end]
+        first = int(np.searchsorted(stamps, stamp - _VELOCITY_WINDOW, side="right")) - 1
+        before, pan, tilt = self._rows[:, self._start + max(first, 0)].tolist()
+        elapsed = stamp - before
+        if not 0.0 < elapsed < 5.0 * _VELOCITY_WINDOW:
+            return 0.0, 0.0
+        return (positions[0] - pan) / elapsed, (positions[1] - tilt) / elapsed

@@ -1,0 +1,116 @@
+"""Clients that ask for anything at any time, in any composition: only `resume` ends a STOP."""
+
+import math
+import random
+import threading
+import time
+from contextlib import ExitStack, closing, contextmanager
+
+import pytest
+from rig import JOINTS, Bench
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from waiting import wait_for
+
+STOPS = 8
+NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
+CALLS = (
+    ("torque_enable", True),
+    ("head_pan_controller/torque_enable", True),
+    ("head_tilt_controller/torque_enable", True),
+    ("head_tracker/enable", True),
+    ("head_tracker/recenter", None),
+    ("recover", None),
+    ("head_pan_controller/start", None),
+)
+
+
+@pytest.fixture(scope="module", params=["one process", "a bus process", "a process for each node"])
+def bench(request, tmp_path_factory):
+    with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
+        if request.param == "one process":
+            bench.run("--target", "fictitious")
+        elif request.param == "a bus process":
+            bench.run("--target", "fictitious", "--bus-process")
+        else:
+            port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
+            bench.start("servo_bus", "--ros-args", *port)
+            for name in (*NODES, "fictitious_target"):
+                bench.start(name)
+        bench.person.wait_for_joints()
+        yield bench
+
+
+def ask_for_something(person, rnd):
+    """One request or message of those that move a head that is not stopped."""
+    position = rnd.uniform(-1.0, 1.0)
+    message = JointState(name=list(JOINTS), position=[position, 0.0])
+    message.header.frame_id = rnd.choice(("/other", "/head_tracker#0", "/head_tracker#1", ""))
+    number = rnd.randrange(len(CALLS) + 4)
+    if number < len(CALLS):
+        person.call(*CALLS[number])
+    elif number == len(CALLS):
+        person.publish("joint_commands", message)
+    elif number == len(CALLS) + 1:
+        person.publish("joint_claims", message)
+    elif number == len(CALLS) + 2:
+        person.publish("head_pan_controller/command", Float64(data=position))
+    else:
+        person.look_at(2.0, math.sin(position), 0.5)
+
+
+@contextmanager
+def clients(bench, *acts):
+    """Each act again and again, in a thread and with a node of its own."""
+    ending = threading.Event()
+    errors = []
+
+    def run(act, person):
+        try:
+            while not ending.is_set():
+                act(person)
+        except AssertionError as error:
+            errors.append(error)
+
+    with ExitStack() as resources:
+        threads = []
+        for act in acts:
+            threads.append(threading.Thread(target=run, args=(act, bench.meet(""))))
+        for thread in threads:
+            thread.start()
+            resources.callback(thread.join)
+        resources.callback(ending.set)
+        yield
+    assert not errors
+
+
+def stop_and_resume(bench, rnd):
+    person = bench.person
+    wait_for(lambda: bench.servos.torque == [1, 1], 30.0)
+    time.sleep(rnd.uniform(0.0, 0.3))
+    assert person.call("stop").success
+    ends = time.monotonic() + rnd.uniform(0.2, 0.8)
+    while time.monotonic() < ends:
+        assert bench.servos.torque == [0, 0]
+        time.sleep(0.002)
+    assert person.call("resume").success
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_clients_that_ask_for_anything_undo_no_stop(bench, seed):
+    rnd, of_client = random.Random(seed), [random.Random(seed + n) for n in (10, 20)]
+    acts = [lambda person, own=own: ask_for_something(person, own) for own in of_client]
+    with clients(bench, *acts):
+        for _ in range(STOPS):
+            stop_and_resume(bench, rnd)
+
+
+def test_a_supervisor_that_enables_everything_20_times_a_second_undoes_no_stop(bench):
+    def supervise(person):
+        person.call("head_tracker/enable", True)
+        person.call("torque_enable", True)
+        time.sleep(0.05)
+
+    with clients(bench, supervise):
+        for _ in range(STOPS):
+            stop_and_resume(bench, random.Random(3))
