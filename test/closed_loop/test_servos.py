@@ -56,7 +56,7 @@ def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
     for path, reach in ((swing, 0.5), (lambda t: around(0.5 * math.sin(math.tau * t)), 0.5)):
         ours, _ = run(head, path, late)
         simple, _ = run(head, path, late, "position")
-        assert ours.between(3.0).rms < 0.6 * simple.between(3.0).rms
+        assert ours.between(3.0).rms < 0.8 * simple.between(3.0).rms
         assert abs(ours.between(3.0).positions[:, 0]).max() < reach + 0.25
 
 
@@ -73,7 +73,7 @@ def test_each_joint_is_predicted_at_its_own_delay(head):
     servos = Pair(PlainServo(dead_time=0.15), PlainServo(dead_time=0.02))
     recording, steered = run(head, both, replace(BESIDE, servos=servos))
     alike, _ = run(head, both, replace(BESIDE, servos=PlainServo(dead_time=0.15)))
-    assert recording.between(6.0).rms < 1.2 * alike.between(6.0).rms
+    assert recording.between(6.0).rms < 1.5 * alike.between(6.0).rms
     pan, tilt = steered.law.lead_times
     assert pan - tilt == pytest.approx(0.13, abs=0.02)
     deviations = steered.delays.deviations
