@@ -347,3 +347,38 @@ def test_how_far_a_point_is_away_depends_on_the_elevation_of_the_rays(level, ver
     for k in range(60):
         estimator.add(k / RATE, Sight(0.0, 1.3, 2.0), k / RATE)
     assert estimator.add(2.0, Sight(0.12, 1.3, 2.0), 2.0) is verdict
+
+
+def test_of_two_persons_who_take_turns_the_known_one_is_believed_at_once():
+    estimator, verdicts = TargetEstimator(EstimatorParameters()), []
+    for k in range(6 * RATE):
+        t = k / RATE
+        verdict = estimator.add(t, Sight(0.5 if k // RATE % 2 else -0.5, 0.0, 2.0), t)
+        verdicts.append(verdict)
+    assert verdicts[RATE] is Verdict.JUMP  # (nobody was there before)
+    assert all(verdicts[k * RATE] is Verdict.NEW_TARGET for k in range(2, 6))
+
+
+def test_a_false_detection_that_recurs_throws_the_head_once():
+    estimator, thrown = TargetEstimator(EstimatorParameters()), 0
+    for k in range(20 * RATE):
+        t = k / RATE
+        poster = t < 1.0 or (t > 3.0 and k % 20 == 0)
+        estimator.add(t, Sight(0.5 if poster else -0.5, 0.0, 2.0), t)
+        pan, _ = estimator.estimate.bearing(t)
+        thrown += t > 3.0 and pan > -0.4
+    assert thrown <= 2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_who_walks_up_and_stops_is_not_predicted_behind_the_head(seed):
+    rnd, estimator, worst = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
+    estimator.horizon = 0.28
+    path = lambda t: (max(3.5 - 1.5 * max(t - 2.0, 0.0), 0.6), 0.15, 0.3)  # noqa: E731
+    for k in range(6 * 15):
+        t = k / 15
+        sight = seen(path(t))
+        pan, tilt = sight.pan + rnd.gauss(0.0, 0.005), sight.tilt + rnd.gauss(0.0, 0.005)
+        estimator.add(t, Sight(pan, tilt, sight.distance * math.exp(rnd.gauss(0.0, 0.03))), t)
+        worst = max(worst, miss(estimator, path, 0.28) if t > 1.0 else 0.0)
+    assert worst < 0.42
