@@ -8,7 +8,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead
@@ -18,7 +17,6 @@ from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     LAWS,
@@ -80,8 +78,8 @@ class HeadTrackerNode(Node):
         self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
         self._slow_for = 0.0  # s, with a target
         self._tracker: Tracker | None = None
-        self._state, self._text = TargetState.IDLE, ""
-        self._states = self.create_publisher(String, "~/state", LATCHED)
+        self._state: TargetState | None = None
+        self._text = ""
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.interface = HeadInterface(
             self, self._own.value.camera_link, "~/tracking_error", buffer, loop, self
@@ -211,14 +209,9 @@ class HeadTrackerNode(Node):
         else:
             state, reason = self._tracker.machine.state, self._tracker.machine.reason
         text = f"{state}: {reason}"
-        if state is TargetState.IDLE and self.interface.unheard:
-            text += f"; {self.interface.unheard}"
-        if text == self._text:
-            return
-        if not self._text.startswith(f"{state}:"):
+        if self.interface.publish_state(state, text) and state is not self._state:
             self.get_logger().info(text)
         self._state, self._text = state, text
-        self._states.publish(String(data=text))
 
     def _measured(self) -> dict[str, str]:
         """Return how late everything is, for `/diagnostics`."""
