@@ -21,8 +21,7 @@ _GATE = 30.0  # squared deviations from the nearest prediction: more is another 
 _SKIPPED = 3  # points in a row; then the filters start anew
 _GAP = 1.0  # s
 _LEAST = -4.0  # of a score relative to the best: one point cannot rule a hypothesis out
-_SHARE = 0.6  # of a score that counts: consecutive points are not independent,
-_INDEPENDENT = 1.0 / 15.0  # s; the less the nearer they are
+_SHARE = 0.6  # of a score that counts: consecutive points are not independent
 _FILTER_MEMORY = 1.0  # s
 _MEMORY = 3.0  # s of points that tell hypotheses apart
 _NEVER = -1e6
@@ -119,7 +118,6 @@ class HypothesisBank:
         mixed -= np.log(np.exp(self._weights - before).sum(axis=0)) + before
         self._weights = math.exp(-dt / _FILTER_MEMORY) * (weights - best) + self._allowed
         mixed = np.maximum(mixed - mixed.max(), _LEAST)
-        share = _SHARE * min(1.0, dt / _INDEPENDENT)
         tells = min(1.0, 2.0 * float(mixed.std()))
-        scores = math.exp(-dt * tells / _MEMORY) * self.scores + share * mixed
+        scores = math.exp(-dt * tells / _MEMORY) * self.scores + _SHARE * mixed
         self.scores = scores - scores.max()
