@@ -17,6 +17,7 @@ from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
 from head_tracking.ros.stop_signal import ENDING, StopSignal
 
@@ -55,7 +56,9 @@ class _Program:
             while True:
                 number, wanted = parent.recv()
                 if wanted is not None:
-                    answer = None if self._node is None else getattr(self._node, wanted)()
+                    answer = None
+                    with suppress(HeadTrackingError):  # stopped by somebody else meanwhile
+                        answer = None if self._node is None else getattr(self._node, wanted)()
                     parent.send((number, answer))
                     continue
                 if self._report is not None:

@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any, TextIO
 
+from head_tracking.exceptions import HeadTrackingError
+
 HINT = "space: STOP"
 """What the status line says where the keys work."""
 
@@ -178,6 +180,9 @@ class StopKey:
     def _do_resume(self) -> None:
         try:
             lines = self._resume() or ()
+        except HeadTrackingError as error:
+            self._say(f"not resumed: {error}")
+            return
         except Exception:
             self._say("\n".join([*traceback.format_exc().splitlines(), "not resumed"]))
             return

@@ -7,20 +7,13 @@ on adapters.
 
 from __future__ import annotations
 
-import fcntl
 import os
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-_TIOCGSERIAL: Final = 0x541E
-_TIOCSSERIAL: Final = 0x541F
-_SERIAL_STRUCT: Final = 72  # bytes of struct serial_struct, with room
-_FLAGS_OFFSET: Final = 16  # type, line, port and irq stand before the flags
-_ASYNC_LOW_LATENCY: Final = 0x2000
 _WANTED: Final = 1  # ms
 
 
@@ -62,32 +55,15 @@ def stable_name(port_name: str, folder: Path = Path("/dev/serial/by-id")) -> str
     return ""
 
 
-def set_low_latency(descriptor: int) -> None:
-    """Ask the driver to hand on received bytes at once.
-
-    Raises:
-        OSError: The device has no such setting, or the user may not change it.
-    """
-    settings = bytearray(_SERIAL_STRUCT)
-    fcntl.ioctl(descriptor, _TIOCGSERIAL, settings, True)
-    flags = struct.unpack_from("i", settings, _FLAGS_OFFSET)[0]
-    struct.pack_into("i", settings, _FLAGS_OFFSET, flags | _ASYNC_LOW_LATENCY)
-    fcntl.ioctl(descriptor, _TIOCSSERIAL, bytes(settings))
-
-
 def prepare_adapter(
-    port_name: str,
-    descriptor: int,
-    *,
-    low_latency: Callable[[int], None] = set_low_latency,
-    sysfs: Path = Path("/sys"),
+    port_name: str, set_low_latency: Callable[[], object], sysfs: Path = Path("/sys")
 ) -> Adapter:
     """Set the shortest latency where there is such a setting, and return what is known then.
 
     Args:
         port_name: The device, or a link to it.
-        descriptor: The device, open.
-        low_latency: Sets the driver's flag; raises OSError where that cannot be done.
+        set_low_latency: Asks the driver to hand on received bytes at once; raises OSError or
+            ValueError where that cannot be done.
         sysfs: Where the kernel shows its devices.
     """
     device = sysfs / "class" / "tty" / os.path.basename(os.path.realpath(port_name)) / "device"
@@ -98,8 +74,8 @@ def prepare_adapter(
     timer = device / "latency_timer"
     before = _latency(timer)
     if before is None or before > _WANTED:
-        with suppress(OSError):
-            low_latency(descriptor)
+        with suppress(OSError, ValueError):
+            set_low_latency()
     if before is None:
         return Adapter(driver, serial=serial)
     if (_latency(timer) or 0) > _WANTED:

@@ -42,17 +42,11 @@ from head_tracking.dynamixel.exceptions import (
     TorqueError,
 )
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.port import (
-    DynamixelPort,
-    Failed,
-    ReadGroup,
-    ReadMethod,
-    Reply,
-    Retried,
-)
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import confirming, release
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
 from head_tracking.dynamixel.requests import Epoch, Request, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (

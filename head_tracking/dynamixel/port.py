@@ -14,12 +14,9 @@ from __future__ import annotations
 import termios
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from enum import Enum
-from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 from head_tracking.dynamixel.adapter import Adapter, stable_name
 from head_tracking.dynamixel.exceptions import (
@@ -35,276 +32,40 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.protocol import (
     ALERT,
     BROADCAST_ID,
-    OVERHEAD,
     STATUS,
     ErrorBits,
     Instruction,
     Status,
     StatusCode,
-    bulk_read_packet,
     decode_status,
     describe_errors,
     describe_status,
     encode_packet,
     find_packet,
-    joint_status_size,
-    read_packet,
     split_joint_status,
-    status_prefix,
-    sync_read_packet,
     sync_write_packet,
     write_packet,
 )
+from head_tracking.dynamixel.reading import (
+    Failed,
+    ReadGroup,
+    ReadMethod,
+    Reply,
+    Request,
+    Retried,
+    request_for,
+    single_read_group,
+)
 from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate, serial_ports
+from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
 _QUIET: Final = 0.0005  # s of silence after which a line on which something went wrong is free
-_SHORTEST: Final = 0.0017
-"""s. A quiet machine wakes the reader up within a millisecond; less would cry wolf."""
-_LONGEST: Final = 0.025
-"""s. Leaves room for an FTDI adapter's 16 ms, which it takes unless told otherwise."""
-_MARGIN: Final = 0.0012
-_DEVIATIONS: Final = 6.0
-_GAIN: Final = 1.0 / 16.0
 _GAP: Final = 0.02  # s to wait for a gap between the packets of somebody else, before a request
 _SUSPECT: Final = 1.0  # s for which a line on which somebody said too much is listened to
-_FORGOTTEN: Final = 1.0
-"""s after which no reply is still on its way, through whatever adapter."""
-_MOST_EXTRA: Final = 24  # bytes
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0
-
-
-class Reply(NamedTuple):
-    """What a servo replied to a read.
-
-    Attributes:
-        data: Exactly the bytes that were asked for.
-        error: The error byte of the status packet. In protocol 1.0 its bits are the servo's state
-            (`ErrorBits`), in protocol 2.0 only the alert bit is; the data are valid all the same.
-        stamp: When the servo had received the request, on the port's clock, s.
-    """
-
-    data: bytes
-    error: int
-    stamp: float = 0.0
-
-
-class Failed(NamedTuple):
-    """A read that failed, each time it was tried.
-
-    Attributes:
-        causes: Why, once for each try.
-    """
-
-    causes: tuple[CommunicationError, ...]
-
-
-class Retried(NamedTuple):
-    """A read that was successful in the end.
-
-    Attributes:
-        reply: What was read.
-        causes: Why it failed before, once for each try.
-    """
-
-    reply: Reply
-    causes: tuple[CommunicationError, ...]
-
-
-class ReadMethod(Enum):
-    """How the same registers of several servos are read."""
-
-    EACH = "one packet for each"
-    BULK = "bulk read"
-    SYNC = "sync read"
-    FAST_SYNC = "fast sync read"
-
-
-class Request(NamedTuple):
-    """A packet that is sent, and the reply of one servo that is expected.
-
-    Attributes:
-        packet: What is sent.
-        protocol: 1 or 2.
-        id: The servo; BROADCAST_ID if several reply in one packet.
-        length: Bytes of data of the reply.
-        size: Bytes of the reply.
-        prefix: First bytes of the reply.
-        what: What is asked for, for messages.
-    """
-
-    packet: bytes
-    protocol: int
-    id: int
-    length: int
-    size: int
-    prefix: bytes
-    what: str
-
-
-def _request(packet: bytes, protocol: int, servo_id: int, length: int, what: str) -> Request:
-    prefix = status_prefix(protocol, servo_id, length)
-    return Request(packet, protocol, servo_id, length, OVERHEAD[protocol] + length, prefix, what)
-
-
-Plausible = Callable[[bytes], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class ReadGroup:
-    """The same registers of one or more servos.
-
-    Attributes:
-        method: How they are read.
-        protocol: Their protocol, 1 or 2.
-        address: First register byte.
-        length: Number of bytes.
-        ids: The servos.
-        plausible: Returns whether a servo can have said that; the checksum of protocol 1.0 is weak,
-            two damaged bits can cancel each other out.
-        requests: The replies to the packet that reads all of them; none if each is asked alone.
-        alone: The groups that read each of several servos alone.
-    """
-
-    method: ReadMethod
-    protocol: int
-    address: int
-    length: int
-    ids: tuple[int, ...]
-    plausible: Plausible | None = None
-    requests: tuple[Request, ...] = field(init=False, repr=False, compare=False)
-    alone: tuple[ReadGroup, ...] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        ids, alone = self.ids, tuple(map(self._one, self.ids)) if len(self.ids) > 1 else ()
-        object.__setattr__(self, "alone", alone)
-        object.__setattr__(self, "requests", tuple(self._requests(ids)))
-
-    def _one(self, servo_id: int) -> ReadGroup:
-        each = ReadMethod.EACH
-        return ReadGroup(
-            each, self.protocol, self.address, self.length, (servo_id,), self.plausible
-        )
-
-    def _requests(self, ids: tuple[int, ...]) -> Iterator[Request]:
-        protocol, address, length, method = self.protocol, self.address, self.length, self.method
-        what = f"read of {length} byte(s) at {address}"
-        if not self.alone:
-            for servo_id in ids:
-                packet = read_packet(protocol, servo_id, address, length)
-                yield _request(packet, protocol, servo_id, length, what)
-        elif method is ReadMethod.FAST_SYNC:
-            packet = sync_read_packet(ids, address, length, fast=True)
-            yield _request(packet, 2, BROADCAST_ID, joint_status_size(len(ids), length), what)
-        elif method is not ReadMethod.EACH:
-            read_together = bulk_read_packet if method is ReadMethod.BULK else sync_read_packet
-            packet = read_together(ids, address, length)
-            for servo_id in ids:
-                yield _request(packet, protocol, servo_id, length, what)
-
-    def longer(self, extra: int) -> ReadGroup:
-        """Return the group that reads some bytes more, before its own where there are as many."""
-        first = self.address - extra if self.address >= extra else self.address
-        return ReadGroup(self.method, self.protocol, first, self.length + extra, self.ids)
-
-
-_read_group = lru_cache(maxsize=512)(ReadGroup)
-
-
-class ReplyTimeout:
-    """How long a reply is waited for besides its time on the wire.
-
-    Follows the time between the last byte of a request and the last byte of its reply: the servo's
-    return delay, the adapter's latency and the time until this program runs. Mean and mean
-    deviation are followed as TCP does it (RFC 6298).
-
-    Args:
-        fixed: Always allow this time, s, instead; None follows.
-        adapter: What the adapter is known to take, s; None if it does not tell.
-
-    Attributes:
-        allowance: That time, s.
-    """
-
-    def __init__(self, fixed: float | None = None, adapter: float | None = None) -> None:
-        self._fixed = fixed
-        self._mean = self._deviation = -1.0
-        if fixed is not None:
-            self.allowance = fixed
-        else:
-            self.allowance = _LONGEST if adapter is None else min(_LONGEST, adapter + 0.008)
-
-    def learn(self, latency: float) -> None:
-        """Take account of a reply, unless it took too long to ever wait for; s."""
-        if self._fixed is not None or latency > _LONGEST:
-            return
-        mean = self._mean
-        if self._deviation < 0.0:
-            self._mean, self._deviation = latency, latency / 2.0
-        else:
-            error = latency - mean
-            self._mean = mean + _GAIN * error
-            self._deviation += _GAIN * ((error if error > 0.0 else -error) - self._deviation)
-        wanted = self._mean + _DEVIATIONS * self._deviation + _MARGIN
-        if wanted < _SHORTEST:
-            wanted = _SHORTEST
-        self.allowance = wanted if wanted < _LONGEST else _LONGEST
-
-    def learn_late(self, latency: float) -> None:
-        """Take account of a reply that was found after that time, s, and came before."""
-        self.learn(min(latency, 2.0 * self.allowance, _LONGEST))
-
-
-class LateReplies:
-    """Replies that nobody waits for any more.
-
-    Args:
-        clock: Monotonic time, s.
-
-    Attributes:
-        due: When they were due, s, by protocol and id, and by bytes of data.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self.due: dict[tuple[int, int], dict[int, float]] = {}
-        self._clock = clock
-
-    def add(self, request: Request, due: float) -> None:
-        """Note that the reply to a request may still come; it was due at a time, s."""
-        self.due.setdefault((request.protocol, request.id), {})[request.length] = due
-
-    def told_apart(self, group: ReadGroup) -> ReadGroup:
-        """Return the group, or a longer one, whose replies have the length of no late reply.
-
-        Raises:
-            ReplyTimeoutError: There is none, after many failures in a second.
-        """
-        self.forget()
-        for extra in range(_MOST_EXTRA + 1):
-            longer = group.longer(extra) if extra else group
-            if not any(
-                request.length in self.due.get((request.protocol, request.id), ())
-                for request in longer.requests
-            ):
-                return longer
-        raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
-
-    def take(self, protocol: int, status: Status) -> float | None:
-        """Note that such a reply has come; return how late it is, s, or None if none is due."""
-        due = self.due.get((protocol, status.id), {}).pop(len(status.data), None)
-        self.forget()
-        return None if due is None else self._clock() - due
-
-    def forget(self) -> None:
-        """Drop what is too old to come."""
-        oldest = self._clock() - _FORGOTTEN
-        for key, late in list(self.due.items()):
-            recent = {length: due for length, due in late.items() if due >= oldest}
-            self.due[key] = recent
-            if not recent:
-                del self.due[key]
 
 
 class DynamixelPort:
@@ -450,7 +211,7 @@ class DynamixelPort:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        group = _read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
+        group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
         outcome = self.read_group(group)[0]
         if isinstance(outcome, Failed):
             raise outcome.causes[0]
@@ -535,7 +296,7 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         packet = encode_packet(protocol, servo_id, Instruction.PING)
-        request = _request(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
+        request = request_for(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
         try:
             return self._command(request)
         except ReplyTimeoutError:
@@ -568,7 +329,7 @@ class DynamixelPort:
             self._tell(packet)
             return 0
         what = f"write of {len(data)} byte(s) at {address}"
-        return self._command(_request(packet, protocol, servo_id, 0, what))
+        return self._command(request_for(packet, protocol, servo_id, 0, what))
 
     def reboot(self, servo_id: int) -> None:
         """Restart a protocol 2.0 servo; it answers nothing for a while.
@@ -578,7 +339,7 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         packet = encode_packet(2, servo_id, Instruction.REBOOT)
-        self._command(_request(packet, 2, servo_id, 0, "reboot"))
+        self._command(request_for(packet, 2, servo_id, 0, "reboot"))
 
     def sync_write(
         self,
@@ -676,7 +437,12 @@ class DynamixelPort:
                 break
             buffer += data
         packet = buffer[:size]
-        if packet.startswith(prefix) and len(packet) == size and packet not in self._sent:
+        if (
+            packet.startswith(prefix)
+            and len(packet) == size
+            and packet not in self._sent
+            and not (self._late.due and self._late.resembles(request))
+        ):
             status = decode_status(request.protocol, packet)
             if status is not None:
                 self._buffer = buffer[size:]
@@ -692,23 +458,28 @@ class DynamixelPort:
         line = self._line
         assert line is not None
         protocol = request.protocol
-        end = max(deadline, due + _LONGEST)
+        end = max(deadline, due + LONGEST)
         received = len(self._buffer)
-        stray: Status | None = None
+        doubtful: Status | None = None
         was_damaged = self._echoed = False
+        ambiguous = self._late.resembles(request)  # the first of two replies may be the late one
         while True:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
                 if status.id != request.id:
                     self._note_surplus(status.id)
+                elif ambiguous and doubtful is None and len(status.data) == request.length:
+                    doubtful = status
                 elif len(status.data) == request.length or _refuses(protocol, status):
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
+                    if ambiguous:
+                        self._late.take(protocol, status)
                     return status
                 elif not self._is_late(protocol, status):
                     self._note_surplus(request.id)
-                    stray = status
+                    doubtful = status
                 continue
             now = self.clock()
             if damaged and received >= request.size:  # that was it
@@ -721,8 +492,8 @@ class DynamixelPort:
             received += len(data)
             self._buffer += data
         self._wire_free = self.clock()
-        if stray is not None:
-            return stray  # no reply to what was asked: the caller says so
+        if doubtful is not None:
+            return doubtful  # if it is no reply to what was asked, the caller says so
         self._late.add(request, due)
         if self._buffer or was_damaged:
             raise CorruptReplyError(f"servo {request.id}: damaged reply")

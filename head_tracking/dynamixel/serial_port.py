@@ -143,9 +143,10 @@ class SerialDevice:
         self._serial.port = port_name
         try:
             self._serial.open()
-            descriptor = self._serial.fileno()
-            self.adapter: Adapter = prepare_adapter(port_name, descriptor)
-            self.line = SerialLine(descriptor)
+            self.adapter: Adapter = prepare_adapter(
+                port_name, lambda: self._serial.set_low_latency_mode(True)
+            )
+            self.line = SerialLine(self._serial.fileno())
             self.line.discard_input()
         except (OSError, ValueError, termios.error) as cause:
             self.close()

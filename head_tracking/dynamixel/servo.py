@@ -29,7 +29,7 @@ from head_tracking.dynamixel.exceptions import (
     WrongModelError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
-from head_tracking.dynamixel.port import DynamixelPort, Reply
+from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import (
     ALERT,
     NO_ERROR,
@@ -38,6 +38,7 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
     describe_status,
 )
+from head_tracking.dynamixel.reading import Reply
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 

@@ -386,18 +386,27 @@ class HeadInterface:
 
     def _owners_changed(self) -> None:
         """React to another owner of the joints, or to a STOP; for any thread."""
+        try:
+            self._follow_owners()
+        except Exception as error:
+            # no STOP fails of it; whoever runs the node ends the program
+            self.failure = error
+
+    def _follow_owners(self) -> None:
         owners = self._loop.owners
         with self._changing:
             before, now = self._seen, (self.off, owners.epoch.value)
-            if now[0] and not before[0] and not owners.stopped:
-                others = set(owners.of(self.joints).values()) - {"", self.name}
-                if others:
-                    self._disabled = f"{' and '.join(sorted(others))} has taken the head over"
-                    now = self._disabled, now[1]
+            others = set(owners.of(self.joints).values()) - {"", self.name}
+            lost = bool(now[0] and not before[0] and others)
+            if lost:
+                self._disabled = f"{' and '.join(sorted(others))} has taken the head over"
+                now = self._disabled, now[1]
             self._seen = now
             self.slow |= now[1] != before[1]
         if now == before:
             return
+        if lost:
+            owners.release(self.name)  # the other joint, too
         if self._trajectory is not None:
             self._trajectory.hold()
         # a turner that hangs must not keep others from stopping the head
@@ -440,9 +449,9 @@ class HeadInterface:
         Raises:
             StoppedError: the head is stopped.
         """
-        self._loop.owners.permit()
+        epoch = self._loop.owners.permit()
         if self.off:
-            self._loop.owners.take_over(self.name, self.joints)
+            self._loop.owners.take_over(self.name, self.joints, epoch)
             if self._topics is not None:
                 self._topics.claim()
 
@@ -648,7 +657,7 @@ class HeadInterface:
 
     def send(self, command: HeadCommand | None) -> None:
         """Takes a command for both joints to the servos, if there is one and the head is ours."""
-        if command is None or self.off:
+        if command is None or self.off or self._epoch != self._loop.owners.epoch.value:
             return
         if self._trajectory is not None:
             self._trajectory.take(command, self._positions, self.now)

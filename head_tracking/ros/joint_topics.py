@@ -66,5 +66,5 @@ class JointTopics:
         self._loop.owners.follow(control.stopped, control.epoch)
         owner = control.owners.get(self._joints[0], "")
         lost, self.owner = self.owner == self._name != owner, owner
-        if lost and owner:
+        if lost and owner and not control.stopped:
             self._loop.owners.take_over(owner, self._joints)

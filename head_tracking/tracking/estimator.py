@@ -21,11 +21,15 @@ _NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther o
 _FAST = 2.5  # rad/s
 _UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
+_STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
+_RETURN = 10.0  # s; within this
+_LEFT = 4  # places that are remembered
+_SAME = 0.5  # of `jump_threshold`: so near to such a place a point is there
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.25  # s; over which an acceleration is believed
-_TRUST = 1.3  # of the horizon
+_SHORTEST_TRUST = 0.2  # s; over which an acceleration is believed
+_TRUST = 1.2  # of the horizon
 _REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
-_FADING = 0.3  # s
+_FADING = 0.2  # s
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
@@ -215,16 +219,14 @@ class TargetEstimate:
             beyond = min(ahead - self.trust, fading)
             ahead = self.trust + beyond - 0.5 * beyond * beyond / fading
             pace = 1.0 - beyond / fading
-        (x, u), (y, v) = (self._bounded(motion, ahead) for motion in self.motions)
-        return (x, pace * u), (y, pace * v)
-
-    @staticmethod
-    def _bounded(motion: Motion, ahead: float) -> tuple[float, float]:
-        position, velocity = motion.after(ahead)
-        way = position - motion.position
-        if abs(way) > _FARTHEST_AHEAD:
-            return motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
-        return position, velocity
+        motions = []
+        for motion in self.motions:
+            position, velocity = motion.after(ahead)
+            way = position - motion.position
+            if abs(way) > _FARTHEST_AHEAD:
+                position, velocity = motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
+            motions.append((position, pace * velocity))
+        return motions[0], motions[1]
 
 
 class _Snapshot(NamedTuple):
@@ -260,19 +262,26 @@ class TargetEstimator:
 
     Times are in seconds on any clock.
 
+    Args:
+        parameters: what counts as the same target.
+        level: tilt [rad] at which the head points along the horizon; the angle between two rays
+            that differ in pan depends on their elevation.
+
     Attributes:
         parameters: may change at any time.
         horizon: how far ahead of the points predictions are needed [s].
     """
 
-    def __init__(self, parameters: EstimatorParameters) -> None:
+    def __init__(self, parameters: EstimatorParameters, level: float = 0.0) -> None:
         self.parameters = parameters
+        self._level = level
         self.horizon = 0.1
         self._stamps: list[float] = []
         self._pans: list[float] = []
         self._tilts: list[float] = []
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[_Suspect] = []
+        self._left: list[tuple[float, Sight]] = []
         self._began = 0.0
         self._estimate: TargetEstimate | None = None
 
@@ -284,6 +293,7 @@ class TargetEstimator:
     def reset(self) -> None:
         """Forget the target."""
         self._suspects.clear()
+        self._left.clear()
         self._cut(0)
         self._estimate = None
 
@@ -328,8 +338,10 @@ class TargetEstimator:
         farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
         if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
             self._suspects = [each for each in self._suspects if each.stamp > stamp]
-            self._insert(index, [(stamp, sight)])
+            self._insert(stamp, sight)
             return Verdict.TAKEN
+        if index == len(self._stamps) and self._returns(stamp, sight, away):
+            return self._jump([(stamp, sight)])
         timeout = self.parameters.target_timeout
         suspects = [each for each in self._suspects if abs(stamp - each.stamp) < timeout]
         alike = [each for each in suspects if self._alike(each, stamp, sight, away)]
@@ -342,23 +354,45 @@ class TargetEstimator:
         jumped = self._jumped(estimate, points)
         if jumped and end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
             return Verdict.JUMP
+        if jumped:
+            return self._jump(points)
         self._suspects.clear()
-        if not jumped:
-            for point in points:
-                self._insert(bisect_right(self._stamps, point[0]), [point])
-            return Verdict.TAKEN
-        index = bisect_right(self._stamps, points[0][0])
+        for point in points:
+            self._insert(*point)
+        return Verdict.TAKEN
+
+    def _jump(self, points: Sequence[tuple[float, Sight]]) -> Verdict:
+        """Start anew from points that are believed, and judge later ones by them."""
+        self._suspects.clear()
+        index = max(bisect_right(self._stamps, points[0][0]), 1)
+        before = self._snapshots[index - 1]
         later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
-        self._begin(points, self._snapshots[index - 1] if index else None)
-        for then, seen in later:
-            place = bisect_right(self._stamps, then)
+        if before.stamp - self._began >= _STAYED:
+            self._left = [*self._left[1 - _LEFT :], (before.stamp, before.sight)]
+        self._begin(points, before)
+        for stamp, sight in later:
+            place = bisect_right(self._stamps, stamp)
             if place:
-                self._judge(place, then, seen)
+                self._judge(place, stamp, sight)
         return Verdict.NEW_TARGET
+
+    def _returns(self, stamp: float, sight: Sight, away: float) -> bool:
+        """Whether the target is back where it stayed before: two persons who take turns.
+
+        A target must have stayed there, and must stay there again before this is believed once
+        more; so a false detection that recurs throws the head once.
+        """
+        for place in self._left:
+            left, there = place
+            near = self._angle(there, sight) < _SAME * self.parameters.jump_threshold
+            if near and away > 2.0 * self.parameters.jump_threshold and stamp - left < _RETURN:
+                self._left.remove(place)
+                return True
+        return False
 
     def _alike(self, suspect: _Suspect, stamp: float, sight: Sight, away: float) -> bool:
         """Whether a suspect and another point far off may be the same target."""
-        apart, dt = _angle(suspect.sight, sight), abs(stamp - suspect.stamp)
+        apart, dt = self._angle(suspect.sight, sight), abs(stamp - suspect.stamp)
         nearest = min(away, suspect.away)
         return (
             apart < 0.5 * nearest and apart < 0.8 * self.parameters.jump_threshold + _FASTEST * dt
@@ -367,8 +401,8 @@ class TargetEstimator:
     def _jumped(self, before: TargetEstimate, points: Sequence[tuple[float, Sight]]) -> bool:
         """Whether the way to these points was no part of the motion that they show."""
         (stamp, first), (end, last) = points[0], points[-1]
-        speed = _angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
-        since = _angle(first, last) / max(end - stamp, 1e-3)
+        speed = self._angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
+        since = self._angle(first, last) / max(end - stamp, 1e-3)
         return speed > _JUMP * since + _JUMP_SPEED
 
     def _cut(self, index: int) -> None:
@@ -387,36 +421,39 @@ class TargetEstimator:
             else before.bearings.restarted(bearing)
         )
         self._began, self._estimate = stamp, None
-        self._note(_Snapshot(stamp, sight, bearings, Range.seen_once(sight.distance)))
+        self._append(stamp, sight, bearings)
         for each in others:
             self._append(*each)
 
-    def _insert(self, index: int, points: Sequence[tuple[float, Sight]]) -> None:
-        """Sort points in and compute anew what follows them."""
+    def _insert(self, stamp: float, sight: Sight) -> None:
+        """Sort a point in and compute anew what follows it."""
+        index = bisect_right(self._stamps, stamp)
         later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
         self._cut(index)
-        for stamp, sight in (*points, *later):
-            self._append(stamp, sight)
+        for each in ((stamp, sight), *later):
+            self._append(*each)
 
-    def _note(self, snapshot: _Snapshot) -> None:
-        self._snapshots.append(snapshot)
-        self._stamps.append(snapshot.stamp)
-        self._pans.append(snapshot.sight.pan)
-        self._tilts.append(snapshot.sight.tilt)
-
-    def _append(self, stamp: float, sight: Sight) -> None:
+    def _append(self, stamp: float, sight: Sight, bearings: Bearings | None = None) -> None:
+        """Take the next point; with `bearings` it is the first of a motion."""
         stamps, snapshots = self._stamps, self._snapshots
-        before = snapshots[-1]
-        index = min(max(bisect_right(stamps, stamp - self.horizon) - 1, 0), len(snapshots) - 1)
-        judged, ahead = snapshots[index].bearings, stamp - stamps[index]
-        turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
-        distance = before.range.after(stamp - before.stamp, sight.distance, turning)
         stamps.append(stamp)
         self._pans.append(sight.pan)
         self._tilts.append(sight.tilt)
-        bearings = before.bearings.after(
-            stamps, (self._pans, self._tilts), distance.receding, judged, ahead
-        )
+        if bearings is not None:
+            distance = Range.seen_once(sight.distance)
+        else:
+            before = snapshots[-1]
+            earlier = bisect_right(stamps, stamp - self.horizon) - 1
+            judged = snapshots[min(max(earlier, 0), len(snapshots) - 1)]
+            turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
+            distance = before.range.after(stamp - before.stamp, sight.distance, turning)
+            bearings = before.bearings.after(
+                stamps,
+                (self._pans, self._tilts),
+                distance.receding,
+                judged.bearings,
+                stamp - judged.stamp,
+            )
         snapshots.append(_Snapshot(stamp, sight, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
@@ -429,7 +466,12 @@ class TargetEstimator:
             off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
             for joint, off in enumerate(offs)
         ]
-        return _angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
+        return self._angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
+
+    def _angle(self, a: Sight, b: Sight) -> float:
+        """The angle between two rays that are near each other [rad]."""
+        elevation = 0.5 * (a.tilt + b.tilt) - self._level
+        return math.hypot((a.pan - b.pan) * math.cos(elevation), a.tilt - b.tilt)
 
     def _described(self, index: int) -> TargetEstimate:
         """The estimate after one of the points."""
@@ -449,8 +491,3 @@ class TargetEstimator:
             trust,
             min(timeout, trust + min(_FADING, max(trust, 1e-3))),
         )
-
-
-def _angle(a: Sight, b: Sight) -> float:
-    """The angle between two rays that are near each other [rad]."""
-    return math.hypot((a.pan - b.pan) * math.cos(0.5 * (a.tilt + b.tilt)), a.tilt - b.tilt)

@@ -82,6 +82,9 @@ _CLEAR = 20.0  # times the noise; a swing must stand out like this
 State: TypeAlias = tuple[float, float, float]
 """Position [rad], velocity [rad/s] and acceleration [rad/s^2]."""
 
+Transition: TypeAlias = tuple[float, float, float, float]
+"""Of a swing of rate w over dt: sin(w dt)/w, cos(w dt), (1 - cos(w dt))/w^2 and w sin(w dt)."""
+
 Covariance: TypeAlias = tuple[float, float, float, float, float, float]
 """Of a `State`: pp, pv, pa, vv, va, aa; the first three, after a point, are the gains."""
 
@@ -200,29 +203,6 @@ class Oscillation(NamedTuple):
         return Oscillation(squares, products, math.acos(cosine) / lag, lag)
 
 
-class _Swing(NamedTuple):
-    """The transition of a harmonic model over a time, and white jerk of density 1 in it.
-
-    Attributes:
-        sine: sin(w dt) / w.
-        cosine: cos(w dt).
-        versine: (1 - cos(w dt)) / w^2.
-        back: w sin(w dt).
-    """
-
-    sine: float
-    cosine: float
-    versine: float
-    back: float
-
-    @staticmethod
-    def over(dt: float, rate: float) -> _Swing:
-        if rate <= _LEAST_RATE:
-            return _Swing(dt, 1.0, 0.5 * dt * dt, 0.0)
-        sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
-        return _Swing(sine / rate, cosine, (1.0 - cosine) / (rate * rate), rate * sine)
-
-
 class Bearing(NamedTuple):
     """What is known of one bearing after a point.
 
@@ -328,7 +308,7 @@ class Bearings(NamedTuple):
         variances = self._noise(stamps, points)
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
-        swing, later = _Swing.over(dt, rate), _Swing.over(ahead, rate)
+        swing, later = _swing(dt, rate), _swing(ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
             for model, covariance in zip(MODELS, self.covariances, strict=True)
@@ -376,7 +356,15 @@ class Bearings(NamedTuple):
         return learned
 
 
-def _corrected(model: Model, covariance: Covariance, dt: float, swing: _Swing) -> Covariance:
+def _swing(dt: float, rate: float) -> Transition:
+    """The transition of a harmonic model over a time `dt` [s]."""
+    if rate <= _LEAST_RATE:
+        return dt, 1.0, 0.5 * dt * dt, 0.0
+    sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
+    return sine / rate, cosine, (1.0 - cosine) / (rate * rate), rate * sine
+
+
+def _corrected(model: Model, covariance: Covariance, dt: float, swing: Transition) -> Covariance:
     """The covariance after a point that comes a time `dt` [s] later."""
     pp, pv, pa, vv, va, aa = covariance
     q = model.density
@@ -405,7 +393,7 @@ def _corrected(model: Model, covariance: Covariance, dt: float, swing: _Swing) -
     return k, kv, ka, vv - kv * pv, va - kv * pa, aa - ka * pa
 
 
-def _moved(states: Sequence[State], dt: float, swing: _Swing, receding: float) -> list[State]:
+def _moved(states: Sequence[State], dt: float, swing: Transition, receding: float) -> list[State]:
     """The states a time `dt` [s] later."""
     s, c, r, b = swing
     moved = [

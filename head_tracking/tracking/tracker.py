@@ -26,6 +26,7 @@ from head_tracking.tracking.target_state import (
 from head_tracking.transforms import Rotation, Vector3
 
 _SMOOTHING = 0.05  # of a delay, from one step to the next
+_FAR_AHEAD = 1e6  # m; a ray to such a point is level
 _INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
 """The greatest speed of a head after a stop, until it is on its target [rad/s]."""
@@ -95,7 +96,8 @@ class Tracker:
     ) -> None:
         self.head = head
         self.law = law
-        self.estimator = TargetEstimator(estimator)
+        ahead = head.sight((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
+        self.estimator = TargetEstimator(estimator, 0.0 if ahead is None else ahead.tilt)
         self.machine = TargetStateMachine(head, state)
         self.at_most = math.inf
         self._base = base

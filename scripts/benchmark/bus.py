@@ -40,7 +40,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.port import Failed
+from head_tracking.dynamixel.reading import Failed
 from head_tracking.simulation import (
     Fault,
     Faults,

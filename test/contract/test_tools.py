@@ -121,8 +121,14 @@ def test_a_recording_holds_what_was_published(bench):
     bench.start("head_tracking", "--sim")
     recorder = bench.start("recorder", "--ros-args", "-p", f"record_directory:={folder}")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
-    wait_for(lambda: list(folder.glob("*.mcap")))
-    time.sleep(1.0)
+    recorded = {"/joint_states", "/target_point", "/robot_description"}
+
+    def hears(topic):
+        listeners = bench.person.node.get_subscriptions_info_by_topic(topic)
+        return any(listener.node_name.startswith("recorder") for listener in listeners)
+
+    wait_for(lambda: all(map(hears, recorded)))
+    time.sleep(2.0)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     (file,) = folder.glob("*.mcap")
     with file.open("rb") as stream:
@@ -130,7 +136,7 @@ def test_a_recording_holds_what_was_published(bench):
         found = {}
         for _, channel, _, message in reader.iter_decoded_messages():
             found.setdefault(channel.topic, []).append(message)
-    assert {"/joint_states", "/target_point", "/robot_description"} <= found.keys()
+    assert recorded <= found.keys()
     pans = [m.position[list(m.name).index(JOINTS[0])] for m in found["/joint_states"]]
     assert len(pans) > 20
     assert max(pans) - min(pans) > 0.05

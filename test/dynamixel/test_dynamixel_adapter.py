@@ -32,32 +32,32 @@ class Kernel:
             self.timer.write_text(latency)
         self.asked = 0
 
-    def low_latency(self, descriptor: int) -> None:
+    def low_latency(self) -> None:
         self.asked += 1
         self.timer.write_text("1\n")
 
-    def refuse(self, descriptor: int) -> None:
+    def refuse(self) -> None:
         self.asked += 1
         raise OSError(errno.ENOTTY, "no such knob")
 
 
 def test_timer_of_an_ftdi_adapter_is_set_by_the_driver(tmp_path: Path) -> None:
     kernel = Kernel(tmp_path, "16\n")
-    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.low_latency, sysfs=kernel.root)
+    adapter = prepare_adapter("/dev/ttyUSB0", kernel.low_latency, kernel.root)
     assert adapter == Adapter("ftdi_sio", 0.001)
     assert str(adapter) == "ftdi_sio, latency timer 1 ms"
 
 
 def test_timer_is_set_by_sysfs_where_the_driver_does_not(tmp_path: Path) -> None:
     kernel = Kernel(tmp_path, "16\n")
-    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    adapter = prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
     assert (adapter.latency, adapter.advice) == (0.001, "")
     assert kernel.timer.read_text() == "1\n"
 
 
 def test_timer_that_is_right_is_left_alone(tmp_path: Path) -> None:
     kernel = Kernel(tmp_path, "1\n")
-    prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
     assert kernel.asked == 0
 
 
@@ -70,7 +70,7 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
         raise PermissionError(errno.EACCES, "not yours")
 
     monkeypatch.setattr(Path, "write_text", refused)
-    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    adapter = prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
     assert adapter.latency == 0.016
     for word in ("16 ms", "sudo tee", "head_setup udev"):
         assert word in adapter.advice
@@ -79,13 +79,13 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
 @pytest.mark.parametrize("content", [None, "", "soon\n"])
 def test_adapter_without_a_timer_is_fine(tmp_path: Path, content: str | None) -> None:
     kernel = Kernel(tmp_path, content)
-    adapter = prepare_adapter("/dev/ttyUSB0", 3, low_latency=kernel.refuse, sysfs=kernel.root)
+    adapter = prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
     assert adapter == Adapter("ftdi_sio")
     assert "no latency timer" in str(adapter)
 
 
 def test_device_that_nobody_knows_is_fine(tmp_path: Path) -> None:
-    adapter = prepare_adapter("/dev/pts/7", 3, sysfs=tmp_path)
+    adapter = prepare_adapter("/dev/pts/7", lambda: None, tmp_path)
     assert str(adapter) == "serial adapter, no latency timer"
 
 
@@ -93,7 +93,7 @@ def test_link_leads_to_the_device(tmp_path: Path) -> None:
     kernel = Kernel(tmp_path / "sys", "1\n")
     link = tmp_path / "by-id"
     os.symlink("/dev/ttyUSB0", link)
-    assert prepare_adapter(str(link), 3, sysfs=kernel.root).driver == "ftdi_sio"
+    assert prepare_adapter(str(link), kernel.refuse, kernel.root).driver == "ftdi_sio"
 
 
 def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
@@ -110,13 +110,13 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
 
 def test_serial_number_of_the_usb_device_is_read(tmp_path: Path) -> None:
     kernel = Kernel(tmp_path / "sys", "1\n")
-    assert prepare_adapter("/dev/ttyUSB0", 3, sysfs=kernel.root).serial == ""
+    assert prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root).serial == ""
     usb = tmp_path / "sys" / "devices" / "1-1"
     (usb / "1-1:1.0" / "ttyUSB1").mkdir(parents=True)
     (usb / "serial").write_text("FT1234\n")
     (kernel.root / "class" / "tty" / "ttyUSB1").mkdir()
     os.symlink(usb / "1-1:1.0" / "ttyUSB1", kernel.root / "class" / "tty" / "ttyUSB1" / "device")
-    assert prepare_adapter("/dev/ttyUSB1", 3, sysfs=kernel.root).serial == "FT1234"
+    assert prepare_adapter("/dev/ttyUSB1", kernel.refuse, kernel.root).serial == "FT1234"
 
 
 class Udev:

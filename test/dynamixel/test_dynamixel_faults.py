@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+
 import pytest
 from ordeal import PERIOD, Ordeal, ordeal_joint
-from simulated_device import Bench
+from simulated_device import Bench, SimulatedDevice
 
 from head_tracking.dynamixel import (
+    CommunicationError,
+    DynamixelPort,
     EventKind,
     Goal,
     ServoBus,
     Torque,
     servo_model,
 )
-from head_tracking.simulation import Fault, SimulatedBus, SimulatedServo
+from head_tracking.simulation import Answer, Fault, Overlap, SimulatedBus, SimulatedServo
 
 
 @pytest.mark.parametrize("kind", Fault, ids=lambda kind: kind.name.lower())
@@ -79,3 +85,33 @@ def test_adapter_pulled_out_and_plugged_in_in_the_middle_of_everything() -> None
         assert len(ordeal.readings[-1].states) == 2
     assert ordeal.events.count(EventKind.PORT_RETURNED) == 20
     assert ordeal.goals_outside() == 0
+
+
+def stalled_once(stall: int) -> Callable[[Answer], Iterator[Answer]]:
+    """A servo that answers its first write late, while others may talk."""
+    left = [stall]
+
+    def line(answer: Answer) -> Iterator[Answer]:
+        yield replace(answer, stalled=left.pop()) if left else answer
+
+    return line
+
+
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_late_answer_to_a_write_is_not_taken_for_the_next_one(name: str) -> None:
+    model = servo_model(name)
+    torque = model.control_table["Torque Enable"].address
+    for stall in range(0, 6_000_000, 29_000):
+        bench = Bench(SimulatedBus([SimulatedServo(1, name)], stalled_once(stall)))
+        bench.port = DynamixelPort(
+            "simulated", reply_timeout=0.002, clock=bench.clock,
+            open_device=lambda *_, line=bench.line: SimulatedDevice(line),
+        )  # fmt: skip
+        bench.port.open()
+        for _ in range(3):
+            with suppress(CommunicationError):
+                bench.port.write(1, torque, b"\0", protocol=model.protocol)
+            with suppress(CommunicationError):
+                bench.port.read(1, torque, 1, model.protocol)
+        overlaps = bench.line.overlaps
+        assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, stall

@@ -19,7 +19,6 @@ from head_tracking.dynamixel import (
     Reply,
     servo_model,
 )
-from head_tracking.dynamixel.port import Failed
 from head_tracking.dynamixel.protocol import (
     Status,
     crc16,
@@ -28,6 +27,7 @@ from head_tracking.dynamixel.protocol import (
     find_packet,
     split_joint_status,
 )
+from head_tracking.dynamixel.reading import Failed
 from head_tracking.simulation import SimulatedServo
 
 ACK = "FF FF FD 00 01 04 00 55 00 A1 0C"

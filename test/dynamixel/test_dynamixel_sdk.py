@@ -38,7 +38,7 @@ from head_tracking.dynamixel import (
     serial_ports,
 )
 from head_tracking.dynamixel import port as port_module
-from head_tracking.dynamixel.port import Failed, Retried
+from head_tracking.dynamixel.reading import Failed, Retried
 from head_tracking.dynamixel.serial_port import port_error
 
 READ = "FF FF 01 04 02 24 02 D2"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from head_tracking.dynamixel import ReadGroup, ReadMethod, ReplyTimeoutError
-from head_tracking.dynamixel.port import LateReplies, ReplyTimeout
 from head_tracking.dynamixel.protocol import Status
+from head_tracking.dynamixel.waiting import LateReplies, ReplyTimeout
 
 
 class Clock:

@@ -320,3 +320,24 @@ def test_services_of_the_bus_are_private_and_short_names_can_be_left_out(make_ro
     names = {name for name, _ in robot.node.get_service_names_and_types()}
     for name in ("stop", "resume", "relax", "recover", "torque_enable"):
         assert (f"/{name}" in names) is short
+
+
+def test_who_loses_one_joint_gives_the_other_up_too(robot):
+    tracking(robot)
+    owners = latched(robot, "joint_owners", String)
+    claim = JointState(name=["head_tilt_joint"])
+    claim.header.frame_id = "/other"
+    robot.publish("joint_claims", claim)
+    wait_for(lambda: owners[-1].data == "head_pan_joint: \nhead_tilt_joint: /other")
+    enabled = latched(robot, "head_tracker/enabled", Bool)
+    wait_for(lambda: not enabled[-1].data)
+
+
+def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
+    tracking(robot)
+    tracker = robot.composition.nodes["head_tracker"]
+    tracker.interface._turner.switched = lambda: 1 // 0
+    answer = robot.composition.nodes["servo_bus"].stop()
+    assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
+    assert latched(robot, "stopped", Bool)[-1].data
+    assert isinstance(tracker.failure, ZeroDivisionError)

@@ -19,7 +19,7 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.port import Failed, Retried
+from head_tracking.dynamixel.reading import Failed, Retried
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table

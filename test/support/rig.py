@@ -153,6 +153,7 @@ class Servos:
     def __init__(self, link: Path) -> None:
         self.port = SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link)
         self.port.open()
+        self.close = self.port.close
 
     @property
     def name(self) -> str:

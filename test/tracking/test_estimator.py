@@ -339,3 +339,32 @@ def test_stated_deviations_are_those_of_the_predictions(frequency):
                 squares.append((off / estimate.deviation(joint, t + ahead)) ** 2)
     assert 0.5 < sum(squares) / len(squares) < 2.0
     assert estimator.estimate.noise == pytest.approx((0.002, 0.002), rel=0.5)
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(0.0, Verdict.TAKEN), (1.3, Verdict.JUMP)])
+def test_how_far_a_point_is_away_depends_on_the_elevation_of_the_rays(level, verdict):
+    estimator = TargetEstimator(EstimatorParameters(), level)
+    for k in range(60):
+        estimator.add(k / RATE, Sight(0.0, 1.3, 2.0), k / RATE)
+    assert estimator.add(2.0, Sight(0.12, 1.3, 2.0), 2.0) is verdict
+
+
+def test_of_two_persons_who_take_turns_the_known_one_is_believed_at_once():
+    estimator, verdicts = TargetEstimator(EstimatorParameters()), []
+    for k in range(6 * RATE):
+        t = k / RATE
+        verdict = estimator.add(t, Sight(0.5 if k // RATE % 2 else -0.5, 0.0, 2.0), t)
+        verdicts.append(verdict)
+    assert verdicts[RATE] is Verdict.JUMP  # (nobody was there before)
+    assert all(verdicts[k * RATE] is Verdict.NEW_TARGET for k in range(2, 6))
+
+
+def test_a_false_detection_that_recurs_throws_the_head_once():
+    estimator, thrown = TargetEstimator(EstimatorParameters()), 0
+    for k in range(20 * RATE):
+        t = k / RATE
+        poster = t < 1.0 or (t > 3.0 and k % 20 == 0)
+        estimator.add(t, Sight(0.5 if poster else -0.5, 0.0, 2.0), t)
+        pan, _ = estimator.estimate.bearing(t)
+        thrown += t > 3.0 and pan > -0.4
+    assert thrown <= 2

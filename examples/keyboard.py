@@ -1,0 +1,35 @@
+"""Steer the head with the keyboard: a, d, w and s, each line at once; a space stops; r resumes.
+
+python examples/keyboard.py /dev/ttyUSB0     or, without hardware: --sim
+"""
+
+import math
+import sys
+
+from head_tracking import Head, RefusedCommandError, UnreachableError
+
+STEPS = {"a": (0.2, 0.0), "d": (-0.2, 0.0), "w": (0.0, 0.15), "s": (0.0, -0.15)}  # rad
+
+
+def main(port: str) -> None:
+    """Run the example."""
+    left = up = 0.0
+    with Head.simulated() if port == "--sim" else Head.open(port) as head:
+        for key in (key for line in sys.stdin for key in line.rstrip("\n")):
+            if key == " ":
+                print(head.stop())
+            elif key == "r":
+                head.resume()
+            elif key in STEPS:
+                left, up = left + STEPS[key][0], up + STEPS[key][1]
+                ahead = math.cos(left) * math.cos(up), math.sin(left) * math.cos(up), math.sin(up)
+                try:
+                    head.look_at([3.0 * number for number in ahead], "torso_link")
+                except (RefusedCommandError, UnreachableError) as error:
+                    print(error)
+            pan, tilt = head.joints.values()
+            print(f"pan {pan:+.2f} tilt {tilt:+.2f} rad, {head.state}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,34 @@
+"""A head with other servos: XL430 at 57600 bit/s, the tilt servo mounted the other way round.
+
+python examples/other_servos.py /dev/ttyUSB0     or, without hardware: --sim
+"""
+
+import sys
+
+from head_tracking import Head, JointConfiguration
+from head_tracking.dynamixel import servo_model
+
+XL430 = servo_model("XL430-W250")
+PAN = JointConfiguration("head_pan_joint", "pan", id=11, init=2048, min=1024, max=3072, model=XL430)
+TILT = JointConfiguration(  # min above max: its ticks fall where the joint's angle rises
+    "head_tilt_joint", "tilt", id=12, init=2048, min=2700, max=1400, model=XL430
+)
+
+
+def open_head(port: str) -> Head:
+    """Return the head."""
+    if port == "--sim":
+        return Head.simulated(robot="kinectbot", servos=(PAN, TILT))
+    return Head.open(port, robot="kinectbot", servos=(PAN, TILT), baud_rate=57_600)
+
+
+def main(port: str) -> None:
+    """Run the example."""
+    with open_head(port) as head:
+        print(head.look_at((1.0, 0.5, 0.3)))
+        for servo in head.statistics.servos:
+            print(f"{servo.joint_name}: {servo.model}, {servo.voltage:.1f} V")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

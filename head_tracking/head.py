@@ -1,0 +1,495 @@
+"""A pan/tilt head for Python programs, without ROS.
+
+with Head.open("/dev/ttyUSB0", robot="kinectbot") as head:
+result = head.look_at((1.0, 0.3, 0.8), frame="base_link")
+print(result.arrived, result.miss)
+"""
+
+from __future__ import annotations
+
+import atexit
+import math
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import ExitStack, suppress
+from enum import StrEnum
+from pathlib import Path
+from typing import Self, TypeVar
+
+from head_tracking.control import JointOwners
+from head_tracking.control.motion import HeadMotion
+from head_tracking.dynamixel import (
+    Buses,
+    BusReading,
+    BusStatistics,
+    BusStoppedError,
+    DynamixelError,
+    DynamixelPort,
+    Goal,
+    JointConfiguration,
+    ServoBus,
+    StoppedError,
+)
+from head_tracking.exceptions import (
+    FrameError,
+    HeadTrackingError,
+    RefusedCommandError,
+    SupersededError,
+    UnreachableError,
+)
+from head_tracking.gaze import HeadCommand, PanTiltHead, PointingResult
+from head_tracking.share import robot_file
+from head_tracking.tracking import Target, TargetState
+from head_tracking.transforms import (
+    LATEST,
+    RobotModel,
+    Transform,
+    TransformBuffer,
+    TransformException,
+    load_robot_model,
+)
+
+__all__ = [
+    "AX_12_PAIR",
+    "FrameError",
+    "Head",
+    "HeadState",
+    "HeadTrackingError",
+    "JointConfiguration",
+    "PointingResult",
+    "RefusedCommandError",
+    "SupersededError",
+    "TargetState",
+    "UnreachableError",
+]
+
+AX_12_PAIR = (
+    JointConfiguration("head_pan_joint", "head_pan_controller", 1),
+    JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800),
+)
+"""Pan and tilt of the robots that come with the package: AX-12 with the ids 1 and 2."""
+
+_RATE = 50.0  # cycles per second
+_PATIENCE = 2.0  # s
+_SIMULATED_REPLY = 0.1  # s: simulated servos share a process with the driver
+_T = TypeVar("_T")
+
+
+class HeadState(StrEnum):
+    """What a head does when it follows no target; see `TargetState` for when it does."""
+
+    HOLDING = "holding"
+    TURNING = "turning"
+    RELAXED = "relaxed"
+    STOPPED = "stopped"
+    CLOSED = "closed"
+
+
+class Head:
+    """A pan/tilt head on Dynamixel servos; `open` and `simulated` make one.
+
+    The servos start relaxed, and nothing moves before the first `look_at` or `follow`. `close`, the
+    end of a `with` block and the end of the program brake and relax them. All methods may be called
+    by any thread.
+
+    Args:
+        port: serial port of the servos.
+        model: of the robot.
+        servos: of pan and tilt.
+        pointing_frame: the link that is pointed: an optical frame along z, any other along x.
+        baud_rate: of the port [bit/s].
+        reply_timeout: how long to wait for a servo's answer [s]; None: as long as answers take.
+        resources: closed after the port.
+
+    Attributes:
+        frames: the robot's frames; `frames.set_transform` adds those of objects.
+
+    Raises:
+        DynamixelError: the port cannot be opened, a servo does not answer or is another model.
+        HeadTrackingError: the model has no such head.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        model: RobotModel,
+        servos: tuple[JointConfiguration, JointConfiguration] = AX_12_PAIR,
+        *,
+        pointing_frame: str = "camera_link",
+        baud_rate: int = 1_000_000,
+        reply_timeout: float | None = None,
+        resources: ExitStack | None = None,
+    ) -> None:
+        pan, tilt = servos
+        self.frames = TransformBuffer()
+        self.frames.set_model(model)
+        self._pan, self._tilt = pan.joint_name, tilt.joint_name
+        head = PanTiltHead(
+            model,
+            self._pan,
+            self._tilt,
+            pointing_frame,
+            pan_limits=(pan.lower, pan.upper),
+            tilt_limits=(tilt.lower, tilt.upper),
+        )
+        self._motion = HeadMotion(head, self.frames, 1.0 / _RATE, self._write)
+        self._owners = JointOwners()
+        self._relaxed = self._closed = False
+        self._measured = threading.Event()
+        self._resources = resources or ExitStack()
+        self._bus = ServoBus(
+            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
+            servos,
+            epoch=self._owners.epoch,
+        )
+        self._bus.connect()
+        self._buses = Buses([self._bus], _RATE, lambda *_: None, self._fail, self._update)
+        self._buses.start()
+        atexit.register(self._close)
+        if not self._measured.wait(_PATIENCE):
+            self.close()
+            raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
+
+    @classmethod
+    def open(
+        cls,
+        port: str = "/dev/ttyUSB0",
+        *,
+        robot: str | Path = "kinectbot",
+        servos: tuple[JointConfiguration, JointConfiguration] = AX_12_PAIR,
+        pointing_frame: str = "camera_link",
+        baud_rate: int = 1_000_000,
+    ) -> Self:
+        """Open the head on a serial port.
+
+        Args:
+            port: such as /dev/ttyUSB0, or COM3.
+            robot: kinectbot, turtlebot, or a URDF or xacro file.
+            servos: of pan and tilt.
+            pointing_frame: see `Head`.
+            baud_rate: of the port [bit/s].
+
+        Raises:
+            DynamixelError: the port cannot be opened, a servo does not answer or is another model.
+            HeadTrackingError: there is no such robot, or it has no such head.
+        """
+        model = load_robot_model(robot_file(str(robot)))
+        return cls(port, model, servos, pointing_frame=pointing_frame, baud_rate=baud_rate)
+
+    @classmethod
+    def simulated(
+        cls,
+        *,
+        robot: str | Path = "kinectbot",
+        servos: tuple[JointConfiguration, JointConfiguration] = AX_12_PAIR,
+        pointing_frame: str = "camera_link",
+    ) -> Self:
+        """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
+        from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
+
+        model = load_robot_model(robot_file(str(robot)))
+        with ExitStack() as resources:
+            port = resources.enter_context(SimulatedJoints(servos)).port_name
+            head = cls(
+                port,
+                model,
+                servos,
+                pointing_frame=pointing_frame,
+                reply_timeout=_SIMULATED_REPLY,
+                resources=resources,
+            )
+            head._resources = resources.pop_all()
+            return head
+
+    # What it does
+
+    def look_at(
+        self,
+        point: Iterable[float],
+        frame: str = "base_link",
+        *,
+        stamp: float | None = None,
+        max_velocity: float = 2.0,
+        timeout: float = 10.0,
+    ) -> PointingResult:
+        """Turn the head to a point, and wait until the measured joints have come to rest.
+
+        A frame that moves is followed on the way, unless the head carries it.
+
+        Args:
+            point: shape (3,) [m].
+            frame: the frame that it is given in.
+            stamp: when the point was there [s, as time.time()]; None: it is meant for now.
+            max_velocity: speed of the joint that has the longer way [rad/s].
+            timeout: how long to wait [s]; after it the head holds.
+
+        Returns:
+            Whether the head has arrived, and by how much it misses the point [rad].
+
+        Raises:
+            FrameError: the frame is not known, or was not at that time.
+            UnreachableError: the point cannot be looked at; nothing has moved.
+            RefusedCommandError: the head is stopped, relaxed or closed, or was while it turned.
+            SupersededError: another thread has given the head something else to do.
+            DynamixelError: a servo cannot hold: it does not answer, or has shut itself down.
+            ValueError: a number is not finite, or not allowed.
+        """
+        if not 0.0 < max_velocity <= 12.0:
+            raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to 12 rad/s")
+        target = _target(point, frame, stamp)
+        epoch, motion = self._permit(), self._motion
+        place = _known(lambda: motion.place(target), frame)
+        _known(lambda: motion.check(target, place), frame)
+        self._switch_torque(True, epoch)
+        look = motion.look_at(target, place, max_velocity, epoch)
+        try:
+            self._permit(epoch)
+            return look.result.result(timeout)
+        except FutureTimeoutError:
+            return PointingResult(False, math.pi if look.turn.miss is None else look.turn.miss)
+        finally:  # also on Ctrl-C
+            motion.hold(look)
+
+    def follow(
+        self, point: Iterable[float], frame: str = "base_link", *, stamp: float | None = None
+    ) -> None:
+        """Keep the head on a target that moves; call this for each new measurement of it.
+
+        Args:
+            point: shape (3,) [m].
+            frame: the frame that it is given in, such as `camera_optical_frame`.
+            stamp: when it was seen [s, as time.time()]; None: now. A camera on the head needs the
+                time of its picture.
+
+        Raises:
+            FrameError: the frame is not known.
+            RefusedCommandError: the head is stopped, relaxed or closed.
+            ValueError: a number is not finite.
+        """
+        target, epoch = _target(point, frame, stamp), self._permit()
+        if frame not in self.frames.frames():
+            known = ", ".join(self.frames.frames())
+            raise FrameError(frame, f"the frame {frame!r} does not exist; there are {known}")
+        self._motion.follow(target, epoch)
+        try:
+            self._permit(epoch)
+        except RefusedCommandError as refusal:  # meanwhile
+            self._motion.abandon(refusal)
+            raise
+
+    def hold(self) -> None:
+        """End `follow`, or a `look_at` of another thread; the head stays where it is."""
+        self._motion.hold()
+
+    def stop(self) -> Mapping[str, str]:
+        """STOP: relax all servos at once, and refuse every command until `resume`.
+
+        Returns:
+            For each joint what went wrong; empty where its servo has confirmed.
+        """
+        problems = self._owners.stop(self._buses.relax_at_once)
+        self._motion.abandon(RefusedCommandError(HeadState.STOPPED), cautious=True)
+        return problems
+
+    def relax(self) -> None:
+        """Switch the torque off, and refuse commands until `resume`.
+
+        Raises:
+            DynamixelError: a servo has not confirmed it.
+            RefusedCommandError: the head is closed.
+        """
+        self._require_open()
+        self._relaxed = True
+        self._motion.abandon(RefusedCommandError(HeadState.RELAXED))
+        self._switch_torque(False)
+
+    def resume(self) -> None:
+        """End a `stop` or a `relax`: the servos hold where they stand, and commands are accepted.
+
+        After a `stop` the head moves slowly until it has arrived once.
+
+        Raises:
+            DynamixelError: a servo has not confirmed it, or there was another stop meanwhile.
+            RefusedCommandError: the head is closed.
+        """
+        self._require_open()
+        epoch = self._owners.epoch.value
+        if self._owners.stopped:
+            self._owners.resume(epoch)
+        self._switch_torque(True, epoch)
+        self._relaxed = False
+
+    def close(self) -> None:
+        """Brake and relax the servos and close the port; safe to call twice.
+
+        An interrupt (Ctrl-C) meanwhile is raised after that.
+
+        Raises:
+            DynamixelError: a servo has not confirmed that it is relaxed.
+        """
+        result: Future[None] = Future()
+
+        def close() -> None:
+            try:
+                self._close()
+                result.set_result(None)
+            except Exception as error:
+                result.set_exception(error)
+
+        threading.Thread(target=close, name="close head").start()  # Python's end waits for it
+        interrupt: KeyboardInterrupt | None = None
+        while not result.done():
+            try:
+                with suppress(FutureTimeoutError):
+                    result.exception(_PATIENCE)
+            except KeyboardInterrupt as error:
+                interrupt = error
+        if interrupt is not None:
+            raise interrupt
+        result.result()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # What is known
+
+    @property
+    def state(self) -> HeadState | TargetState:
+        """What the head does now."""
+        for state, is_so in (
+            (HeadState.CLOSED, self._closed),
+            (HeadState.STOPPED, self._owners.stopped),
+            (HeadState.RELAXED, self._relaxed),
+            (HeadState.TURNING, self._motion.look is not None),
+        ):
+            if is_so:
+                return state
+        followed = self._motion.target_state
+        return HeadState.HOLDING if followed is None else followed[0]
+
+    @property
+    def reason(self) -> str:
+        """Why `follow` has the state that it has, for a person; empty: no target is followed."""
+        followed = self._motion.target_state
+        return "" if followed is None else followed[1]
+
+    @property
+    def error(self) -> float | None:
+        """By how much the measured head misses its target [rad]; None: there is none."""
+        return self._motion.error
+
+    @property
+    def joints(self) -> Mapping[str, float]:
+        """The measured positions of pan and tilt [rad]."""
+        joints = self._motion.joints
+        assert joints is not None  # the constructor waits for them
+        return dict(zip((self._pan, self._tilt), joints.positions, strict=True))
+
+    @property
+    def statistics(self) -> BusStatistics:
+        """Counters of the bus, and the latest measurements of each servo."""
+        return self._bus.statistics()
+
+    def pose(self, link: str, frame: str = "base_link", *, stamp: float | None = None) -> Transform:
+        """Return `T_frame_link`: where a link is.
+
+        Args:
+            link: of the robot, or another frame.
+            frame: in which its pose is expressed.
+            stamp: when [s, as time.time()]; waits for the joints of that time. None: the latest.
+
+        Raises:
+            FrameError: a frame is unknown, or was not known at that time.
+        """
+        at, patience = (LATEST, 0.0) if stamp is None else (round(stamp * 1e9), _PATIENCE)
+        found = _known(lambda: self.frames.lookup_transform(frame, link, at, patience), link)
+        return found.transform
+
+    # Inside
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise RefusedCommandError(HeadState.CLOSED)
+
+    def _permit(self, epoch: int | None = None) -> int:
+        """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
+        self._require_open()
+        try:
+            now = self._owners.permit()
+        except StoppedError:
+            raise RefusedCommandError(HeadState.STOPPED) from None
+        if self._relaxed:
+            raise RefusedCommandError(HeadState.RELAXED)
+        if epoch not in (None, now):
+            raise RefusedCommandError(HeadState.STOPPED)
+        return now
+
+    def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
+        switched: list[Future[None]] = self._buses.call(
+            None,
+            lambda bus, joints: bus.switching_torque(joints, on),
+            epoch,
+            despite_stop=not on,
+        )
+        for future in switched:
+            try:
+                future.result(_PATIENCE)
+            except StoppedError:
+                raise RefusedCommandError(HeadState.STOPPED) from None
+            except FutureTimeoutError:
+                raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
+
+    def _update(self, _: ServoBus, reading: BusReading) -> None:
+        """Hand on what was measured; in the thread of the servos, before the goals are written."""
+        pan, tilt = (reading.states.get(name) for name in (self._pan, self._tilt))
+        if pan is not None and tilt is not None:
+            stamp = (pan.stamp + tilt.stamp) // 2
+            self._motion.update(stamp, {self._pan: pan.position, self._tilt: tilt.position})
+            self._measured.set()
+
+    def _write(self, command: HeadCommand, epoch: int) -> None:
+        goals = {
+            self._pan: Goal(command.pan, command.pan_speed),
+            self._tilt: Goal(command.tilt, command.tilt_speed),
+        }
+        with suppress(DynamixelError):  # there was a stop, or a servo is silent: it shows
+            self._bus.command(goals, clamp=True, epoch=epoch)
+
+    def _fail(self, error: BaseException) -> None:
+        """End everything: the port has failed, and the servos were relaxed if that was possible."""
+        self._closed = True
+        refusal = RefusedCommandError(HeadState.CLOSED)
+        refusal.__cause__ = error
+        self._motion.abandon(refusal)
+
+    def _close(self) -> None:
+        self._closed = True
+        atexit.unregister(self._close)
+        self._motion.abandon(RefusedCommandError(HeadState.CLOSED))
+        try:
+            unconfirmed = self._buses.stop()
+        finally:
+            self._resources.close()
+        if unconfirmed:
+            raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
+
+
+def _known(look_up: Callable[[], _T], frame: str) -> _T:
+    """Return what is looked up; raise FrameError where a transform is not known."""
+    try:
+        return look_up()
+    except TransformException as error:
+        raise FrameError(frame, str(error)) from error
+
+
+def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
+    """Return a target; raise ValueError if a number is not finite."""
+    x, y, z = map(float, point)
+    if not all(map(math.isfinite, (x, y, z, stamp or 0.0))):
+        raise ValueError(f"the point {(x, y, z)} at {stamp} is not finite")
+    return Target(LATEST if stamp is None else round(stamp * 1e9), frame, (x, y, z))

@@ -1,0 +1,85 @@
+"""Every example, run in simulation as its first lines say."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rig import SOURCE
+from std_msgs.msg import Float64
+from waiting import wait_for
+
+EXAMPLES = SOURCE / "examples"
+
+
+def run(name, *words, text=""):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, *words],
+        input=text, capture_output=True, text=True, timeout=120, check=False,
+        env=os.environ | {"PYTHONPATH": str(SOURCE)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_short_and_has_a_test_here():
+    tests = Path(__file__).read_text()
+    for example in EXAMPLES.glob("*.py"):
+        assert len(example.read_text().splitlines()) <= 40, example
+        assert f'"{example.name}"' in tests, example
+
+
+def test_look_around():
+    lines = run("look_around.py", "--sim").splitlines()
+    assert [("arrived" in line, "out of reach" in line) for line in lines] == [
+        (True, False), (True, False), (True, False), (False, True),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["follow_target.py", "own_detector.py"])
+def test_following(name):
+    *_, last = run(name, "--sim").splitlines()
+    assert last.startswith("tracking")
+    assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
+
+
+def test_two_heads():
+    assert run("two_heads.py", "--sim", "--sim").count("arrived") == 2
+
+
+def test_keyboard():
+    lines = run("keyboard.py", "--sim", text="aa\n d\nrd\n").splitlines()
+    pans = [float(line.split()[1]) for line in lines if line.startswith("pan")]
+    assert pans[:2] == pytest.approx([0.2, 0.4], abs=0.03)
+    assert pans[2:5] == pytest.approx([0.4] * 3, abs=0.06)  # stopped, refused, resumed
+    assert pans[5] < 0.25
+
+
+def test_record_and_plot(tmp_path):
+    picture = tmp_path / "turn.svg"
+    run("record_and_plot.py", "--sim", str(picture))
+    assert picture.read_text().count("<polyline") == 2
+
+
+def test_other_servos():
+    lines = run("other_servos.py", "--sim").splitlines()
+    assert lines[0].startswith("arrived")
+    assert [line.count("XL430-W250") for line in lines[1:]] == [1, 1]
+
+
+def test_ros_node(bench):
+    node = subprocess.Popen(
+        ["env", "--default-signal", sys.executable, EXAMPLES / "ros_node.py", "--sim"],
+        env=os.environ | {"PYTHONPATH": str(SOURCE), "ROS_DOMAIN_ID": bench.domain},
+    )
+    try:
+        errors = bench.person.hear("tracking_error", Float64)
+        bench.person.keep_looking(2, 0.5, 0.6, lambda: errors and errors[-1].data < 0.03)
+        node.send_signal(signal.SIGINT)
+        wait_for(lambda: node.poll() == 0)
+    finally:
+        node.kill()
+        node.wait()

@@ -1,0 +1,308 @@
+"""`Head`, for Python programs: what it does, what it refuses, and that it ends relaxed."""
+
+import math
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+
+import pytest
+from rig import DEGREE, SOURCE, Servos
+from waiting import wait_for
+
+from head_tracking import (
+    FrameError,
+    Head,
+    HeadState,
+    JointConfiguration,
+    RefusedCommandError,
+    SupersededError,
+    TargetState,
+    UnreachableError,
+)
+from head_tracking.dynamixel import PortMissingError, ServoNotFoundError
+from head_tracking.transforms import Rotation, Transform
+
+ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")
+LEFT, RIGHT = (2.0, 2.0, 0.6), (2.0, -2.0, 0.6)
+PROGRAM = """
+import sys, time
+from head_tracking import Head
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+head = Head(sys.argv[1], load_robot_model(robot_file("kinectbot")), reply_timeout=0.2)
+"""
+
+
+@pytest.fixture
+def servos(tmp_path):
+    with closing(Servos(tmp_path / "servos")) as servos:
+        yield servos
+
+
+@pytest.fixture
+def head(servos, kinectbot):
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        yield head
+    assert servos.torque == [0, 0]
+
+
+def bearing(point):
+    return math.atan2(point[1], point[0] - 0.0115)  # where Kinectbot's pan axis is
+
+
+def run_until_it_turns(servos, text):
+    program = subprocess.Popen(
+        ["env", "--default-signal", sys.executable, "-c", PROGRAM + text, servos.name], cwd=SOURCE
+    )
+    wait_for(lambda: servos.torque == [1, 1] and abs(servos.true[0]) > 0.05)
+    return program
+
+
+# looking and following
+
+
+def test_the_lines_of_the_documentation_run_without_ros():
+    code = (
+        "import sys\n"
+        f"for name in {ROS!r}: sys.modules[name] = None\n"
+        "from head_tracking import Head\n"
+        "with Head.simulated() as head:\n"
+        "    result = head.look_at((1.0, 0.3, 0.8), frame='base_link')\n"
+        "    assert result.arrived and result.miss < 0.02\n"
+        "    head.follow((1.0, 0.0, 2.0), frame='camera_optical_frame')\n"
+        "    head.pose('camera_link')\n"
+        "    head.stop(); head.resume(); head.relax()\n"
+        "assert not [m for m in sys.modules if m.endswith('_msgs') and sys.modules[m]]\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=SOURCE)
+
+
+@pytest.mark.parametrize("robot", ["kinectbot", "turtlebot"])
+def test_looking_waits_until_the_head_has_arrived(robot):
+    with Head.simulated(robot=robot) as head:
+        assert head.state is HeadState.HOLDING
+        result = head.look_at((2.0, 1.0, 0.8))
+        assert result.arrived
+        assert result.miss < 0.02
+        assert head.state is HeadState.HOLDING
+        ahead = head.pose("camera_link").inverse() @ (2.0, 1.0, 0.8)
+        assert math.atan2(math.hypot(ahead[1], ahead[2]), ahead[0]) < 0.02
+    assert head.state is HeadState.CLOSED
+
+
+def test_the_true_angles_are_where_it_says(head, servos):
+    assert servos.torque == [0, 0]
+    assert head.look_at(LEFT, max_velocity=4.0).arrived
+    assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
+    assert list(head.joints.values()) == pytest.approx(servos.true, abs=DEGREE)
+
+
+def test_a_moving_target_is_followed(head, servos):
+    began, errors, states = time.time(), [], set()
+
+    def follows():
+        now = time.time()
+        swing = 0.7 * math.sin(1.5 * (now - began))
+        head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
+        states.add(head.state)
+        time.sleep(0.02)
+        errors.append(math.pi if head.error is None else head.error)
+        return len(errors) > 150 and statistics.median(errors[-100:]) < 4 * DEGREE
+
+    wait_for(follows)  # (on a busy machine it takes longer)
+    assert TargetState.TRACKING in states
+    head.hold()
+    assert head.state is HeadState.HOLDING
+    assert head.error is None
+    before = servos.at_rest()
+    assert head.look_at((3.0, 0.0, 0.6)).arrived  # one after the other
+    assert servos.true != before
+
+
+def test_a_frame_that_moves_is_met_and_one_on_the_head_stays_where_it_was(head, servos):
+    ended = threading.Event()
+
+    def move():
+        while not ended.wait(0.02):
+            now = time.time()
+            place = Transform((2.0, math.sin(now), 0.6), Rotation.identity())
+            head.frames.set_transform(round(now * 1e9), "base_link", "hand", place)
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    try:
+        wait_for(lambda: "hand" in head.frames.frames())
+        result = head.look_at((0.0, 0.0, 0.0), "hand", max_velocity=4.0)
+        hand = head.pose("hand").translation
+        assert result.arrived
+        assert servos.true[0] == pytest.approx(bearing(hand), abs=0.2)
+    finally:
+        ended.set()
+        mover.join()
+    before = servos.at_rest()[0]
+    assert head.look_at((2.0, 0.6, 0.0), "camera_link").arrived
+    assert servos.true[0] == pytest.approx(before + math.atan2(0.6, 2.0), abs=3 * DEGREE)
+
+
+# what it refuses
+
+
+def test_what_cannot_be_looked_at_raises_with_the_facts_and_moves_nothing(head, servos):
+    with pytest.raises(UnreachableError) as unreachable:
+        head.look_at((-2.0, 0.0, 0.6))
+    assert 0.2 < unreachable.value.miss < math.pi
+    assert unreachable.value.point == (-2.0, 0.0, 0.6)
+    for ask in (head.look_at, head.follow, lambda _, frame: head.pose(frame)):
+        with pytest.raises(FrameError) as unknown:
+            ask((1, 0, 0), "nose")
+        assert unknown.value.frame == "nose"
+    with pytest.raises(FrameError):
+        head.look_at((2, 0, 0.5), "camera_link", stamp=1.0)  # 1970
+    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1, 2), "abc"):
+        with pytest.raises(ValueError):
+            head.look_at(point)
+        with pytest.raises(ValueError):
+            head.follow(point)
+    for velocity in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError):
+            head.look_at((1, 0, 0), max_velocity=velocity)
+    assert servos.torque == [0, 0]
+    assert servos.true == (0.0, 0.0)
+
+
+def test_a_head_that_is_held_has_not_arrived(head, servos):
+    servos.port.push(1, 3.0)  # twice what the servo can stand against
+    result = head.look_at(RIGHT, timeout=5.0)
+    assert not result.arrived
+    assert result.miss > 0.1
+
+
+def test_a_newer_command_of_another_thread_supersedes_the_older(head, servos):
+    with ThreadPoolExecutor() as threads:
+        older = threads.submit(head.look_at, LEFT, max_velocity=0.3)
+        wait_for(lambda: servos.true[0] > 0.05)
+        assert head.state is HeadState.TURNING
+        assert head.look_at(RIGHT).arrived
+        with pytest.raises(SupersededError) as superseded:
+            older.result()
+    assert superseded.value.miss > 0.5
+    assert servos.true[0] < -0.7
+
+
+def test_missing_ports_and_servos_are_named(servos, kinectbot):
+    with pytest.raises(PortMissingError) as missing:
+        Head.open("/dev/ttyNOT0")
+    assert missing.value.port_name == "/dev/ttyNOT0"
+    pair = (
+        JointConfiguration("head_pan_joint", "a", 1),
+        JointConfiguration("head_tilt_joint", "b", 9),
+    )
+    with pytest.raises(ServoNotFoundError):
+        Head(servos.name, kinectbot, pair, reply_timeout=0.2)
+
+
+# STOP, relax, and the end
+
+
+def test_stop_ends_everything_until_resume(head, servos):
+    with ThreadPoolExecutor() as threads:
+        looking = threads.submit(head.look_at, LEFT, max_velocity=0.5)
+        wait_for(lambda: servos.true[0] > 0.1)
+        assert set(head.stop().values()) == {""}
+        assert servos.torque == [0, 0]
+        with pytest.raises(RefusedCommandError) as refused:
+            looking.result()
+    assert refused.value.state == head.state == HeadState.STOPPED
+    before = servos.at_rest()
+    for command in (head.look_at, head.follow):
+        with pytest.raises(RefusedCommandError):
+            command(RIGHT)
+    assert servos.at_rest() == before
+    head.resume()
+    assert servos.torque == [1, 1]
+    assert servos.at_rest() == pytest.approx(before, abs=0.02)  # nothing of before counts
+    began = time.monotonic()
+    assert head.look_at(RIGHT, max_velocity=6.0).arrived
+    way = abs(bearing(RIGHT) - before[0])
+    assert way / (time.monotonic() - began) < 0.4  # slowly at first
+
+
+def test_relaxed_it_is_turned_by_hand_and_takes_no_command_until_resume(head, servos):
+    assert head.look_at((2.0, 0.5, 0.6)).arrived
+    head.relax()
+    assert servos.torque == [0, 0]
+    servos.turn_by_hand(1, -0.5)
+    wait_for(lambda: abs(head.joints["head_pan_joint"] + 0.5) < 3 * DEGREE)
+    with pytest.raises(RefusedCommandError) as refused:
+        head.look_at(LEFT)
+    assert refused.value.state == HeadState.RELAXED
+    before = servos.at_rest()
+    head.resume()
+    assert servos.at_rest() == pytest.approx(before, abs=0.02)
+    assert head.look_at((2.0, 0.0, 0.6)).arrived
+
+
+def test_many_threads_at_once_get_an_answer_each(head, servos):
+    ended, failures = threading.Event(), []
+
+    def repeat(call):
+        while not ended.is_set():
+            try:
+                call()
+            except (RefusedCommandError, SupersededError):
+                pass
+            except Exception as failure:
+                failures.append(failure)
+            time.sleep(0.01)
+
+    calls = [
+        lambda: head.look_at(LEFT, timeout=0.3),
+        lambda: head.follow(RIGHT, stamp=time.time()),
+        lambda: (head.state, head.error, head.pose("camera_link"), head.joints, head.reason),
+        lambda: (head.stop(), head.resume()),
+        head.hold,
+    ]
+    threads = [threading.Thread(target=repeat, args=(call,)) for call in calls]
+    for thread in threads:
+        thread.start()
+    time.sleep(2.0)
+    ended.set()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    head.resume()
+    assert head.look_at((2.0, 0.0, 0.6)).arrived
+
+
+def test_an_exception_and_a_port_that_has_gone_end_it(servos, kinectbot):
+    with pytest.raises(LookupError), Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        head.look_at((2.0, 0.3, 0.6))
+        raise LookupError
+    assert servos.torque == [0, 0]
+    for command in (head.resume, head.relax, lambda: head.look_at(LEFT)):
+        with pytest.raises(RefusedCommandError) as refused:
+            command()
+        assert refused.value.state == HeadState.CLOSED
+    head.close()  # twice
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_ctrl_c_relaxes_however_often(servos, number):
+    turning = f"with head: head.look_at({LEFT}, max_velocity=0.4)\n"
+    program = run_until_it_turns(servos, turning)
+    for _ in range(number):
+        program.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    assert program.wait(30) != 0
+    assert servos.torque == [0, 0]
+
+
+def test_a_program_that_ends_without_closing_relaxes(servos):
+    program = run_until_it_turns(servos, f"head.look_at({LEFT}, max_velocity=0.4, timeout=1.0)\n")
+    assert program.wait(30) == 0
+    assert servos.torque == [0, 0]
