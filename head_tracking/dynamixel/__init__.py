@@ -39,7 +39,6 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import relax_servos
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     HardwareErrors,
@@ -48,6 +47,7 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
 )
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.relaxing import relax_servos
 from head_tracking.dynamixel.requests import Epoch
 from head_tracking.dynamixel.serial_port import serial_ports
 from head_tracking.dynamixel.servo import Servo, ServoIdentity

@@ -1,6 +1,6 @@
 """The serial adapter: which driver serves it, and how long it keeps received bytes to itself.
 
-FTDI chips hand short packets on only after a time of their own, 16 ms unless told otherwise, so
+FTDI chips keep short packets for the time of their latency timer, 16 ms from the factory, so
 that each answer of a servo takes that long. Sources: Linux ftdi_sio, and the fact sheet's section
 on adapters.
 """
@@ -22,7 +22,7 @@ class Adapter:
     """What is known about a serial adapter.
 
     Attributes:
-        driver: Kernel driver, such as ftdi_sio; empty if the device does not tell.
+        driver: Kernel driver, such as ftdi_sio; empty if it is not known.
         latency: How long it may keep received bytes to itself, s; None where it has no such knob.
         advice: What to do about a latency that is too long; empty if all is well.
         serial: Serial number of the USB device; empty if it has none.
@@ -62,7 +62,7 @@ def prepare_adapter(
 
     Args:
         port_name: The device, or a link to it.
-        set_low_latency: Asks the driver to hand on received bytes at once; raises OSError or
+        set_low_latency: Asks the driver to deliver received bytes at once; raises OSError or
             ValueError where that cannot be done.
         sysfs: Where the kernel shows its devices.
     """

@@ -20,20 +20,6 @@ SIGN_BIT: Final = 10
 _LARGEST: Final = (1 << SIGN_BIT) - 1
 
 
-def encode_unsigned(value: int, size: int) -> bytes:
-    """Return `value` as `size` bytes, low byte first.
-
-    Raises:
-        RangeError: The value is negative or needs more bytes.
-    """
-    try:
-        return value.to_bytes(size, "little")
-    except OverflowError:
-        raise RangeError(
-            f"{value} does not fit into {size} byte(s); allowed are 0 to {256**size - 1}"
-        ) from None
-
-
 def encode_sign_magnitude(value: int) -> int:
     """Return a register value: magnitude in the low bits, sign bit set when negative (clockwise).
 
@@ -75,7 +61,7 @@ class Memory(Enum):
 
 
 class Sign(Enum):
-    """How a register tells negative values."""
+    """How a register stores negative values."""
 
     NONE = "none"
     MAGNITUDE = "bit 10"
@@ -115,7 +101,7 @@ class Register:
         minimum: Lowest value a write may carry; None for read-only registers.
         maximum: Highest value a write may carry; None for read-only registers.
         unit: What one count stands for.
-        sign: How it tells negative values.
+        sign: How it stores negative values.
     """
 
     name: str
@@ -161,9 +147,13 @@ class Register:
         Raises:
             RangeError: The value does not fit into the register's bytes.
         """
-        if self.sign is Sign.TWOS_COMPLEMENT and -(256**self.size) // 2 <= value < 0:
-            value += 256**self.size
-        return encode_unsigned(value, self.size)
+        signed = self.sign is Sign.TWOS_COMPLEMENT and value < 0
+        try:
+            return value.to_bytes(self.size, "little", signed=signed)
+        except OverflowError:
+            raise RangeError(
+                f"{self.name} cannot be {value}, which does not fit into {self.size} byte(s)"
+            ) from None
 
     def decode(self, data: bytes) -> int:
         """Return the value in exactly this register's bytes; sign and magnitude stay together.
@@ -251,7 +241,7 @@ class Block:
             raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
         for register, value in zip(self.registers, values, strict=True):
             if not register.admits(value):
-                register.encode(value)  # says why
+                register.encode(value)  # raises
         if not self._gapless:
             raise RangeError("the block has gaps, so it can be read but not written")
         return self.layout.pack(*values)

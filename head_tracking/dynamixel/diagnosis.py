@@ -17,7 +17,7 @@ from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import Servo, ServoIdentity
+from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
 
 _NS: Final = 1_000_000_000
@@ -135,7 +135,7 @@ class Diagnosis:
                 failures = counters.timeouts + counters.corrupt
                 if failures != watch.calm:
                     self._count(joint, servo, watch, failures, now)
-                if servo.lost or servo.failed_cycles or servo.stamp == watch.stamp:
+                if servo.stamp == watch.stamp or servo.link is not LinkState.PRESENT:
                     watch.rest_since = watch.away_since = watch.pace_since = now
                     watch.frozen_since = now
                     watch.owed = 0.0
@@ -379,7 +379,7 @@ class Diagnosis:
         first, second = joint.servos
         watch = self._begin(first)
         slack = _APART + 0.02 * abs(first.velocity)
-        unread = first.lost or second.lost or first.failed_cycles or second.failed_cycles
+        unread = not (first.answers and second.answers)
         if unread or joint.busy or abs(first.position - second.position) < slack:
             watch.apart_since = now
         elif now - watch.apart_since >= _LASTING:

@@ -20,9 +20,9 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
 )
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import relaxing, release
+from head_tracking.dynamixel.relaxing import relaxing, release
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import Servo
+from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
 _REMEDIES = {
@@ -42,6 +42,7 @@ class Joint:
         configuration: How the joint is wired.
         port: Where its servos are.
         watchdog: Time without any packet after which its servos shall stop, s; 0: never.
+        changes: Of its bus.
 
     Attributes:
         name: The joint's name.
@@ -66,12 +67,18 @@ class Joint:
     """
 
     def __init__(
-        self, configuration: JointConfiguration, port: DynamixelPort, watchdog: float = 0.0
+        self,
+        configuration: JointConfiguration,
+        port: DynamixelPort,
+        watchdog: float = 0.0,
+        changes: Changes | None = None,
     ) -> None:
+        self._changes = changes or Changes()
         self.configuration = configuration
         self.name = configuration.joint_name
         self.servos = tuple(
-            Servo(port, each.id, each.model, each, watchdog) for each in configuration.calibrations
+            Servo(port, each.id, each.model, each, watchdog, self._changes)
+            for each in configuration.calibrations
         )
         self.on = self.relaxed = self.stopped = self.resting = False
         self.default_speed = configuration.joint_speed
@@ -112,7 +119,7 @@ class Joint:
         Two servos get their goals together or not at all: they would tear at each other.
         """
         for servo in self.servos:
-            if servo.lost or servo.failed_cycles or servo.interrupted:
+            if servo.link is not LinkState.PRESENT or servo.interrupted:
                 return False
         return True
 
@@ -192,7 +199,7 @@ class Joint:
         load, voltage, temperature = first.load, first.voltage, first.temperature
         errors = first.errors
         if len(servos) > 1:
-            answered = [servo for servo in servos if not servo.failed_cycles and not servo.lost]
+            answered = [servo for servo in servos if servo.answers]
             first = answered[0]
             load = sum(servo.load for servo in answered) / len(answered)
             voltage = min(servo.voltage for servo in answered)
@@ -211,6 +218,11 @@ class Joint:
             self.on,
             self.goal_position if self.goal_ticks else None,
         )
+
+    def set_stopped(self, stopped: bool) -> None:
+        """Take it out of the cycle, or back."""
+        self.stopped = stopped
+        self._changes.count += 1
 
     # Owner's thread. Everything that talks to servos raises PortLostError when the port has gone.
 
@@ -274,7 +286,7 @@ class Joint:
         for index, servo in enumerate(self.servos):
             present = servo.raw_ticks if servo.stamp else None
             with suppress(CommunicationError):
-                if servo.failed_cycles == 0 and not servo.lost:
+                if servo.answers:
                     present = servo.get("Present Position", 1 + retries)
             if present is not None:
                 ticks[index] = self._inside(servo, present)

@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
 from pathlib import Path
@@ -47,7 +47,7 @@ _ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
 _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
 _FACTS: Final = frozenset(
     ("name", "aliases", "protocol", "ticks", "endless", "speed_maximum", "load_maximum",
-     "no_load_rpm", "stall_torque", "nominal_voltage", "error_bits", "bulk_read",
+     "no_load_rpm", "nominal_voltage", "error_bits", "bulk_read",
      "position_limits", "fast_sync_read", "watchdog", "feedback", "goal", "baud_rates", "units",
      "registers")
 )  # fmt: skip
@@ -61,7 +61,7 @@ _OWN: Final = ("name", "aliases")  # is never taken over from another model
 class ServoModel:
     """What the driver must know about a model.
 
-    Speed and torque are those of the e-manual page, at the voltage in bold there.
+    Its speed without load is that of the e-manual page, at the voltage in bold there.
 
     Attributes:
         name: The name used in configurations and messages.
@@ -81,8 +81,7 @@ class ServoModel:
         speed_maximum: Highest goal speed in joint mode.
         load_maximum: Register value of full load (of the stall current, where current is measured).
         no_load_speed: Fastest speed without load at `nominal_voltage`, rad/s.
-        stall_torque: Torque at standstill at `nominal_voltage`, N m.
-        nominal_voltage: Supply for which the two values above hold, V.
+        nominal_voltage: Supply that it is made for, V.
         baud_rates: Bits per second by the value of the Baud Rate register.
         errors: Bits of its error state and of its Shutdown register.
         sign_magnitude: Whether speed and load have their sign in bit 10.
@@ -90,7 +89,6 @@ class ServoModel:
         fast_sync_read: First firmware that knows fast sync read; None: none does.
         watchdog: First firmware that has a Bus Watchdog; None: none has.
         aliases: Other names of the same model.
-        angle_range: Angle that the ticks span, rad.
     """
 
     name: str
@@ -110,7 +108,6 @@ class ServoModel:
     speed_maximum: int
     load_maximum: int
     no_load_speed: float
-    stall_torque: float
     nominal_voltage: float
     baud_rates: Mapping[int, int]
     errors: type[IntFlag]
@@ -119,18 +116,6 @@ class ServoModel:
     fast_sync_read: int | None
     watchdog: int | None
     aliases: tuple[str, ...]
-    angle_range: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "angle_range", self.radians_per_tick * self.ticks)
-
-    def encode_goal(self, ticks: int, speed: int) -> bytes:
-        """Return what to write at `goal`, from register values.
-
-        Raises:
-            RangeError: A value is outside its register.
-        """
-        return self.goal.encode(*((ticks, speed) if self.position_first else (speed, ticks)))
 
 
 @cache
@@ -239,7 +224,6 @@ def _model(facts: Mapping[str, Any]) -> ServoModel:
         speed_maximum=facts["speed_maximum"],
         load_maximum=facts["load_maximum"],
         no_load_speed=facts["no_load_rpm"] * _RPM,
-        stall_torque=facts["stall_torque"],
         nominal_voltage=facts["nominal_voltage"],
         baud_rates=MappingProxyType({int(k): v for k, v in facts["baud_rates"].items()}),
         errors=_ERROR_BITS[facts["error_bits"]],

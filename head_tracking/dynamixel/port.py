@@ -1,11 +1,11 @@
 """Transactions: what is asked of servos on one serial line, and what they reply.
 
-Only one may speak at a time. Nothing is asked while a reply may still be on the wire, and a servo
-whose reply cannot be used is asked again before any other.
+Only one device may send at a time. Nothing is asked while a reply may still be on the wire, and a
+servo whose reply cannot be used is asked again before any other.
 
 Protocol 1.0 has no sequence numbers: a reply that comes late looks like the reply to the next
 request. After a failure the next requests to that servo ask for more bytes than needed, until the
-late reply has come or a second has passed, so that the length tells them apart. A received packet
+late reply has come or a second has passed, so that the lengths differ. A received packet
 that equals one that was sent is the echo of an adapter that joins both directions.
 """
 
@@ -62,8 +62,8 @@ from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
 _QUIET: Final = 0.0005  # s of silence after which a line on which something went wrong is free
-_GAP: Final = 0.02  # s to wait for a gap between the packets of somebody else, before a request
-_SUSPECT: Final = 1.0  # s for which a line on which somebody said too much is listened to
+_GAP: Final = 0.02  # s to wait for a gap between the packets of another program, before a request
+_SUSPECT: Final = 1.0  # s for which a line with surplus packets is listened to before a request
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0
 
@@ -89,8 +89,8 @@ class DynamixelPort:
         clock: Monotonic time, s.
         adapter: What is known about the device since it was opened.
         searches: Replies that were not just what was expected, and had to be searched for.
-        surplus: Status packets that nobody had asked for, by servo id: two servos have that id, or
-            somebody repeats packets.
+        surplus: Number of status packets that were not asked for, by servo id: two servos have that
+            id, packets are repeated, or another program asks.
 
     Raises:
         ConfigurationError: The SDK cannot set this baud rate, or a timeout is not above 0.
@@ -129,7 +129,7 @@ class DynamixelPort:
         self._sent: deque[bytes] = deque(maxlen=4)
         self._buffer = b""
         self._wire_free = 0.0
-        self._suspect_until = 0.0  # somebody sends more status packets than were asked for
+        self._suspect_until = 0.0  # surplus status packets have come
         self._echoed = False  # the last request came back
 
     @property
@@ -163,7 +163,7 @@ class DynamixelPort:
         try:
             device = self._open_device(self._stable_name or self.name, self.baud_rate)
         except PortMissingError:
-            if self._was_open:  # it is looked for between cycles, where a list takes too long
+            if self._was_open:  # searched between cycles: a list of all ports takes too long
                 raise
             raise PortMissingError(self.name, serial_ports()) from None
         self._was_open = True
@@ -239,7 +239,7 @@ class DynamixelPort:
         """Ask several servos with one packet, which they answer one after the other, or in one.
 
         Behind a silent one the others may wait for ever, so that they count as silent too. Who did
-        not answer is asked alone once nobody speaks any more.
+        not answer is asked alone once the line is quiet.
         """
         outcomes: list[Status | CommunicationError] = []
         asked, stamp = group, 0.0
@@ -269,9 +269,9 @@ class DynamixelPort:
         return replies
 
     def _prepare(self, group: ReadGroup) -> ReadGroup:
-        """Make sure that nobody speaks and no late reply will look like a new one."""
+        """Wait until the line is free; return what to read, so that no late reply is ambiguous."""
         self._clear()
-        return self._late.told_apart(group) if self._late.due else group
+        return self._late.distinct(group) if self._late.due else group
 
     def _reply(self, group: ReadGroup, asked: ReadGroup, status: Status, stamp: float) -> Reply:
         """Return the bytes that were wanted, of those that were asked for."""
@@ -326,7 +326,7 @@ class DynamixelPort:
         """
         packet = write_packet(protocol, servo_id, address, data)
         if not acknowledged:
-            self._tell(packet)
+            self._send_only(packet)
             return 0
         what = f"write of {len(data)} byte(s) at {address}"
         return self._command(request_for(packet, protocol, servo_id, 0, what))
@@ -349,14 +349,14 @@ class DynamixelPort:
         *,
         patience: float = 0.0,
     ) -> None:
-        """Write the same registers of several servos in one packet, by id; nobody answers.
+        """Write the same registers of several servos in one packet, by id; there is no reply.
 
         Args:
             address: First register byte.
             data: What to write, by servo id.
             protocol: 1 or 2.
-            patience: How long to wait for a gap between the packets of somebody else, s; 0: not at
-                all. For what must reach the servos, such as STOP.
+            patience: How long to wait for a gap between the packets of another program, s; 0: do
+                not wait. For what must reach the servos, such as STOP.
 
         Raises:
             LineBusyError: There was no gap; nothing was sent.
@@ -430,8 +430,9 @@ class DynamixelPort:
         size = request.size
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        buffer, prefix = self._buffer, request.prefix
-        while len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
+        prefix = request.prefix
+        buffer = self._buffer or line.read(_CHUNK, deadline)
+        while 0 < len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
             if not data:
                 break
@@ -485,7 +486,7 @@ class DynamixelPort:
             if damaged and received >= request.size:  # that was it
                 deadline = min(deadline, max(due, now) + _QUIET)
             elif self._buffer and deadline < now + _QUIET:
-                deadline = min(now + _QUIET, end)  # somebody is speaking
+                deadline = min(now + _QUIET, end)  # a packet is coming in
             data = line.read(_CHUNK, deadline) if now < end else b""
             if not data:
                 break
@@ -493,7 +494,7 @@ class DynamixelPort:
             self._buffer += data
         self._wire_free = self.clock()
         if doubtful is not None:
-            return doubtful  # if it is no reply to what was asked, the caller says so
+            return doubtful  # if it does not fit the request, the caller raises
         self._late.add(request, due)
         if self._buffer or was_damaged:
             raise CorruptReplyError(f"servo {request.id}: damaged reply")
@@ -521,7 +522,7 @@ class DynamixelPort:
         return None, damaged or found.damaged
 
     def _is_late(self, protocol: int, status: Status) -> bool:
-        """Return whether a reply is one that nobody waits for any more, and learn from it."""
+        """Return whether a reply is a late one; if so, learn from it how long replies take."""
         late = self._late.take(protocol, status)
         if late is not None:
             self._timeout.learn_late(late)
@@ -532,10 +533,10 @@ class DynamixelPort:
         self._suspect_until = self.clock() + _SUSPECT
 
     def _clear(self) -> None:
-        """Forget what was received; where somebody sends too much, wait until nobody speaks.
+        """Forget what was received; after surplus packets, wait until the line is free.
 
         Raises:
-            LineBusyError: Somebody speaks without pause.
+            LineBusyError: Another program sends without a pause.
         """
         line = self._line
         assert line is not None
@@ -555,7 +556,7 @@ class DynamixelPort:
         self._buffer = b""
 
     def _wait_for_gap(self, patience: float) -> None:
-        """Wait until nobody speaks, or a reply to somebody else has just ended.
+        """Wait until the line is quiet, or a reply to another program has just ended.
 
         Raises:
             LineBusyError: There was no gap for so long, s.
@@ -563,7 +564,7 @@ class DynamixelPort:
         line = self._line
         assert line is not None
         deadline = self.clock() + patience
-        line.discard_input()  # of what is old, nobody knows when it ended
+        line.discard_input()  # when old bytes ended is not known
         self._buffer = b""
         while not self._ends_with_status():
             now = self.clock()
@@ -575,7 +576,7 @@ class DynamixelPort:
             self._buffer = (self._buffer + data)[-_CHUNK:]
 
     def _ends_with_status(self) -> bool:
-        """Return whether the last thing heard is a whole packet that nobody will answer.
+        """Return whether what was received ends with a reply, so that no other follows at once.
 
         In protocol 1.0 a status packet whose error byte is not 0 looks like an instruction.
         """
@@ -588,7 +589,7 @@ class DynamixelPort:
                     return True
         return False
 
-    def _tell(self, packet: bytes) -> None:
+    def _send_only(self, packet: bytes) -> None:
         if self._line is None:
             self._open_line()
         try:
@@ -609,7 +610,7 @@ class DynamixelPort:
 def _split(
     group: ReadGroup, joint: Status | CommunicationError
 ) -> list[Status | CommunicationError]:
-    """Return what each servo said in the joint answer to a fast sync read."""
+    """Return the reply of each servo in the joint reply to a fast sync read."""
     if isinstance(joint, CommunicationError):
         raise joint
     shares = split_joint_status(joint, group.length, len(group.ids))
@@ -619,7 +620,7 @@ def _split(
 
 
 def _refuses(protocol: int, status: Status) -> bool:
-    """Return whether a servo says by a status without data why it does not do what was asked."""
+    """Return whether a status without data carries an error: the servo refuses the request."""
     if status.data:
         return False
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
@@ -631,8 +632,8 @@ def _check(protocol: int, status: Status, length: int, what: str) -> None:
     if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
         raise CorruptReplyError(f"servo {status.id} received a damaged {what}")
     if len(status.data) != length:
-        told = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
+        errors = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
         raise CorruptReplyError(
             f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; error "
-            f"bits: {told}"
+            f"bits: {errors}"
         )

@@ -1,132 +1,355 @@
-"""What takes several transactions with servos, as steps; see `requests.Steps`.
+"""What takes several transactions with the servos of a joint, as steps; see `requests.Steps`.
 
-There is one way to relax servos. It serves requests, STOP, faults, the end of a run, and programs
-that have no running bus.
+The bus spreads steps over its cycles. A joint is busy while steps are taken for it, except those
+that relax it: they overtake the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing, suppress
-from typing import Final
+from contextlib import suppress
+from typing import Any, Final, TypeVar
 
+from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
-    LineBusyError,
+    ConfigurationError,
+    DynamixelError,
     NotConnectedError,
     PortLostError,
-    RegisterRefusedError,
     ServoError,
+    TorqueError,
 )
-from head_tracking.dynamixel.models import servo_model
+from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.dynamixel.relaxing import confirming, release
+from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.servo import Servo
+from head_tracking.dynamixel.state import BusEvent, EventKind
 
-_PATIENCE: Final = 0.5  # s to wait for a gap between the packets of a second program
+_T = TypeVar("_T")
+_CONVINCED: Final = 3  # times that a servo must seem unusable
+_GONE: Final = (PortLostError, NotConnectedError)
 
 
-def relaxing(
-    port: DynamixelPort, servos: Sequence[Servo], *, disarm: bool = False
-) -> Steps[dict[int, str]]:
-    """Switch torque off: the first step does it for all, the others make sure of each.
+class Events:
+    """What has happened since somebody asked last."""
+
+    def __init__(self) -> None:
+        self.waiting: list[BusEvent] = []
+
+    def note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
+        """Note what happened to a joint; `stuck`: it cannot go where it is sent."""
+        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
+        stuck = stuck or kind in (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
+        self.waiting.append(BusEvent(kind, joint.name, text, stuck))
+
+    def note_port(self, kind: EventKind, text: str) -> None:
+        """Note what happened to the port."""
+        self.waiting.append(BusEvent(kind, "", text))
+
+    def take(self) -> tuple[BusEvent, ...]:
+        """Return them, and forget them."""
+        if not self.waiting:
+            return ()
+        events, self.waiting = tuple(self.waiting), []
+        return events
+
+
+class Procedures:
+    """Carries out what takes several transactions.
 
     Args:
         port: Where the servos are.
-        servos: Which.
-        disarm: Whether to switch off the Bus Watchdog of those that have one, too.
+        joints: All joints of the bus.
+        requests: Takes steps for later cycles.
+        events: Takes what happens.
+        settings: How to deal with silence.
+        monotonic: Time that never jumps, ns.
+        pause: Waits so many seconds.
 
-    Returns:
-        By id, why a servo did not confirm that it is relaxed; empty where it did.
+    Attributes:
+        obeyed: The last epoch whose STOP has been carried out.
     """
-    with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
-        release(port, servos)
-    yield 0.0
-    problems: dict[int, str] = {}
-    for servo in servos:
-        problems[servo.id] = yield from confirming(servo, disarm)
-    return problems
 
+    def __init__(
+        self,
+        port: DynamixelPort,
+        joints: Sequence[Joint],
+        requests: RequestQueue,
+        events: Events,
+        settings: BusSettings,
+        monotonic: Callable[[], int],
+        pause: Callable[[float], object],
+    ) -> None:
+        self.obeyed = requests.epoch.value
+        self._port, self._joints, self._requests = port, joints, requests
+        self._note = events.note
+        self._watchdog = bool(settings.watchdog)
+        self._poll_interval = round(settings.poll_interval * 1e9)
+        self._monotonic, self._pause = monotonic, pause
+        self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
-def confirming(servo: Servo, disarm: bool = False) -> Steps[str]:
-    """Make sure that a servo is relaxed; return what went wrong, or nothing."""
-    if servo.lost:
-        return "the servo does not answer"
-    try:
-        if servo.get("Torque Enable"):
-            yield 0.0
-            yield from servo.switch_torque(False)
-        if disarm:
-            yield 0.0
-            yield from servo.disarm()
-    except (CommunicationError, ServoError, PortLostError, NotConnectedError) as cause:
-        return str(cause)
-    yield 0.0
-    return ""
+    def begin(self, steps: Steps[Any], on_end: Callable[[], object] | None = None) -> None:
+        """Take steps between the work of the next cycles, unless STOP comes before."""
+        self._requests.start(steps, on_end=on_end)
 
+    def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
+        """Take steps while nobody else takes any for this joint."""
+        while joint.busy:
+            yield 0.002
+        joint.busy = True
+        try:
+            return (yield from steps)
+        finally:
+            joint.busy = False
 
-def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
-    """Write torque off to servos, in one packet for each protocol, and wait for nothing."""
-    packets: dict[tuple[int, int], dict[int, bytes]] = {}
-    for servo in servos:
-        register = servo.model.control_table["Torque Enable"]
-        packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
-    for (protocol, address), shares in packets.items():
-        with suppress(LineBusyError):  # whoever makes sure of it reports it
-            port.sync_write(address, shares, protocol, patience=_PATIENCE)
+    # Torque off
 
+    def relax(self, joints: Iterable[Joint], *, disarm: bool = False) -> Steps[dict[str, str]]:
+        """Relax joints: the first step switches torque off, the others make sure.
 
-def holding(servo: Servo) -> Steps[None]:
-    """Hold a servo that has torque on where it stands; a relaxed one stays relaxed.
+        Args:
+            joints: The joints.
+            disarm: Whether to switch off the Bus Watchdog of their servos, too.
 
-    Raises:
-        CommunicationError: It does not answer.
-        ServoError: It does not take the goal.
-    """
-    if not servo.get("Torque Enable"):
-        return
-    yield 0.0
-    if servo.model.watchdog is not None:  # one that has tripped refuses goals until it is cleared
-        with suppress(RegisterRefusedError):  # older firmware has none
-            yield from servo.clear_watchdog()
-    yield from servo.pin(powered=True)
-
-
-def relax_servos(
-    port_name: str,
-    models: Mapping[int, str],
-    baud_rate: int = 1_000_000,
-    *,
-    hold: bool = False,
-    make_port: Callable[[str, int], DynamixelPort] = DynamixelPort,
-) -> dict[int, str]:
-    """Relax servos without a running bus, for example when the program that drove them has died.
-
-    Args:
-        port_name: Device, such as /dev/ttyUSB0.
-        models: Name of each servo's model, by id.
-        baud_rate: Bits per second.
-        hold: Hold those that have torque on where they stand instead.
-        make_port: Makes the port, from its name and baud rate.
-
-    Returns:
-        By id, what went wrong; empty where a servo has confirmed.
-
-    Raises:
-        ConfigurationError: A model is unknown, or the baud rate is not possible.
-        PortError: The port cannot be opened.
-    """
-    port = make_port(port_name, baud_rate)
-    servos = [Servo(port, servo_id, servo_model(name)) for servo_id, name in models.items()]
-    port.open()
-    with closing(port):
-        if not hold:
-            return run(relaxing(port, servos, disarm=False))
-        problems: dict[int, str] = {}
-        for servo in servos:
-            try:
-                run(holding(servo))
-                problems[servo.id] = ""
-            except (CommunicationError, ServoError, PortLostError, NotConnectedError) as cause:
-                problems[servo.id] = str(cause)
+        Returns:
+            By joint, why it has not confirmed; empty where it has.
+        """
+        joints = tuple(joints)
+        sure = [joint for joint in joints if joint.stopped and joint.confirmed]
+        for joint in joints:
+            self._requests.drop_goals(joint.name)
+            joint.relax()
+            joint.confirmed = False
+        with suppress(*_GONE):  # what follows finds that out, too
+            release(self._port, [servo for joint in joints for servo in joint.servos])
+        yield 0.0
+        problems: dict[str, str] = {}
+        for joint in joints:
+            found: list[str] = []
+            for servo in joint.servos:
+                found.append((yield from confirming(servo, disarm)))
+            problem = "; ".join(filter(None, found))
+            if joint in sure:
+                problem = ""  # it was relaxed when it was stopped; it need not be there any more
+            joint.confirmed = not problem
+            problems[joint.name] = problem
         return problems
+
+    def relaxing(
+        self, joints: Sequence[Joint], *, stop: bool = False, on_request: bool = False
+    ) -> Steps[None]:
+        """Relax joints and report it; see `ServoBus.switching_torque` and `ServoBus.stopping`."""
+        for joint in joints:
+            if stop:
+                joint.confirmed = joint.confirmed and joint.stopped  # else it must be there
+                joint.set_stopped(True)
+            joint.relaxed |= on_request
+        found = yield from self.relax(joints, disarm=stop)
+        for joint in joints:
+            if not found[joint.name]:
+                kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
+                self._note(kind, joint, joint.torque.value)
+        problems = {name: problem for name, problem in found.items() if problem}
+        if problems:
+            raise TorqueError(False, problems)
+
+    def cut(self, joint: Joint) -> None:
+        """Relax a joint at once, and make sure of it in the next cycles."""
+        steps = self.relax([joint])
+        next(steps)
+        self._requests.start(self._confirming(joint, steps), despite_stop=True)
+
+    def _confirming(self, joint: Joint, steps: Steps[dict[str, str]]) -> Steps[None]:
+        problem = (yield from steps)[joint.name]
+        if problem:
+            self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
+
+    def stop(self, timeout: float, epoch: int) -> Mapping[str, str]:
+        """Relax all joints, whatever else is under way; see `ServoBus.relax_at_once`."""
+        deadline = self._monotonic() + round(timeout * 1e9)
+        self.obeyed = epoch
+        self._requests.discard_older()
+        steps = self.relax(self._joints)
+        try:
+            while self._monotonic() <= deadline:
+                self._pause(next(steps))
+        except StopIteration as end:
+            problems: dict[str, str] = end.value
+            return problems
+        steps.close()
+        late = "it has not confirmed in time"
+        return {joint.name: "" if joint.confirmed else late for joint in self._joints}
+
+    def obey_stop(self) -> None:
+        """Carry out a STOP that could not wait until the owner's thread had left the port."""
+        self.obeyed = self._requests.epoch.value
+        self._requests.discard_older()
+        self._requests.start(self.relaxing(self._joints), despite_stop=True)
+
+    # Torque on
+
+    def switching_on(self, joints: Sequence[Joint]) -> Steps[None]:
+        """Hold joints where they stand; see `ServoBus.switching_torque`."""
+        problems: dict[str, object] = {}
+        for joint in joints:  # all in the first step: who relaxes one later is heard
+            if not (joint.stopped or joint.faulted or joint.resting):
+                joint.relaxed = False
+        for joint in joints:
+            try:
+                problem = yield from self.exclusively(joint, joint.switch_on())
+            except _GONE as cause:
+                problem = str(cause)
+            if problem:
+                problems[joint.name] = problem
+            else:
+                self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+        if problems:
+            raise TorqueError(True, problems)
+
+    def switch_on_for_goal(self, joint: Joint) -> None:
+        """Switch the torque of a joint on, because there is a goal for it; or drop the goal."""
+
+        def end() -> None:
+            joint.awaited = False
+
+        joint.awaited = True
+        self.begin(self.exclusively(joint, self._switching_on_for_goal(joint)), end)
+
+    def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
+        problem = yield from joint.switch_on()
+        if problem:
+            self._requests.drop_goals(joint.name)
+            if problem != joint.told_problem:  # commands keep coming
+                self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+        else:
+            self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+        joint.told_problem = problem
+
+    def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
+        """Hold a joint where it is, with the watchdogs of its servos armed anew."""
+        if not joint.busy:
+            self.begin(self.exclusively(joint, self._holding(joint, why)))
+
+    def _holding(self, joint: Joint, why: str) -> Steps[None]:
+        problem = yield from joint.pin(powered=True)
+        self._note(EventKind.HELD, joint, f"{why}; {problem or 'it holds where it is'}")
+
+    # Faults, joints that are taken out and back, memory
+
+    def recovering(self, joints: Sequence[Joint], patience: float) -> Steps[tuple[str, ...]]:
+        """Clear the faults of joints; see `ServoBus.recovering`."""
+        faulted = [joint for joint in joints if joint.faulted]
+        problems: dict[str, object] = {}
+        for joint in faulted:
+            self._requests.drop_goals(joint.name)
+            try:
+                problem = yield from self.exclusively(joint, joint.recover(self._monotonic()))
+            except _GONE as cause:
+                problem = str(cause)
+            if problem:
+                problems[joint.name] = problem
+            else:
+                result = "it restarts" if joint.lost else joint.torque.value
+                self._note(EventKind.RECOVERED, joint, result)
+        _raise(problems)
+        deadline = self._monotonic() + round(patience * 1e9)
+        while patience and (waiting := [joint.name for joint in faulted if joint.faulted]):
+            if self._monotonic() > deadline:
+                raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
+            yield 0.02
+        return tuple([joint.name for joint in faulted])
+
+    def starting(self, joints: Sequence[Joint]) -> Steps[None]:
+        """Take stopped joints back; see `ServoBus.starting`."""
+        problems: dict[str, object] = {}
+        for joint in joints:
+            if not joint.stopped:
+                continue
+            try:
+                yield from self.exclusively(joint, joint.identify())
+            except DynamixelError as cause:
+                for servo in joint.servos:
+                    servo.lose(0)
+                problems[joint.name] = cause
+            else:
+                self._note(EventKind.STARTED, joint, joint.torque.value)
+                for servo in joint.servos:
+                    self.note_shortcomings(joint, servo)
+            joint.set_stopped(False)
+        _raise(problems)
+
+    def writing_eeprom(
+        self, joint: Joint, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        """Write settings into the memory of servos; see `ServoBus.writing_eeprom`."""
+        wanted = {
+            servo.id: settings.registers(servo.model, servo.calibration.tick_range)
+            for servo in joint.servos
+        }
+        changed = {}
+        self._requests.drop_goals(joint.name)
+        joint.writing = True
+        try:
+            for servo in joint.servos:
+                changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
+            for servo in joint.servos:
+                if not joint.stopped and not servo.lost:
+                    yield from servo.identify()
+        finally:
+            joint.writing = False
+        return changed
+
+    # A servo that answers again
+
+    def return_servo(self, joint: Joint, servo: Servo) -> None:
+        """Take a servo that answers again back, in the next cycles."""
+
+        def end() -> None:
+            joint.busy = False
+
+        joint.busy = True
+        self.begin(self._returning(joint, servo), end)
+
+    def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+        try:
+            torque = yield from joint.come_back(servo)
+        except (CommunicationError, ServoError, ConfigurationError) as cause:
+            servo.lose(self._monotonic() + self._poll_interval)
+            if not isinstance(cause, CommunicationError):
+                text, times = self._unusable.get(servo.id, ("", 0))
+                times = times + 1 if text == str(cause) else 1
+                self._unusable[servo.id] = (str(cause), times)
+                if times == _CONVINCED:
+                    self._note(EventKind.UNUSABLE, joint, str(cause))
+            return
+        self._unusable.pop(servo.id, None)
+        if not servo.is_unsteady(self._monotonic()):
+            self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
+            self.note_shortcomings(joint, servo)
+
+    def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
+        """Note what a servo that was found lacks."""
+        identity, first = servo.identity, servo.model.watchdog
+        if identity is None or servo.lost:
+            return
+        if identity.faulted:
+            self._note(
+                EventKind.FAULTED,
+                joint,
+                f"servo {servo.id} has shut itself down before; it takes no commands until "
+                "somebody calls recover",
+            )
+        if first is not None and self._watchdog and not servo.watched:
+            self._note(
+                EventKind.ALARM,
+                joint,
+                f"servo {servo.id} has firmware {identity.firmware_version}, which has no Bus "
+                f"Watchdog ({first} has): should this program die, it goes on to its goal",
+            )
+
+
+def _raise(problems: Mapping[str, object]) -> None:
+    if problems:
+        raise ServoError("; ".join(f"{joint}: {problem}" for joint, problem in problems.items()))

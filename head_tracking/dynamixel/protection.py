@@ -51,7 +51,7 @@ class Protection:
             PortLostError: The port has gone.
         """
         for servo in joint.servos:
-            if servo.lost or servo.failed_cycles:
+            if not servo.answers:
                 continue
             if servo.error or servo.errors or servo.id in self.told:
                 self._judge_errors(joint, servo, now)

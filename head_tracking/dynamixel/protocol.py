@@ -1,4 +1,4 @@
-"""Packets of Dynamixel protocols 1.0 and 2.0, as the driver and the simulator exchange them.
+"""Packets of Dynamixel protocols 1.0 and 2.0, as the driver sends and receives them.
 
     1.0   FF FF ID LEN CODE PARAMETERS CHECKSUM
     2.0   FF FF FD 00 ID LEN_L LEN_H CODE PARAMETERS CRC_L CRC_H
@@ -39,7 +39,7 @@ STATUS: Final = 0x55
 """Code of status packets of protocol 2.0."""
 
 ALERT: Final = 0x80
-"""Bit of a 2.0 error byte: look at Hardware Error Status."""
+"""Bit of a 2.0 error byte: Hardware Error Status is not 0."""
 
 
 class Instruction(IntEnum):
@@ -74,7 +74,7 @@ class ErrorBits(IntFlag):
 NO_ERROR: Final = ErrorBits(0)
 
 REFUSALS: Final = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE | ErrorBits.INSTRUCTION
-"""Bits by which a servo says that it did not do what the packet asked."""
+"""Bits that are set when the servo did not do what the packet asked."""
 
 
 class StatusCode(IntEnum):
@@ -248,7 +248,7 @@ def is_undamaged(protocol: int, packet: bytes) -> bool:
 
 
 def decode_status(protocol: int, packet: bytes) -> Status | None:
-    """Return what a whole packet says; None if it is damaged or an instruction.
+    """Return the contents of a whole packet; None if it is damaged or an instruction.
 
     The echo of an instruction of protocol 1.0 may look like a status packet.
     """
@@ -318,7 +318,7 @@ def joint_status_size(count: int, length: int) -> int:
 
 
 def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
-    """Return what each servo said in the joint answer to a fast sync read; [] if it is odd.
+    """Return the share of each servo in the joint reply to a fast sync read; [] if it is odd.
 
     Each share is ERROR ID DATA and a CRC of the joint packet so far; the last one's is the packet's
     own and has been checked.

@@ -107,8 +107,8 @@ class ReadGroup:
         address: First register byte.
         length: Number of bytes.
         ids: The servos.
-        plausible: Returns whether a servo can have said that; the checksum of protocol 1.0 is weak,
-            two damaged bits can cancel each other out.
+        plausible: Returns whether a servo can have sent these bytes. The checksum of protocol 1.0
+            is weak: two damaged bits can cancel each other out.
         requests: The replies to the packet that reads all of them; none if each is asked alone.
         alone: The groups that read each of several servos alone.
     """

@@ -51,13 +51,14 @@ class Request:
         despite_stop: Whether it is carried out although STOP came after it: it relaxes, or changes
             a value that moves nothing.
         future: Gets its result or its exception; cancelling it ends the request.
+        on_end: Called when it has ended, also if it has not begun.
 
     Attributes:
         steps: What is left to do, once it has begun.
         due: Next step not before this monotonic time, ns.
     """
 
-    __slots__ = ("despite_stop", "due", "epoch", "function", "future", "steps")
+    __slots__ = ("despite_stop", "due", "epoch", "function", "future", "on_end", "steps")
 
     def __init__(
         self,
@@ -65,7 +66,9 @@ class Request:
         epoch: int,
         despite_stop: bool,
         future: Future[Any] | None = None,
+        on_end: Callable[[], object] | None = None,
     ) -> None:
+        self.on_end = on_end
         self.function = function
         self.epoch = epoch
         self.despite_stop = despite_stop
@@ -212,9 +215,10 @@ class RequestQueue:
         *,
         despite_stop: bool = False,
         future: Future[Any] | None = None,
+        on_end: Callable[[], object] | None = None,
     ) -> Request:
-        """Add steps that the owner takes from now on, without a first step."""
-        request = Request(lambda: None, self.epoch.value, despite_stop, future)
+        """Add steps that the owner takes from now on, without a first step; see `Request`."""
+        request = Request(lambda: None, self.epoch.value, despite_stop, future, on_end)
         request.steps = steps
         self.under_way.append(request)
         return request
@@ -261,6 +265,8 @@ class RequestQueue:
         if request.steps is not None:
             with suppress(Exception):
                 request.steps.close()
+        if request.on_end is not None:
+            request.on_end()
         if error is None:
             request.succeed(result)
         else:

@@ -56,7 +56,7 @@ class SerialLine:
     """An open, non-blocking serial device. Times are those of `time.monotonic`, in s.
 
     Args:
-        descriptor: The device, opened by somebody else who also closes it.
+        descriptor: The device, opened and closed by the caller.
 
     All methods raise OSError or termios.error when the device has gone.
     """
@@ -181,7 +181,7 @@ def port_error(port_name: str, cause: Exception) -> PortError:
 
     Args:
         port_name: The device that was to be opened.
-        cause: What the operating system said; its first argument is the error number. Or pyserial's
+        cause: The operating system's error; its first argument is the error number. Or pyserial's
             ValueError, of a device that does not know the baud rate.
     """
     if isinstance(cause, ValueError):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from enum import IntFlag
+from enum import Enum, IntFlag
 from functools import cache
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeVar
@@ -60,6 +60,8 @@ _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
 _POSITION_MODE: Final = 3
 _JOINT_MODE: Final = 2  # XL-320
 _TIME_BASED: Final = 4  # bit of Drive Mode
+_STEADY: Final = 10_000_000_000
+"""ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -71,6 +73,27 @@ def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
             return end.value  # type: ignore[no-any-return]
         if wait > 0.0:
             pause(wait)
+
+
+class LinkState(Enum):
+    """Whether a servo answers."""
+
+    UNKNOWN = "has not been found yet"
+    PRESENT = "answered when it was asked last"
+    SILENT = "did not answer when it was asked last"
+    LOST = "is left out of the cycle, and asked now and then"
+    RETURNED = "has been found again, and not been read since"
+
+
+class Changes:
+    """Counts the changes of who is read together with whom; all servos of a bus share one.
+
+    Attributes:
+        count: Number of changes so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
 
 
 @dataclass(slots=True)
@@ -135,6 +158,7 @@ class Servo:
         model: Its model.
         calibration: Of its joint; None: the whole range of the servo, zero in the middle.
         watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
+        changes: Of its bus; None: its own.
 
     Attributes:
         id: Its id.
@@ -143,11 +167,11 @@ class Servo:
         acknowledges_writes: Whether it answers writes (Status Return Level 2).
         counters: What became of the transactions.
         identity: What it said about itself; None until it was found.
-        lost: Whether it does not answer and is left out of the cycle.
+        link: Whether it answers.
+        changes: Counts its changes, and those of the other servos of its bus.
         failed_cycles: Failed cycles in a row.
         ask_at: Not before this monotonic time, ns, is it asked again.
         interrupted: Whether it has missed a cycle since its torque was last seen.
-        unseen: Whether it has come back and has not been read since.
         damaged_cycles: Cycles in a row whose replies were damaged.
         readable: Whether its feedback can be read, as far as is known; pings may be answered by
             two servos with one id.
@@ -159,6 +183,7 @@ class Servo:
         range: Lowest and highest tick that configuration and servo allow.
         limits: The same as positions of the joint, rad.
         fastest: Highest goal speed, in counts.
+        layout: What servos that are read together have in common.
         goal_key: Protocol, address and length of the block that goals are written to.
         zero: Tick of position 0.
         scale: What one tick more is for the joint's position, rad.
@@ -179,6 +204,7 @@ class Servo:
         model: ServoModel,
         calibration: ServoCalibration | None = None,
         watchdog: float = 0.0,
+        changes: Changes | None = None,
     ) -> None:
         self.id = servo_id
         self.model = model
@@ -188,11 +214,11 @@ class Servo:
         self.acknowledges_writes = True
         self.counters = Counters()
         self.identity: ServoIdentity | None = None
-        self.lost = False
+        self.link = LinkState.UNKNOWN
+        self.changes = changes or Changes()
         self.failed_cycles = 0
         self.ask_at = 0
         self.interrupted = False
-        self.unseen = False
         self.damaged_cycles = 0
         self.readable = True
         self.unsteady = False
@@ -204,6 +230,11 @@ class Servo:
         self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
         self.error = 0
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
+        feedback = model.feedback
+        self.layout = (
+            *(model.protocol, feedback.address, feedback.length),
+            *(model.ticks, model.endless, model.sign_magnitude),
+        )
         self._port = port
         self._protocol = model.protocol
         self._speed_unit = model.speed_unit
@@ -414,8 +445,9 @@ class Servo:
         else:  # it can be read from now on
             self.identity = identity
             self.faulted = identity.faulted
-            self.lost = self.interrupted = False
+            self.interrupted = False
             self.failed_cycles = self.ask_at = 0
+            self._enter(LinkState.RETURNED if self.lost else LinkState.PRESENT)
         if not keep_torque:
             yield from self.switch_torque(False)
         if problem is not None:
@@ -701,10 +733,55 @@ class Servo:
         fastest = int(limit / self._speed_unit)
         self.fastest = max(SLOWEST, min(self.model.speed_maximum, fastest))
 
+    # Whether it answers
+
+    @property
+    def lost(self) -> bool:
+        """Whether it does not answer and is left out of the cycle."""
+        return self.link is LinkState.LOST
+
+    @property
+    def answers(self) -> bool:
+        """Whether it answered, or was found again, when it was asked last."""
+        return self.link is LinkState.PRESENT or self.link is LinkState.RETURNED
+
     def lose(self, ask_at: int) -> None:
         """Leave it out of the cycle and ask it again at a time, ns."""
-        self.lost = self.unseen = True
         self.ask_at = ask_at
+        self._enter(LinkState.LOST)
+
+    def note_loss(self, now: int) -> str | None:
+        """Note that it was lost now, monotonic ns; return what to add to the report; None: none."""
+        before, self.lost_at = self.lost_at, now
+        if self.unsteady:
+            return None
+        self.unsteady = before is not None and now - before < _STEADY
+        return ". It comes and goes: told once" if self.unsteady else ""
+
+    def is_unsteady(self, now: int) -> bool:
+        """Return whether it comes and goes; `now` is monotonic, ns."""
+        if self.unsteady and now - (self.lost_at or 0) > _STEADY:
+            self.unsteady = False
+        return self.unsteady
+
+    def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
+        """Note a cycle without a usable reply; ask it again alone, not before a time, ns."""
+        self.ask_at = ask_at
+        self.failed_cycles += 1
+        self.damaged_cycles = 0 if isinstance(cause, ReplyTimeoutError) else self.damaged_cycles + 1
+        self._enter(LinkState.SILENT)
+
+    def note_answer(self) -> None:
+        """Note a usable reply after something unusual."""
+        self.damaged_cycles = 0
+        if self.failed_cycles:
+            self.failed_cycles = self.ask_at = 0
+            self.interrupted = True
+        self._enter(LinkState.PRESENT)
+
+    def _enter(self, link: LinkState) -> None:
+        self.link = link
+        self.changes.count += 1
 
     def statistics(
         self, torque: Torque, stopped: bool, symptoms: Mapping[Symptom, str], outcome: str

@@ -1,4 +1,4 @@
-"""How long a reply is waited for, and which replies may still come when nobody waits any more."""
+"""How long a reply is waited for, and which replies may still come afterwards."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, Request
 
 LONGEST: Final = 0.025
-"""s. Leaves room for an FTDI adapter's 16 ms, which it takes unless told otherwise."""
+"""s. Leaves room for an FTDI adapter's 16 ms, its setting from the factory."""
 _SHORTEST: Final = 0.0017
 """s. A quiet machine wakes the reader up within a millisecond; less would cry wolf."""
 _MARGIN: Final = 0.0012
@@ -30,7 +30,7 @@ class ReplyTimeout:
 
     Args:
         fixed: Always allow this time, s, instead; None follows.
-        adapter: What the adapter is known to take, s; None if it does not tell.
+        adapter: What the adapter is known to take, s; None if that is not known.
 
     Attributes:
         allowance: That time, s.
@@ -66,7 +66,7 @@ class ReplyTimeout:
 
 
 class LateReplies:
-    """Replies that nobody waits for any more.
+    """Replies that may still come after the wait for them has ended.
 
     Args:
         clock: Monotonic time, s.
@@ -87,7 +87,7 @@ class LateReplies:
         """Return whether the reply to a request has the length of a late one."""
         return request.length in self.due.get((request.protocol, request.id), ())
 
-    def told_apart(self, group: ReadGroup) -> ReadGroup:
+    def distinct(self, group: ReadGroup) -> ReadGroup:
         """Return the group, or a longer one, whose replies have the length of no late reply.
 
         Raises:

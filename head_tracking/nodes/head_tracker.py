@@ -8,7 +8,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead
@@ -18,7 +17,6 @@ from head_tracking.ros.head_interface import HeadInterface, HeadReading, Pace
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     LAWS,
@@ -80,8 +78,8 @@ class HeadTrackerNode(Node):
         self._pace = Pace(max(1.0 / self._own.value.rate, loop.period if loop else 0.0))
         self._slow_for = 0.0  # s, with a target
         self._tracker: Tracker | None = None
-        self._state, self._text = TargetState.IDLE, ""
-        self._states = self.create_publisher(String, "~/state", LATCHED)
+        self._state: TargetState | None = None
+        self._text = ""
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.interface = HeadInterface(
             self, self._own.value.camera_link, "~/tracking_error", buffer, loop, self
@@ -133,9 +131,10 @@ class HeadTrackerNode(Node):
     def _on_own(self, parameters: HeadTrackerParameters) -> None:
         if parameters.law == self._law:
             return
-        self._law = parameters.law
-        if self._tracker is not None:
-            self._tracker.law = self._make_law(self._tracker.head)
+        with self.interface.lock:
+            self._law = parameters.law
+            if self._tracker is not None:
+                self._tracker.law = self._make_law(self._tracker.head)
         self.get_logger().info(f"the head is steered by the law {self._law} from now on")
 
     def _tune(self, _: object) -> None:
@@ -210,37 +209,34 @@ class HeadTrackerNode(Node):
         else:
             state, reason = self._tracker.machine.state, self._tracker.machine.reason
         text = f"{state}: {reason}"
-        if state is TargetState.IDLE and self.interface.unheard:
-            text += f"; {self.interface.unheard}"
-        if text == self._text:
-            return
-        if not self._text.startswith(f"{state}:"):
+        if self.interface.publish_state(state, text) and state is not self._state:
             self.get_logger().info(text)
         self._state, self._text = state, text
-        self._states.publish(String(data=text))
 
-    @staticmethod
-    def _stamp_error(tracker: Tracker) -> str:
-        """Return what points are corrected by, and the deviation of what the points tell."""
-        error = tracker.camera.stamp_error
-        if error.deviation > _KNOWN:
-            return "not observable yet"
-        return f"{1e3 * tracker.camera.applied:.0f} ±{1e3 * error.deviation:.0f}"
+    def _measured(self) -> dict[str, str]:
+        """Return how late everything is, for `/diagnostics`."""
+        if self._tracker is None:
+            return {}
+        delays, camera = self._tracker.delays, self._tracker.camera
+        pan, tilt = delays.servos
+        deviation = camera.stamp_error.deviation
+        return {
+            "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
+            "age of a target (ms)": f"{1e3 * delays.message:.1f}",
+            "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
+            "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
+            "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
+            "stamps of the camera too late by (ms)": (
+                f"{1e3 * camera.applied:.0f} ±{1e3 * deviation:.0f}"
+                if deviation < _KNOWN
+                else "not observable yet"
+            ),
+        }
 
     def _publish_diagnostics(self) -> None:
         """What the head does, by which law, and how late everything is."""
-        values = {"law": self._law}
-        if self._tracker is not None:
-            delays = self._tracker.delays
-            pan, tilt = delays.servos
-            values |= {
-                "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
-                "age of a target (ms)": f"{1e3 * delays.message:.1f}",
-                "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
-                "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
-                "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
-                "stamps of the camera too late by (ms)": self._stamp_error(self._tracker),
-            }
+        with self.interface.lock:
+            values = {"law": self._law, **self._measured()}
         unheard = self.interface.unheard
         if unheard:
             values["not heard"] = unheard

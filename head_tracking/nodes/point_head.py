@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.node import Node
-from std_msgs.msg import String
 
 from head_tracking.control import STOPPED, ControlLoop
 from head_tracking.gaze import HeadCommand, PanTiltHead, Pointing, PointingParameters
@@ -16,7 +15,6 @@ from head_tracking.ros.head_interface import HeadInterface, HeadReading
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import CAUTIOUS_SPEED, HeadBase, Refusal
 
 
@@ -54,8 +52,7 @@ class PointHeadNode(Node):
             self, PointingParameters, on_change=self._on_parameters
         )
         self._pointing: Pointing | None = None
-        self._outcome, self._told = "no target has come yet", ""
-        self._states = self.create_publisher(String, "~/state", LATCHED)
+        self._outcome = "no target has come yet"
         self.interface = HeadInterface(
             self, p.pointing_frame, "~/pointing_error", buffer, loop, self
         )
@@ -125,18 +122,15 @@ class PointHeadNode(Node):
         """See `HeadTurner`."""
         self.actions.tell()
         if self.interface.off:
-            text = f"disabled: {self.interface.off}"
+            state, text = "disabled", f"disabled: {self.interface.off}"
         elif self.interface.trouble:
-            text = f"idle: {self.interface.trouble}"
+            state, text = "idle", f"idle: {self.interface.trouble}"
         elif self.actions.task is not None:
-            text = self.actions.task.title
+            state, text = "turning", self.actions.task.title
         else:
-            text = self._outcome
-        if self.interface.unheard and self.actions.task is None:
-            text = f"{text}; {self.interface.unheard}"
-        if text != self._told:
-            self._told = text
-            self._states.publish(String(data=text))
+            turning = self._pointing is not None and self._pointing.turning
+            state, text = "turning" if turning else "holding", self._outcome
+        self.interface.publish_state(state, text)
 
     def halt(self, reading: HeadReading | None) -> HeadCommand | None:
         """See `HeadTurner`."""

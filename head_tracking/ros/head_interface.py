@@ -6,12 +6,14 @@ import math
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import STOPPED, ControlLoop, OwnershipError
@@ -289,6 +291,9 @@ class HeadInterface:
         self._error: float | None = None
         self._errors = Output(node, Float64, error_topic)
         self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
+        self._state_topic = node.create_publisher(String, "~/state", LATCHED)
+        self._status_topic = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._last_state: tuple[str, Mapping[str, str]] = "", {}
         node.create_subscription(PointStamped, "target_point", self._on_message, MEASUREMENT)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
@@ -669,6 +674,39 @@ class HeadInterface:
         }
         assert self._loop.write is not None
         self._loop.write(self.name, goals, self._epoch)
+
+    def publish_state(self, state: str, text: str) -> bool:
+        """Publish what the node does, if it has changed; return whether the text has.
+
+        Args:
+            state: in a word, for programs: the field `state` of `~/status`.
+            text: in a sentence, for `~/state`.
+        """
+        text = "; ".join(filter(None, (text, self.unheard)))
+        off = self.off
+        fields = {
+            "state": state,
+            "enabled": str(not off).lower(),
+            "stopped": str(self._loop.owners.stopped).lower(),
+            "slow": str(self.slow).lower(),
+            "disabled because": off,
+            "trouble": self.trouble,
+            "not heard": self.unheard,
+        }
+        before, self._last_state = self._last_state, (text, fields)
+        if fields != before[1] or text != before[0]:
+            hampered = off or self.trouble or self.unheard
+            self._status_topic.publish(
+                DiagnosticStatus(
+                    level=DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK,
+                    name=self.name,
+                    message=text,
+                    values=[KeyValue(key=key, value=value) for key, value in fields.items()],
+                )
+            )
+        if text != before[0]:
+            self._state_topic.publish(String(data=text))
+        return text != before[0]
 
     def tell_error(self, error: float | None) -> None:
         """Lets others know by how much the head misses its target [rad], if it has one."""

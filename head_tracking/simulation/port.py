@@ -378,9 +378,6 @@ class Mount(Protocol):
     def reversed(self) -> bool:
         """Whether rising ticks are falling positions."""
 
-    def ticks(self, position: float) -> int:
-        """Return the tick of a position of the joint, rad."""
-
 
 class Mounting(Protocol):
     """How servos drive a joint, such as the driver's `JointConfiguration`."""
@@ -430,11 +427,6 @@ class SimulatedJoints:
         """Where the joint really is [rad], finer than any encoder tells."""
         joint = self._joints[joint_name]
         return joint.position(self.port.true_ticks(joint.calibrations[0].id))
-
-    def lead(self, joint_name: str, position: float, duration: float) -> None:
-        """Lets a hand lead the joint to a position [rad] within `duration` [s]."""
-        for mount in self._joints[joint_name].calibrations:
-            self.port.lead(mount.id, mount.ticks(position), duration)
 
     def __enter__(self) -> Self:
         self.port.open()

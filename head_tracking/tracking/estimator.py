@@ -83,7 +83,7 @@ class EstimatorParameters:
         maximum=4.0,
     )
     jump_confirmation: float = parameter(
-        0.06,
+        0.03,
         "How long the points must stay at a new place to be believed.",
         unit="s",
         minimum=0.0,

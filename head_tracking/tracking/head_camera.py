@@ -55,7 +55,10 @@ _WRONG = 7.0  # of a score: so much better, a wrong mounting is believed
 _EXCLUDED = 10.0  # so much worse, it is excluded
 
 _OTHERWISE = 0.02  # s; a change of the applied error by more makes the estimator start anew
-_EVERY = 0.045  # s between two points that tell the error of the stamps
+_OFTEN, _SELDOM = 0.015, 0.12  # s between two points that are judged; once the error is confirmed
+_LOOKED_BACK = 1.2  # s in which the head
+_TURNED = 0.02  # rad must have turned for a point to tell anything
+_KEPT = 8  # points from before it turns
 _RECENT, _MOST_RECENT = 1.0, 64  # s and points; so many are corrected again
 _AHEAD = 1.0  # s after the latest reading; a point that is stamped later is not judged
 _SLOPE = 0.03  # s to both sides, over which the speed of a joint is measured
@@ -97,7 +100,7 @@ class HeadCamera:
         self._came = -math.inf
         self._confirmed = False
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
-        self._timing = _RayBank(head, readings, base, _ERRORS, np.zeros(len(_ERRORS), int), _EVERY)
+        self._timing = _RayBank(head, readings, base, _ERRORS, np.zeros(len(_ERRORS), int))
         self.check_mounting()
 
     @property
@@ -114,7 +117,7 @@ class HeadCamera:
         counts = [len(right)] + wrong * [len(_NEAR)]
         mountings = np.repeat(np.arange(len(_TURNS)), counts)
         self._mounting: _RayBank | None = _RayBank(
-            self._head, self._readings, self._base, errors, mountings, 0.0
+            self._head, self._readings, self._base, errors, mountings
         )
 
     def corrected(self, stamp: float, point: Vector3) -> tuple[float, Vector3]:
@@ -136,9 +139,9 @@ class HeadCamera:
                 self._mounting.waiting.append((stamp, ray))
         return self._placed(stamp, ray) if self.applied else (stamp, point)
 
-    def corrected_again(self) -> list[tuple[float, Vector3]]:
-        """Return the points of the last second, corrected by what is known now."""
-        return [self._placed(*ray) for ray in self._recent if ray[0] > self._came - _RECENT]
+    def forget_target(self) -> None:
+        """Forget the points of the target; what they have told of the camera is kept."""
+        self._recent.clear()
 
     def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
         """Return when a ray was seen [s], and the point in the frame that stands still [m]."""
@@ -147,18 +150,22 @@ class HeadCamera:
         point = self._head.placed_in_base(ray, pan, tilt)
         return taken, point if self._base is None else self._base.at(taken) @ point
 
-    def update(self) -> bool:
+    def update(self) -> list[tuple[float, Vector3]]:
         """Judge the points for which joint readings have come.
 
         Returns:
-            Whether the applied error has changed by more than 20 ms.
+            If the applied error has changed by more than 20 ms, the points of the last second as
+            they are by the new error: stamps [s] and points in the frame that stands still [m].
         """
         before = self.applied
         if self._timing.judge():
             self._decide_error(self._timing.scores)
         if self._mounting is not None and self._mounting.judge():
             self._decide_mounting(self._mounting)
-        return abs(self.applied - before) > _OTHERWISE
+        latest = self._readings.latest
+        if latest is None or abs(self.applied - before) < _OTHERWISE:
+            return []
+        return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
     def _decide_error(self, scores: Array) -> None:
         """Apply the most likely error if it is clear, and none if that is clear again."""
@@ -176,6 +183,7 @@ class HeadCamera:
             if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
                 self.applied = 0.0
         self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
+        self._timing.every = _SELDOM if self._confirmed else _OFTEN
 
     def _decide_mounting(self, bank: _RayBank) -> None:
         """Report a mounting that is clearly wrong; exclude those that the points contradict."""
@@ -214,9 +222,9 @@ class _RayBank:
         base: where the head's base frame is; None: it stands still.
         errors: of the stamps by each hypothesis, shape (N,) [s].
         mountings: by each hypothesis, shape (N,): places in `_TURNS`.
-        every: time between two rays that are judged [s]; others are left out.
 
     Attributes:
+        every: time between two rays that are judged [s]; others are left out.
         waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
     """
 
@@ -227,14 +235,14 @@ class _RayBank:
         base: HeadBase | None,
         errors: Array,
         mountings: npt.NDArray[np.int_],
-        every: float,
     ) -> None:
         self.mountings = mountings
         self._errors = errors
         self._head, self._readings, self._base = head, readings, base
         self._bank = HypothesisBank(len(errors), mountings > 0)
         self.waiting: deque[tuple[float, Vector3]] = deque()
-        self._every, self._wait = every, -float(errors.min())
+        self.every, self._wait = _OFTEN, -float(errors.min())
+        self._telling = _telling(mountings)
         self._judged = -math.inf
         self._range = math.nan
         self._first: Rotation | None = None
@@ -247,17 +255,28 @@ class _RayBank:
     def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Drop all other hypotheses."""
         self.mountings, self._errors = self.mountings[chosen], self._errors[chosen]
+        self._telling = _telling(self.mountings)
         self._bank.keep(chosen)
 
     def judge(self) -> bool:
-        """Score the hypotheses by the rays whose joint readings have come; return if any was."""
-        latest, judged = self._readings.latest, False
-        while latest and self.waiting and self.waiting[0][0] + self._wait <= latest.stamp:
-            stamp, ray = self.waiting.popleft()
+        """Score the hypotheses by the rays whose joint readings have come; return if any was.
+
+        While the head stands still, all hypotheses are alike, and the latest rays are only kept.
+        """
+        waiting, judged = self.waiting, False
+        latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
+        if not waiting or waiting[0][0] + self._wait > latest:
+            return False
+        if not (self._telling @ self._readings.ranges(latest - _LOOKED_BACK) > _TURNED).any():
+            while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
+                waiting.popleft()
+            return False
+        while waiting and waiting[0][0] + self._wait <= latest:
+            stamp, ray = waiting.popleft()
             away = math.hypot(*ray)
             self._range = away if math.isnan(self._range) else self._range
             self._range += _RANGE_SHARE * (away - self._range)
-            if stamp - self._judged > self._every:
+            if stamp - self._judged > self.every:
                 self._judged, judged = stamp, True
                 share = self._range / away
                 self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
@@ -289,6 +308,12 @@ class _RayBank:
             rotations[3] * half + np.cross(rotations[:3], half, axis=0)
         )
         return np.asarray(self._first.as_matrix() @ turned)
+
+
+def _telling(mountings: npt.NDArray[np.int_]) -> Array:
+    """Return how the motion of pan and tilt sets hypotheses apart, shape (K, 2)."""
+    others = np.unique(mountings[mountings > 0])
+    return np.abs(_TURNS[others] - _TURNS[0]).max(axis=2) if others.size else np.eye(2)
 
 
 def _prior() -> Array:

@@ -78,7 +78,7 @@ class HypothesisBank:
         off = bearings[:, None] - position
         off[0] -= math.tau * np.round(off[0] / math.tau)
         squares = (off * off / expected).sum(axis=0)
-        if float(squares.min()) > _GATE:
+        if not float(squares.min()) < _GATE:  # (also if it is not a number)
             self._skipped += 1
             if self._skipped > _SKIPPED:
                 self._stamp = -math.inf
@@ -87,7 +87,11 @@ class HypothesisBank:
         self._score(squares, expected, dt)
         gain, by_velocity = pp / expected, pv / expected
         self._position, self._velocity = position + gain * off, self._velocity + by_velocity * off
-        self._pp, self._pv, self._vv = pp - gain * pp, pv - gain * pv, vv - by_velocity * pv
+        self._pp, self._pv, self._vv = (
+            pp - gain * pp,
+            pv - gain * pv,
+            np.maximum(vv - by_velocity * pv, 0.0),
+        )
 
     def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Drop all other hypotheses."""

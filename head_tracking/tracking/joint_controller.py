@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.servo_model import ServoModel
 from head_tracking.transforms import JointLimits
 
@@ -63,14 +64,21 @@ class JointMotion:
         self.velocity = self._acceleration = self._wanted_velocity = self._asked_velocity = 0.0
 
     def steer(
-        self, wanted: float, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits
+        self,
+        wanted: float,
+        velocity: float,
+        dt: float,
+        elapsed: float,
+        limits: MotionLimits,
+        joint: JointLimits,
     ) -> None:
-        """Chooses the velocity for the next `dt` [s].
+        """Choose the velocity for the next `dt` [s].
 
         Args:
             wanted: where the joint should be now [rad].
             velocity: how it should move in the time `dt` [rad/s].
             dt: until the next choice [s].
+            elapsed: since the last choice [s]; longer than `dt` if this one is late.
             limits: how the joint may move.
             joint: its range, which is never left.
         """
@@ -79,25 +87,25 @@ class JointMotion:
         stiffness = (1.0 - remaining) ** 2 / (dt * dt)
         damping = (3.0 - 2.0 * remaining - remaining**2) / (2.0 * dt)
         error = wanted - self.position
-        share = min(1.0, dt / _NEED_TIME)
-        self._need += share * (abs(velocity - self._asked_velocity) / dt - self._need)
+        share = min(1.0, elapsed / _NEED_TIME)
+        self._need += share * (abs(velocity - self._asked_velocity) / elapsed - self._need)
         self._asked_velocity = velocity
         # what the joint cannot follow it does not copy: it goes where the target is, as it can
         copied = min(max((1.0 - self._need / limits.acceleration) / _COPIED, 0.0), 1.0)
         closing = self._closing_speed(error, stiffness / damping, copied * self._need, limits)
         velocity *= copied
-        needed = (velocity - self._wanted_velocity) / dt
-        asked = needed
-        asked += damping * (closing + self._wanted_velocity - self.velocity)
+        asked = velocity - self._wanted_velocity
+        asked += dt * damping * (closing + self._wanted_velocity - self.velocity)
+        asked /= elapsed
         self._wanted_velocity = velocity
-        change = limits.jerk * dt
+        change = limits.jerk * elapsed
         acceleration = min(max(asked, self._acceleration - change), self._acceleration + change)
         acceleration = min(max(acceleration, -limits.acceleration), limits.acceleration)
-        chosen = self.velocity + acceleration * dt
-        fastest = max(limits.speed, abs(self.velocity) - limits.acceleration * dt)
+        chosen = self.velocity + acceleration * elapsed
+        fastest = max(limits.speed, abs(self.velocity) - limits.acceleration * elapsed)
         chosen = min(max(chosen, -fastest), fastest)
         chosen = self._inside(chosen, dt, limits, joint)
-        self._acceleration = (chosen - self.velocity) / dt
+        self._acceleration = (chosen - self.velocity) / elapsed
         self.velocity = chosen
 
     def _closing_speed(self, error: float, gain: float, need: float, limits: MotionLimits) -> float:
@@ -126,7 +134,8 @@ _CALM = 0.1  # s; for so long a joint must have been where it should be
 _SETTLED = 0.2  # s after which a joint that stopped short is helped
 _AIM = 1.0  # s; over which the place of a joint at rest is averaged, and aimed at again
 _SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
-_FARTHEST_HELP = 3.0  # resolutions of the encoder
+_STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
+_FARTHEST_HELP = 0.015  # rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +147,15 @@ class Reference:
         velocity: [rad/s].
         noise: standard deviation of that position [rad].
         speed_noise: standard deviation of that velocity [rad/s].
+        ahead: where the joint should be in the time after that, as far as a command may carry it
+            if no other comes [rad].
     """
 
     position: float
     velocity: float = 0.0
     noise: float = 0.0
     speed_noise: float = 0.0
+    ahead: tuple[float, ...] = ()
 
 
 class Rest:
@@ -209,64 +221,74 @@ class Rest:
             self._mean = reference.position
             self._helped = self._aimed = self._judged = now
 
-    def help(self, measured: float, stamp: float, resolution: float, dead_band: float) -> None:
-        """Moves the goal of a joint that came to rest beside its place.
+    def help(self, measured: float, stamp: float, dead_band: float) -> None:
+        """Move the goal of a joint that came to rest beside its place.
 
         Args:
             measured: where it stands [rad].
             stamp: when that was [s].
-            resolution: of its encoder [rad].
             dead_band: errors below this are left alone [rad].
         """
         short = self._place - measured
-        if self.goal is None or abs(short) <= max(dead_band, 0.75 * resolution):
+        if self.goal is None or abs(short) <= max(dead_band, _STEP):
             return
         if stamp - self._helped >= _SETTLED:
             self._helped = stamp
-            farthest = _FARTHEST_HELP * resolution
             ahead = self.goal - self._place + short
             if ahead * short < 0.0:
-                ahead = math.copysign(resolution, short)
-            self.goal = self._place + min(max(ahead, -farthest), farthest)
+                ahead = math.copysign(_STEP, short)
+            self.goal = self._place + min(max(ahead, -_FARTHEST_HELP), _FARTHEST_HELP)
 
 
-_RESERVE = 0.15  # s: so long a servo moves on if no other command comes
+RESERVE = 0.15  # s: so long a servo moves on if no other command comes
 _MARGIN = 0.02  # rad
 _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
 _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
-_AWAY = 0.1  # rad; a stuck shaft that is nearer to its reference may have come to rest there
 _RELEASED_SPEED = 1.0  # rad/s
-_ADRIFT = 0.1  # rad; a heavy shaft so far from its motion is elsewhere: it goes on from there
-_SHOWN = 0.6  # of the acceleration that a servo has shown
-_BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
+_AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
+_CAUTIOUS = 12.0  # rad/s^2 of a servo that has not moved yet
+_EXPLORED = 2.0  # times the acceleration that it has shown; no more is tried
+_USED = 0.6  # of the acceleration that the servo has
+_BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
+_PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
 
 
 class JointController:
-    """Keeps one joint on a moving reference.
+    """Keep one joint on a moving reference.
 
     Args:
-        stamp: time of the first reading [s].
-        position: that reading [rad].
-        velocity: how the joint moves [rad/s].
+        name: of the joint.
         joint: its range.
-        delay: from a command to the motion it causes, to start with [s].
+
+    Attributes:
+        servo: the model of its servo.
+        motion: the motion that takes it to its reference.
     """
 
-    def __init__(
-        self, stamp: float, position: float, velocity: float, joint: JointLimits, delay: float
-    ) -> None:
-        self.servo = ServoModel(stamp, position, velocity, delay)
-        self.motion = JointMotion(joint.clamp(position), velocity)
+    def __init__(self, name: str, joint: JointLimits) -> None:
+        self.servo = ServoModel()
         self._joint = joint
+        self._watch = FollowingWatch(name)
+        self.restart(0.0, joint.clamp(0.0), 0.0)
+
+    def restart(self, stamp: float, position: float, velocity: float) -> None:
+        """Start from a reading [s], [rad], [rad/s]; what was learned of the servo is kept."""
+        self.servo.restart(stamp, position, velocity)
+        self.motion = JointMotion(self._joint.clamp(position), velocity)
+        self._watch.restart()
         self._rest = Rest()
         self._side = 0.0
+        self._goal = self._speed = math.nan
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
-        """Takes a reading [s], [rad]; so much time has passed since the last command [s]."""
+        """Receive a reading [s], [rad], so long after the last command [s]."""
         self.motion.advance(elapsed)
+        if math.isfinite(self._goal):
+            self._watch.patience = _PATIENCE + self.servo.delay
+            self._watch.check(self._goal, self._speed, position, stamp)
         self.servo.measured(stamp, position)
 
     def follow(
@@ -274,72 +296,75 @@ class JointController:
         reference: Reference,
         now: float,
         period: float,
-        late: float,
+        elapsed: float,
         limits: MotionLimits,
         dead_band: float,
         lead: float,
     ) -> tuple[float, float]:
-        """The goal [rad] and the speed [rad/s] to command now.
+        """Return the goal [rad] and the speed [rad/s] to command now.
 
         Args:
             reference: where the joint should be when the servo acts.
             now: the time [s].
             period: until the next command [s].
-            late: how much later this servo acts [s].
+            elapsed: since the last command [s].
             limits: how the joint may move.
             dead_band: at rest, errors below this are left alone [rad].
             lead: the farthest goal ahead [rad].
         """
+        self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band, lead)
+        self._speed = max(abs(speed), _SLOWEST)
+        return self._goal, self._speed
+
+    def _command(
+        self,
+        reference: Reference,
+        now: float,
+        period: float,
+        elapsed: float,
+        limits: MotionLimits,
+        dead_band: float,
+        lead: float,
+    ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
-        shown = _SHOWN * servo.acceleration
-        if shown < limits.acceleration:
-            limits = MotionLimits(min(limits.speed, _BRAKED * shown), shown, limits.jerk)
+        able = _USED * servo.acceleration
+        explored = _EXPLORED * servo.shown if servo.known else servo.shown
+        able = min(able, max(explored, _CAUTIOUS))
+        if able < limits.acceleration:
+            limits = MotionLimits(min(limits.speed, _BRAKED * able), able, limits.jerk)
         setpoint = servo.setpoint(now)
         off = reference.position - motion.position
         rest.judge(reference, off, motion.velocity, setpoint, dead_band, now)
         if rest.goal is not None:
             stamp, position = servo.reading
-            rest.help(position, stamp, servo.resolution, dead_band)
+            rest.help(position, stamp, dead_band)
             goal = self._joint.clamp(rest.goal)
             motion.rest_at(reference.position)
-            servo.held(now, goal)
+            servo.hold(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
-        if servo.stuck and abs(reference.position - servo.reading[1]) > _AWAY:
+        if self._watch.problem and abs(reference.position - servo.reading[1]) > _AWAY:
             return self._push(reference, now, limits, lead)
-        if servo.acceleration < math.inf and abs(setpoint - motion.position) > _ADRIFT:
-            motion.position, motion.velocity = setpoint, servo.velocity
-        motion.steer(reference.position, reference.velocity, period, limits, self._joint)
+        motion.steer(reference.position, reference.velocity, period, elapsed, limits, self._joint)
+        if abs(motion.velocity) > _TURN or self._side == 0.0:
+            self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
         arrival = (
-            self._arrival(reference, setpoint, now, period, limits, lead) if rest.near else None
+            self._arrival(reference, setpoint, period, elapsed, limits, lead) if rest.near else None
         )
         if arrival is not None:
             goal, speed = arrival
         else:
-            speed = self._setpoint_speed(setpoint, period, late, limits)
-            ahead = min(abs(speed) * (period + _RESERVE) + _MARGIN, lead)
-            goal = self._joint.clamp(setpoint + math.copysign(ahead, speed))
-        servo.commanded(now, speed, goal)
-        return goal, max(abs(speed), _SLOWEST)
-
-    def _push(
-        self, reference: Reference, now: float, limits: MotionLimits, lead: float
-    ) -> tuple[float, float]:
-        """The goal and the speed for a stuck shaft: let go, it turns no farther than there."""
-        _, position = self.servo.reading
-        way = min(max(self._joint.clamp(reference.position) - position, -lead), lead)
-        speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
-        self.motion.rest_at(position)
-        self.motion.velocity = speed
-        self.servo.restart(now)
-        self.servo.commanded(now, speed, position + way)
-        return position + way, abs(speed)
+            end = motion.position + motion.velocity * period + self._side * servo.dead_band
+            speed = self._limited((end - setpoint) / period, elapsed, limits)
+            goal = self._goal_ahead(reference, setpoint, speed, period, lead)
+        servo.command(now, speed, goal)
+        return goal, speed
 
     def _arrival(
         self,
         reference: Reference,
         setpoint: float,
-        now: float,
         period: float,
+        elapsed: float,
         limits: MotionLimits,
         lead: float,
     ) -> tuple[float, float] | None:
@@ -348,33 +373,48 @@ class JointController:
         None while the joint moves away from it, or is too far from it.
         """
         goal = self._joint.clamp(reference.position)
-        left = abs(goal - self.servo.expected(now))
-        # so fast that the joint, which moves on like this for the delay, can still brake
-        lost = limits.acceleration * self.servo.delay
-        braking = math.sqrt(lost * lost + 2.0 * limits.acceleration * left) - lost
-        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
         way, last = goal - setpoint, self.servo.speed
-        change = limits.acceleration * period
+        change = limits.acceleration * elapsed
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
         if away or abs(way) > lead:
             return None
-        fast = min(fast, abs(last) + change, limits.speed)
-        return goal, math.copysign(fast, way)
+        # so fast that the joint, which moves on like this for the delay, can still brake
+        left = abs(goal - self.servo.reading[1])
+        lost = limits.acceleration * self.servo.delay
+        braking = math.sqrt(lost * lost + 2.0 * limits.acceleration * left) - lost
+        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
+        return goal, math.copysign(min(fast, abs(last) + change, limits.speed), way)
 
-    def _setpoint_speed(
-        self, setpoint: float, period: float, late: float, limits: MotionLimits
+    def _goal_ahead(
+        self, reference: Reference, setpoint: float, speed: float, period: float, lead: float
     ) -> float:
-        """The speed at which the servo's setpoint must move for the motion."""
-        motion, servo = self.motion, self.servo
-        if abs(motion.velocity) > _TURN or self._side == 0.0:
-            self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
-        end = motion.position + motion.velocity * (period + late) + self._side * servo.dead_band
-        speed = (end - setpoint) / period
-        return self._limited(speed, period, limits)
+        """The goal: where the servo stops if no other command comes.
 
-    def _limited(self, speed: float, period: float, limits: MotionLimits) -> float:
+        It lies ahead of the set-point, but not beyond the places where the reference will be.
+        """
+        way = math.copysign(1.0, speed)
+        ahead = way * setpoint + min(abs(speed) * (period + RESERVE) + _MARGIN, lead)
+        beyond = self.servo.dead_band + _MARGIN
+        farthest = max(way * position for position in reference.ahead) + beyond
+        least = way * setpoint + abs(speed) * period  # a motion that brakes may go beyond
+        return self._joint.clamp(way * max(min(ahead, farthest), least))
+
+    def _push(
+        self, reference: Reference, now: float, limits: MotionLimits, lead: float
+    ) -> tuple[float, float]:
+        """The goal and the speed for a joint that stands; released, it goes no farther."""
+        stamp, position = self.servo.reading
+        way = min(max(self._joint.clamp(reference.position) - position, -lead), lead)
+        speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
+        self.motion.rest_at(position)
+        self.motion.velocity = speed
+        self.servo.restart(stamp, position)
+        self.servo.command(now, speed, position + way)
+        return position + way, abs(speed)
+
+    def _limited(self, speed: float, elapsed: float, limits: MotionLimits) -> float:
         """The nearest speed that the limits allow after the last one."""
-        last, change = self.servo.speed, limits.acceleration * period
+        last, change = self.servo.speed, limits.acceleration * elapsed
         if abs(last) > limits.speed:
             change = max(change, abs(last) - limits.speed)
         speed = min(max(speed, last - change), last + change)

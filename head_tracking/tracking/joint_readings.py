@@ -68,12 +68,11 @@ class JointReadings:
         self.latest = JointReading(stamp, positions, self._velocities(stamp, positions))
         return True
 
-    def covers(self, start: float, end: float) -> bool:
-        """Return whether there are readings from before `start` until after `end` [s]."""
-        rows = self._rows[0]
-        return self._end > self._start and bool(
-            rows[self._start] <= start and end <= rows[self._end - 1]
-        )
+    def ranges(self, since: float) -> Array:
+        """Return how far pan and tilt have moved since a time [s]: highest less lowest, (2,)."""
+        first = int(np.searchsorted(self._rows[0, self._start : self._end], since))
+        rows = self._rows[1:, self._start + first : self._end]
+        return np.asarray(rows.max(axis=1) - rows.min(axis=1))
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return pan and tilt [rad] at times [s], shape (N,) each; the end values outside."""
@@ -82,9 +81,10 @@ class JointReadings:
 
     def _velocities(self, stamp: float, positions: tuple[float, float]) -> tuple[float, float]:
         """Return the mean velocities [rad/s] over the last 60 ms, 0 if nothing is known of them."""
-        stamps = self._rows[0, self._start : self._end]
-        first = int(np.searchsorted(stamps, stamp - _VELOCITY_WINDOW, side="right")) - 1
-        before, pan, tilt = self._rows[:, self._start + max(first, 0)].tolist()
+        rows, first = self._rows, self._end - 1
+        while first > self._start and rows[0, first] > stamp - _VELOCITY_WINDOW:
+            first -= 1
+        before, pan, tilt = rows[:, first].tolist()
         elapsed = stamp - before
         if not 0.0 < elapsed < 5.0 * _VELOCITY_WINDOW:
             return 0.0, 0.0

@@ -10,14 +10,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 from head_tracking.gaze import Gaze, GazeStatus, HeadCommand, PanTiltHead, together
 from head_tracking.parameters import parameter
 from head_tracking.tracking.estimator import TargetEstimate
-from head_tracking.tracking.joint_controller import JointController, MotionLimits, Reference
+from head_tracking.tracking.joint_controller import (
+    RESERVE,
+    JointController,
+    MotionLimits,
+    Reference,
+)
 from head_tracking.tracking.joint_readings import JointReading
-from head_tracking.transforms import JointLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +143,27 @@ class TrackingLaw(ABC):
         return min(self.limits.max_joint_speed or self.usual_speed, self.at_most)
 
     @property
-    def horizon(self) -> float:
-        """How long after a command the head has moved as told [s]."""
-        return 0.0
-
-    @property
     def delays(self) -> tuple[float, float]:
         """From a command to the motion it causes, of pan and tilt [s]."""
         return 0.0, 0.0
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of `delays` [s]."""
+        return 0.0, 0.0
+
+    @property
+    def lead_times(self) -> tuple[float, float]:
+        """How far ahead of a command pan and tilt of the target are needed [s].
+
+        Predictions are scored over these times.
+        """
+        return 0.0, 0.0
+
+    @property
+    def horizon(self) -> float:
+        """The mean of `lead_times` [s]."""
+        return 0.5 * sum(self.lead_times)
 
     @abstractmethod
     def follow(
@@ -293,19 +310,23 @@ class _JointLaw:
         return present + math.copysign(lead, error), speed
 
 
-_USUAL_DELAY = 0.04  # s, until the servos have shown their own
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
 _MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
+_ALIKE = 0.003  # s; delays that differ by less are taken to be the same
+
+Path: TypeAlias = Callable[[float], tuple[float, float]]
+"""Where pan and tilt should be [rad] at a time [s]."""
 
 
 class PredictiveLaw(TrackingLaw):
-    """Feeds the target's motion forward, through the exact gaze, to where and when it is needed.
+    """Move the head now as the target will move when the servos act.
 
-    A joint is steered in three steps: where it should be when the servo acts (gaze at the
-    predicted target), how it gets there within its limits (`JointMotion`), and at which speed the
-    servo's setpoint must move for that (`ServoModel`). Commands stay speeds with a goal ahead.
+    Each joint is steered in three steps: where it should be after its servo's delay (the exact gaze
+    at the predicted target), how it gets there within its limits (`JointMotion`), and at which
+    speed the servo's set-point must move for that (`ServoModel`). A command is a speed with a goal
+    ahead, and the goal is never beyond the places where the joint should be next.
     """
 
     Parameters = PredictiveLawParameters
@@ -320,125 +341,97 @@ class PredictiveLaw(TrackingLaw):
         parameters: PredictiveLawParameters | None = None,
     ) -> None:
         super().__init__(head, period, limits, parameters)
-        self._drives: tuple[JointController, JointController] | None = None
-        self._known_delays = (_USUAL_DELAY, _USUAL_DELAY)
-        self._known_accelerations = (math.inf, math.inf)
-        self._mean_delay = _USUAL_DELAY
-        self._stepped = 0.0
-        self._path: _Path | None = None
-
-    @property
-    def horizon(self) -> float:
-        """See `TrackingLaw`."""
-        return self._mean_delay + self._period
+        self._joints = (
+            JointController(head.pan_joint, head.pan_limits),
+            JointController(head.tilt_joint, head.tilt_limits),
+        )
+        self._stepped = -math.inf
+        self._aimed: tuple[float, float] | None = None
 
     @property
     def delays(self) -> tuple[float, float]:
         """See `TrackingLaw`."""
-        if self.parameters.servo_delay > 0.0:
-            return self.parameters.servo_delay, self.parameters.servo_delay
-        if self._drives is not None:
-            pan, tilt = self._drives
-            self._known_delays = pan.servo.delay, tilt.servo.delay
-        return self._known_delays
+        pan, tilt = self._joints
+        return pan.servo.delay, tilt.servo.delay
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """See `TrackingLaw`."""
+        pan, tilt = self._joints
+        known = self.parameters.servo_delay > 0.0
+        return (0.0, 0.0) if known else (pan.servo.deviation, tilt.servo.deviation)
+
+    @property
+    def lead_times(self) -> tuple[float, float]:
+        """See `TrackingLaw`."""
+        pan, tilt = self.delays
+        return pan + self._period, tilt + self._period
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
-        pan, tilt = self._take(joints, now)
-        start = now + self._mean_delay
-        end = start + self._period
+        elapsed = self._receive(joints, now)
+        pan, tilt = self._joints
         near = pan.motion.position, tilt.motion.position
-        gaze = self._gaze(target, end, near)
-        wanted = None if self._path is None else self._path.at(start, target)
-        if wanted is None:
-            before = self._gaze(target, start, near)
-            wanted = before.pan, before.tilt
-        self._path = _Path(target, start, wanted, end, (gaze.pan, gaze.tilt))
-        here, there = self._path.start_positions, self._path.end_positions
-        velocities = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
-        moving = max(map(abs, velocities)) > _MOVING  # one joint alone does not come to rest early
-        references = [
-            Reference(
-                position,
-                velocity,
-                0.0 if moving else target.deviation(joint, start),
-                0.0 if moving else target.speed_deviation(joint),
-            )
-            for joint, (position, velocity) in enumerate(zip(here, velocities, strict=True))
+
+        def path(time: float) -> tuple[float, float]:
+            gaze = self._gaze(target, time, near)
+            return gaze.pan, gaze.tilt
+
+        deviations = [
+            (target.deviation(joint, now + lead), target.speed_deviation(joint))
+            for joint, lead in enumerate(self.lead_times)
         ]
-        return self._steer(references, self.fastest, now), gaze
+        command = self._along(path, self.fastest, elapsed, now, deviations)
+        gaze = self._gaze(target, now + self.horizon, near)
+        self._aimed = gaze.pan, gaze.tilt
+        return command, gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
     ) -> HeadCommand:
         """See `TrackingLaw`."""
-        self._take(joints, now)
-        self._path = None
-        return self._steer([Reference(position) for position in goal], speed, now)
+        return self.along(lambda time: goal, speed, joints, now)
 
-    def along(
-        self,
-        path: Callable[[float], tuple[float, float]],
-        speed: float,
-        joints: JointReading,
-        now: float,
-    ) -> HeadCommand:
-        """The command that keeps the joints on a path.
+    def along(self, path: Path, speed: float, joints: JointReading, now: float) -> HeadCommand:
+        """Return the command that keeps the joints on a path.
 
         Args:
-            path: where pan and tilt [rad] are meant to be at a time [s].
+            path: where pan and tilt should be at a time.
             speed: not to be exceeded [rad/s].
             joints: as they were measured last.
             now: the time [s].
         """
-        self._take(joints, now)
-        self._path = None
-        start = now + self._mean_delay
-        here, there = path(start), path(start + self._period)
-        references = [
-            Reference(a, (b - a) / self._period) for a, b in zip(here, there, strict=True)
-        ]
-        return self._steer(references, speed, now)
+        elapsed = self._receive(joints, now)
+        self._aimed = None
+        return self._along(path, speed, elapsed, now)
 
     def stop(self, joints: JointReading, now: float) -> HeadCommand:
         """See `TrackingLaw`."""
-        self._drives = self._path = None
+        self._stepped, self._aimed = -math.inf, None
         speed = self.fastest
         return HeadCommand(*inside(self._head, joints.positions), speed, speed)
 
-    def _take(self, joints: JointReading, now: float) -> tuple[JointController, JointController]:
-        """The joints, told of the newest reading; new ones after a pause."""
-        delays, elapsed = self.delays, now - self._stepped
-        pause = max(_LONGEST_PAUSE, 3.0 * self._period)
-        if self._drives is None or not 0.0 <= elapsed <= pause:
-            self._path, elapsed = None, 0.0
-            head = self._head
-            self._drives = (
-                self._drive(joints, 0, delays[0], head.pan_limits),
-                self._drive(joints, 1, delays[1], head.tilt_limits),
-            )
-            for drive, known in zip(self._drives, self._known_accelerations, strict=True):
-                drive.servo.acceleration = known
-        for drive, position, delay in zip(self._drives, joints.positions, delays, strict=True):
-            drive.servo.learning = self.parameters.servo_delay == 0.0
-            drive.servo.delay = delay
-            drive.measured(joints.stamp, position, elapsed)
-        self._mean_delay = 0.5 * sum(self.delays)
-        self._known_accelerations = (
-            self._drives[0].servo.acceleration,
-            self._drives[1].servo.acceleration,
-        )
-        self._stepped = now
-        return self._drives
+    def _receive(self, joints: JointReading, now: float) -> float:
+        """Give both joints their reading; after a pause they start anew.
 
-    @staticmethod
-    def _drive(
-        joints: JointReading, index: int, delay: float, limits: JointLimits
-    ) -> JointController:
-        position, velocity = joints.positions[index], joints.velocities[index]
-        return JointController(joints.stamp, position, velocity, limits, delay)
+        Returns the time since the last command [s].
+        """
+        elapsed = now - self._stepped
+        self._stepped = now
+        anew = not 0.0 <= elapsed <= max(_LONGEST_PAUSE, 3.0 * self._period)
+        if anew:
+            self._aimed, elapsed = None, self._period
+        for joint, position, velocity in zip(
+            self._joints, joints.positions, joints.velocities, strict=True
+        ):
+            joint.servo.known_delay = self.parameters.servo_delay
+            if anew:
+                joint.restart(joints.stamp, position, velocity)
+            else:
+                joint.measured(joints.stamp, position, elapsed)
+        return elapsed
 
     def _gaze(self, target: TargetEstimate, time: float, near: tuple[float, float]) -> Gaze:
         """The gaze at the predicted target.
@@ -447,9 +440,9 @@ class PredictiveLaw(TrackingLaw):
         way round, before it is well inside: it may be gone again at once.
         """
         gaze = self._head.look(target.sight_at(time), *near)
-        if self._path is None:
+        if self._aimed is None:
             return gaze
-        pan, tilt = self._path.end_positions
+        pan, tilt = self._aimed
         limits = self._head.pan_limits
         inside = min(limits.upper - gaze.pan, gaze.pan - limits.lower)
         if abs(gaze.pan - pan) < math.pi or inside > _EDGE:
@@ -457,46 +450,51 @@ class PredictiveLaw(TrackingLaw):
         reason = f"the target has just come into reach at the other end, at pan {gaze.pan:.2f} rad"
         return replace(gaze, pan=pan, tilt=tilt, status=GazeStatus.OUT_OF_REACH, reason=reason)
 
-    def _steer(self, references: Sequence[Reference], speed: float, now: float) -> HeadCommand:
-        assert self._drives is not None
+    def _along(
+        self,
+        path: Path,
+        speed: float,
+        elapsed: float,
+        now: float,
+        deviations: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0)),
+    ) -> HeadCommand:
+        """The command for both joints, each at its own delay."""
+        starts = [now + delay for delay in self.delays]
+        if abs(starts[1] - starts[0]) < _ALIKE:
+            starts[1] = starts[0]
+        ahead = (0.0, self._period, self._period + RESERVE)
+        places = {start: [path(start + time) for time in ahead] for start in set(starts)}
+        references = []
+        for index, start in enumerate(starts):
+            here, *later = (place[index] for place in places[start])
+            references.append(Reference(here, (later[0] - here) / self._period, ahead=tuple(later)))
+        moving = max(abs(reference.velocity) for reference in references) > _MOVING
         p = self.parameters
         acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
-        limits = (self._head.pan_limits, self._head.tilt_limits)
-        (pan, pan_speed), (tilt, tilt_speed) = (
-            drive.follow(
-                reference,
-                now,
-                self._period,
-                drive.servo.delay - self._mean_delay,
-                MotionLimits(min(speed, joint.velocity), acceleration, p.max_joint_jerk),
-                p.dead_band,
-                self.limits.lead_target_angle,
+        goals = []
+        for joint, wanted, (noise, speed_noise), limits in zip(
+            self._joints,
+            references,
+            deviations,
+            (self._head.pan_limits, self._head.tilt_limits),
+            strict=True,
+        ):
+            reference = wanted
+            if not moving:  # one joint alone does not come to rest early
+                reference = replace(wanted, noise=noise, speed_noise=speed_noise)
+            goals.append(
+                joint.follow(
+                    reference,
+                    now,
+                    self._period,
+                    elapsed,
+                    MotionLimits(min(speed, limits.velocity), acceleration, p.max_joint_jerk),
+                    p.dead_band,
+                    self.limits.lead_target_angle,
+                )
             )
-            for drive, reference, joint in zip(self._drives, references, limits, strict=True)
-        )
+        (pan, pan_speed), (tilt, tilt_speed) = goals
         return HeadCommand(pan, tilt, pan_speed, tilt_speed)
-
-
-@dataclass(frozen=True, slots=True)
-class _Path:
-    """Where the joints should be at the start and at the end of one period.
-
-    The next period starts where this one ended, unless more is known of the target by then.
-    """
-
-    target: TargetEstimate
-    start: float
-    start_positions: tuple[float, float]
-    end: float
-    end_positions: tuple[float, float]
-
-    def at(self, time: float, target: TargetEstimate) -> tuple[float, float] | None:
-        """Pan and tilt [rad] at a time near the end [s]; None if the target is known better."""
-        if target is not self.target:
-            return None
-        ratio = (time - self.start) / (self.end - self.start)
-        (pan, tilt), (next_pan, next_tilt) = self.start_positions, self.end_positions
-        return pan + ratio * (next_pan - pan), tilt + ratio * (next_tilt - tilt)
 
 
 LAWS: Mapping[str, type[TrackingLaw]] = {

@@ -69,7 +69,7 @@ _OUTLIER = 9.0  # variances
 _NOISE_OFF = 0.8  # of the noise of a point, which no model can predict, is taken off the scores
 _LEAST_SCORE = 0.02  # of that noise
 _FINEST = 1e-12  # rad^2; noise below this is rounding
-_NEAREST = 0.3  # of the distance; so near a walker is taken to come
+_NEAREST = 0.75  # of the distance; no walker is predicted to come nearer
 _LEAST_SHARE = 1e-9  # of the models
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
 

@@ -1,9 +1,9 @@
-"""How a servo follows the speeds that it is told, learned while it does.
+"""How a servo follows its commands: set-point, delay and dead band, estimated from the encoder.
 
-A servo that is given a goal far ahead moves a setpoint towards it at the moving speed, and its
-shaft comes after: later by a delay (the bus cycle, the servo's start and its lag), and short of it
-by a dead band in which the servo does not drive. Both are ours to learn: the commanded speeds,
-summed up, are the setpoint, and the encoder tells the rest.
+A servo that gets a goal far ahead moves a set-point towards it at the commanded speed. Its shaft
+follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
+edges of a dead band in which the servo does not drive. The set-point is the sum of the commands.
+Delay and dead band are a posterior over a grid of hypotheses; docs/tracking.md has the equations.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -20,158 +18,158 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _HISTORY = 1.0  # s of commands
-_FIRST_DELAY = 0.04  # s, until the servo has shown its own
-_UNSURE = 0.02  # s, standard deviation of the first delay
 
-_DELAYS: Array = np.arange(0.0, 0.2501, 0.01)
-"""The delays [s] that are compared."""
+_CELL = 0.01  # s
+_CELLS = 36  # delays of 0 to 350 ms
+_WINDOW = 10  # cells over which displacements are compared
+_KEPT = _CELLS + _WINDOW + 1
+_ROOM = 1024  # cells of the buffer
+_DELAYS: Array = np.array([_CELL * cell for cell in range(_CELLS)])
+_BANDS: Array = np.array([0.0, 0.002, 0.004, 0.007, 0.012])  # rad, to either side
+_BAND_LIST: list[float] = _BANDS.tolist()
+_LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
+_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.7) ** 2 - 200.0 * _BANDS[:, None]
+"""Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
-_WINDOW = 0.1  # s between the two readings that are compared to learn the delay
-_LEARNED_EVERY = 5  # readings
-_MEMORY = 3.0  # s of motion
-_MODEL_ERROR = 0.004  # rad in such a window
-_TELLING = 0.01  # rad; a shorter way, or ways that differ by less, tell no delays apart
-_FOLLOWED = 0.35  # of the way; a shaft that misses all expected ways by more is held or pushed
-_AS_GOOD = 1.5  # times the least squared error: a shorter delay that is as good is believed
+_UNSURE = 0.03  # s
+_LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
+_EVERY = 0.05  # s between two windows
+_NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
+_MODEL_ERROR = 0.04  # of a displacement
+_TELLING = 0.012  # rad; hypotheses that differ by less in a window are not compared
+_MEMORY = 6.0  # s of motion
+_GAIN = 0.08  # standard deviation of the servo's scale
+_SHARPNESS = 0.15  # windows overlap, and errors last
 
-_STUCK_TIME = 0.35  # s; longer than the longest delay
-_STUCK_WAY = 0.1  # rad; a shaft that was told to go farther in that time, and stands, is stuck
+_BEHIND = 0.05  # rad in a window; a shaft so far from what likely delays explain tells no delay
+_BEYOND = 0.05  # rad in a window; a shaft so much faster than it was commanded swings
+_SLEWING = 25  # cells in which a servo with a profile comes from one speed to another
+_SLOWEST_START = 2.0  # rad/s^2
+_RECOVERY = 30.0  # s in which a limit that is not met any more grows to e times itself
 
-_SPAN = 0.08  # s; over which speeds are compared to learn the acceleration
-_BEHIND = 0.5  # rad/s; a shaft so much slower than told, twice in a row, gives what it can
-_EXPLAINED = 0.3  # rad/s; a delay with which the shaft is no farther behind explains its speeds
-_GAINED = 0.2  # rad/s in a span; less may be noise
-_STEADY = 0.6  # of the gain before; less is a shaft that comes to its top speed
-_SLOWEST_START = 1.0  # rad/s^2
-_RECOVERY = 20.0  # s in which a limit that is not met any more grows to e times itself
-_SHARE = 0.3  # of a new measurement
-_HARDEST = 100.0  # rad/s^2; harder than this is no limit
+_NARROW = 0.9  # of the posterior in three cells
+_SLEW = 0.1  # s/s; a new mean is applied so fast
 
-_USUAL_RESOLUTION = 0.005  # rad, an AX-12's, until the encoder has shown its own
-_FINEST_RESOLUTION = 1e-4  # rad
-
-# How much of a innovation is believed: an encoder within half a step of the expectation has said
-# almost nothing, beyond it the shaft is certainly somewhere else.
-_WITHIN_STEP = 0.05
-_BEYOND_STEP = 0.5
+_READING = 0.002  # rad: deviation of a reading
+_SCALE = 0.03  # of the way: deviation of the set-point's own scale
+_DRIFT = 0.01  # rad/sqrt(s): of the set-point
+_FIRST = 0.005  # rad: deviation of a set-point that was restarted
+_OUTLIER = 3.0  # deviations; so much of a reading that is farther off is believed
+_FASTEST = 0.1  # s in which an offset is corrected at the fastest
 
 
 class ServoModel:
-    """One joint: expects where its shaft is and learns from where it was.
+    """Estimate one joint's set-point, delay and dead band.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
 
-    Args:
-        stamp: time of the first reading.
-        position: that reading.
-        speed: the speed commanded at that time.
-        delay: the delay to start with [s]; None: a usual one.
-
     Attributes:
-        delay: from a command to the motion it causes [s].
-        resolution: one step of the encoder [rad].
-        acceleration: the hardest that it has shown, where it was told more [rad/s^2].
-        velocity: of the shaft, from its readings [rad/s].
-        learning: whether the delay is learned from the motion.
-        stuck: whether the shaft stands still although it was told to move: no torque, or a block.
+        known_delay: a delay that is used instead of the posterior [s]; 0: none.
+        delay: from a command to the motion it causes, as it is used [s]: it follows the mean of
+            the posterior without jumps.
+        mean: of the delay's posterior [s].
+        deviation: standard deviation of the delay's posterior [s].
+        dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
+        shown: the hardest acceleration that the shaft has shown in its latest motion [rad/s^2].
+        acceleration: the hardest that the shaft has shown [rad/s^2], if it was seen to swing
+            beyond its commands; else inf.
     """
 
-    def __init__(
-        self, stamp: float, position: float, speed: float = 0.0, delay: float | None = None
-    ) -> None:
-        self.delay = _FIRST_DELAY if delay is None else delay
-        self.acceleration = math.inf
-        self.velocity = speed
-        self.learning = True
-        self.resolution = _USUAL_RESOLUTION
-        self._finest_step = math.inf
-        self._first_delay = self.delay
-        self._squares = self._expected_squares()
-        self._unread = 0
-        self._start(stamp, position, speed)
-        self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
-        self._stood = stamp, position, position
-        self.stuck = False
+    def __init__(self) -> None:
+        self._xx: Array = np.zeros((len(_BANDS), _CELLS))
+        self._xy: Array = np.zeros_like(self._xx)
+        self._yy = self._windows = 0.0
+        self._posterior()
+        self.delay = self.mean
+        self.known_delay = 0.0
+        self.acceleration, self.shown = math.inf, 0.0
+        self.restart(0.0, 0.0)
 
     @property
-    def dead_band(self) -> float:
-        """How far the shaft stays behind the setpoint at lowest speed [rad].
-
-        An AX-12 does not drive within one step of its encoder; a finer one holds finer.
-        """
-        return self.resolution
+    def known(self) -> bool:
+        """Whether the delay is known well enough to move fast."""
+        return self.known_delay > 0.0 or self.deviation < _UNSURE
 
     @property
     def speed(self) -> float:
-        """The newest commanded speed."""
+        """The latest commanded speed."""
         return self._speeds[-1]
 
     @property
     def reading(self) -> tuple[float, float]:
-        """Stamp and position of the newest reading."""
+        """Stamp and position of the latest reading."""
         return self._readings[-1]
 
     def setpoint(self, time: float) -> float:
-        """Where the servo's setpoint was or will be if no other command comes."""
+        """Return where the set-point was, or will be if no other command comes."""
         return self._sum(time) + self._offset
 
-    def commanded(self, now: float, speed: float, goal: float) -> None:
-        """The servo is told to move on at this speed from now on, and to stay at this goal."""
-        setpoint = self._sum(now)
-        room = max(0.0, (goal - self._offset - setpoint) * math.copysign(1.0, speed))
-        self._append(now, setpoint, speed, room)
+    def command(self, now: float, speed: float, goal: float) -> None:
+        """Record a command: move at this speed [rad/s] from now on, and stay at the goal [rad]."""
+        start = self._sum(now)
+        room = max(0.0, (goal - self._offset - start) * math.copysign(1.0, speed))
+        self._append(now, start, speed, room)
 
-    def held(self, now: float, setpoint: float) -> None:
-        """The servo is told to go to this position and stay."""
+    def hold(self, now: float, setpoint: float) -> None:
+        """Record a command: go to this position [rad] and stay."""
         self._append(now, setpoint - self._offset, 0.0, 0.0)
 
-    def restart(self, now: float) -> None:
-        """The servo's setpoint is where the shaft was read, as when its torque comes on."""
-        reading = self.reading
-        self._start(now, reading[1], 0.0)
-        self._readings = deque([reading])
+    def restart(self, stamp: float, position: float, speed: float = 0.0) -> None:
+        """Start from a reading, as after a pause; what was learned of the servo is kept.
 
-    def _start(self, time: float, position: float, speed: float) -> None:
-        self._times, self._setpoints = [time], [position]
+        Args:
+            stamp: of the reading [s].
+            position: that reading [rad].
+            speed: the speed commanded at that time [rad/s].
+        """
+        self._times, self._setpoints = [stamp], [position]
         self._speeds, self._rooms = [speed], [math.inf]
-        self._offset = 0.0
-        self._shaft = position
-
-    def expected(self, time: float) -> float:
-        """Where the shaft is at a time not before the newest reading."""
-        return self._follow(self._shaft, self._sum(time - self.delay)) + self._offset
+        self.delay = self.known_delay or self.delay
+        self._miss = 0.0
+        self._offset, self._variance = 0.0, _FIRST**2
+        self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
+        self._shafts = [position] * len(_BANDS)
+        self._grid: Array = np.empty((len(_BANDS), _ROOM))
+        self._grid[:, :_KEPT] = position
+        self._filled = _KEPT
+        self._grid_start = stamp - (_KEPT - 1) * _CELL
+        self._judged = stamp + _CELLS * _CELL  # what was commanded before is not known
 
     def measured(self, stamp: float, position: float) -> None:
-        """Takes a reading of the encoder; one that is not newer than the last is ignored."""
-        last_stamp, last = self._readings[-1]
-        if stamp <= last_stamp:
+        """Receive a reading of the encoder; one that is not newer than the last is ignored."""
+        last, _ = self._readings[-1]
+        if stamp <= last:
             return
-        self._learn_resolution(abs(position - last))
-        self._shaft = self._follow(self._shaft, self._sum(stamp - self.delay))
-        innovation = position - self._shaft - self._offset
-        within = max(-0.5 * self.resolution, min(0.5 * self.resolution, innovation))
-        self._offset += _WITHIN_STEP * within + _BEYOND_STEP * (innovation - within)
         self._readings.append((stamp, position))
-        self._see_whether_stuck(stamp, position)
-        while self._readings[1][0] <= stamp - 3.0 * _SPAN:
+        self._fill(stamp)
+        while self._readings[1][0] <= stamp - (2 * _WINDOW + 8) * _CELL:
             self._readings.popleft()
-        follows = self._learn_acceleration(stamp - last_stamp)
-        self._unread += 1
-        if self.learning and follows and self._unread >= _LEARNED_EVERY:
-            self._unread = 0
-            self._learn_delay()
+        self._correct(stamp - last, stamp, position)
+        goal = self.known_delay or self.mean
+        change = _SLEW * (stamp - last)
+        self.delay += min(max(goal - self.delay, -change), change)
 
-    def _see_whether_stuck(self, stamp: float, position: float) -> None:
-        since, stood, told = self._stood
-        setpoint = self._sum(stamp - self.delay)
-        if abs(position - stood) > 2.0 * self.resolution:
-            self._stood, self.stuck = (stamp, position, setpoint), False
-        elif stamp - since > _STUCK_TIME and abs(setpoint - told) > _STUCK_WAY:
-            self.stuck = True
+    def _correct(self, elapsed: float, stamp: float, position: float) -> None:
+        """A Kalman filter of the set-point's offset: what the delay may explain is not believed."""
+        deviation = 0.0 if self.known_delay else self.deviation
+        here = self._shaft(stamp - self.delay)
+        before = self._shaft(stamp - self.delay - max(deviation, elapsed))
+        spread = abs(here - before) if deviation else 0.0
+        moved = (here - before) * elapsed / max(deviation, elapsed)
+        self._variance += _DRIFT**2 * elapsed + (_SCALE * moved) ** 2
+        off = position - here - self._offset
+        expected = self._variance + _READING**2 + spread**2 + (2.0 * self._miss) ** 2
+        most = _OUTLIER * math.sqrt(expected)
+        gain = min(self._variance / expected, elapsed / _FASTEST)
+        self._offset += gain * min(max(off, -most), most)
+        self._variance *= 1.0 - gain
 
-    def _follow(self, shaft: float, setpoint: float) -> float:
-        """The shaft is dragged along by the edges of the dead band."""
-        return min(max(shaft, setpoint - self.dead_band), setpoint + self.dead_band)
+    def _shaft(self, time: float) -> float:
+        """Where the shaft of the best hypothesis would be at a time [s] if it had no delay."""
+        place = min(max((time - self._grid_start) / _CELL, 0.0), self._filled - 1.0)
+        cell = min(int(place), self._filled - 2)
+        before, after = self._grid[self._best, cell : cell + 2].tolist()
+        return float(before + (place - cell) * (after - before))
 
     def _sum(self, time: float) -> float:
         times = self._times
@@ -184,6 +182,8 @@ class ServoModel:
         return self._setpoints[index] + way
 
     def _append(self, now: float, setpoint: float, speed: float, room: float) -> None:
+        self._fill(now)
+        self._judge()
         self._times.append(now)
         self._setpoints.append(setpoint)
         self._speeds.append(speed)
@@ -191,129 +191,100 @@ class ServoModel:
         if len(self._times) > 2 and self._times[1] < now - _HISTORY:
             del self._times[0], self._setpoints[0], self._speeds[0], self._rooms[0]
 
-    def _learn_resolution(self, step: float) -> None:
-        if _FINEST_RESOLUTION < step < self._finest_step:
-            self._finest_step = self.resolution = step
+    def _fill(self, now: float) -> None:
+        """Continue the shaft's path for every dead band, cell by cell, up to a time [s]."""
+        grid = self._grid
+        while (time := self._grid_start + self._filled * _CELL) <= now:
+            if self._filled == _ROOM:
+                grid[:, :_KEPT] = grid[:, _ROOM - _KEPT :]
+                self._grid_start += (_ROOM - _KEPT) * _CELL
+                self._filled = _KEPT
+            self._move_shafts(self._sum(time))
+            grid[:, self._filled] = self._shafts
+            self._filled += 1
 
-    def _learn_delay(self) -> None:
-        """Compares how far the shaft moved in a window with what every delay makes expected."""
-        end, last = self._readings[-1]
-        start, first = self._reading_before(end - _WINDOW)
-        times, setpoints = self._knots()
-        expected = np.interp(end - _DELAYS, times, setpoints)
-        expected -= np.interp(start - _DELAYS, times, setpoints)
-        misses = expected - (last - first)
-        if abs(last - first) < _TELLING or np.ptp(expected) < _TELLING:
+    def _move_shafts(self, setpoint: float) -> None:
+        """Move the shaft of every hypothesis for a cell, after which the set-point is there."""
+        shafts = self._shafts
+        for row, band in enumerate(_BAND_LIST):
+            shafts[row] = min(max(shafts[row], setpoint - band), setpoint + band)
+
+    def _judge(self) -> None:
+        """Compare the shaft's displacement in a window with the one of every hypothesis."""
+        cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
+        newest = self._grid_start + cell * _CELL
+        if newest < self._judged + _EVERY:
             return
-        nearest = float(np.abs(misses).min())
-        if nearest > _FOLLOWED * max(abs(last - first), float(np.abs(expected).max())):
-            return  # held, pushed, or at its limit
-        elapsed = _LEARNED_EVERY * (end - self._readings[-2][0])
-        self._squares = math.exp(-elapsed / _MEMORY) * self._squares + misses * misses
-        self.delay = _least(self._squares)
-
-    def _expected_squares(self) -> Array:
-        """What is expected of every delay before the servo has moved."""
-        return np.asarray((_MODEL_ERROR * (_DELAYS - self.delay) / _UNSURE) ** 2)
-
-    def _reading_before(self, time: float) -> tuple[float, float]:
-        """The newest reading that is not after a time [s]; else the oldest."""
-        for reading in reversed(self._readings):
-            if reading[0] <= time:
-                return reading
-        return self._readings[0]
-
-    def _learn_acceleration(self, elapsed: float) -> bool:
-        """How hard the shaft accelerates while it is slower, or faster, than it was told to be.
-
-        Whether it follows what it is told; else its motion tells no delay.
-        """
-        if self.acceleration < math.inf:
-            self.acceleration *= math.exp(elapsed / _RECOVERY)
-            if self.acceleration > _HARDEST:
-                self.acceleration = math.inf
-        end, last = self._readings[-1]
-        stamp, position = self._reading_before(end - _SPAN)
-        if stamp == end:
-            return True
-        self.velocity = (last - position) / (end - stamp)
-        asked_now = (self._sum(end - self.delay) - self._sum(stamp - self.delay)) / (end - stamp)
-        if abs(asked_now - self.velocity) < _BEHIND:
-            return True
-        stamps, positions = zip(
-            *(self._reading_before(end - spans * _SPAN) for spans in (3, 2, 1, 0)), strict=True
-        )
-        if len(set(stamps)) < 4:
-            return True
-        told = _speeds(stamps, [self._sum(stamp - self.delay) for stamp in stamps])
-        shown = _speeds(stamps, positions)
-        behind = [told[span] - shown[span] for span in range(3)]
-        if min(behind) < _BEHIND and max(behind) > -_BEHIND:
-            return True
-        if self._late(stamps, shown):
-            return True
-        gained, before, asked = shown[2] - shown[1], shown[1] - shown[0], told[2] - told[1]
-        if gained * asked > 0.0 and abs(gained) > _STEADY * abs(asked) > _STEADY * _GAINED:
-            return True  # it comes after
-        if gained * behind[2] > 0.0 and abs(gained) > max(_GAINED, _STEADY * abs(before)):
-            self._limited(max(2.0 * abs(gained) / (end - stamps[1]), _SLOWEST_START))
-        return False
-
-    def _late(self, stamps: Sequence[float], shown: Sequence[float]) -> bool:
-        """Whether a longer delay explains all speeds of the shaft."""
-        times, setpoints = self._knots()
-        ways = np.interp(np.array(stamps)[:, None] - _DELAYS, times, setpoints)
-        told = np.diff(ways, axis=0) / np.diff(stamps)[:, None]
-        return bool(np.abs(told - np.array(shown)[:, None]).max(axis=0).min() < _EXPLAINED)
-
-    def _limited(self, acceleration: float) -> None:
-        """The shaft has accelerated no harder although it was told to."""
-        if acceleration >= self.acceleration:
+        position = self._at(newest)
+        before = self._at(newest - _WINDOW * _CELL)
+        if position is None or before is None:
             return
-        if self.acceleration == math.inf:
-            self.acceleration = acceleration
-            # what it could not follow before tells no delay
-            self.delay = min(self.delay, self._first_delay)
-            self._squares = self._expected_squares()
-        self.acceleration += _SHARE * (acceleration - self.acceleration)
+        elapsed, self._judged = newest - self._judged, newest
+        recent = self._grid[:, cell + 1 - _CELLS - _WINDOW : cell + 1]
+        expected = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
+        moved = position - before
+        self._learn_acceleration(moved, before, newest, elapsed, expected)
+        if self._miss > _BEHIND or float(np.ptp(expected)) < _TELLING:
+            return
+        share = min(elapsed / (_WINDOW * _CELL), 1.0)
+        weight = share / (_NOISE**2 + (_MODEL_ERROR * moved) ** 2)
+        kept = math.exp(-elapsed / _MEMORY)
+        self._xx = kept * self._xx + weight * expected * expected
+        self._xy = kept * self._xy + (weight * moved) * expected
+        self._yy = kept * self._yy + weight * moved * moved
+        self._windows = kept * self._windows + share
+        self._posterior()
 
-    def _knots(self) -> tuple[Array, Array]:
-        """The setpoint as a polyline: times [s] and positions [rad]."""
-        times, setpoints = [], []
-        ends = (*self._times[1:], math.inf)
-        for time, end, setpoint, speed, room in zip(
-            self._times, ends, self._setpoints, self._speeds, self._rooms, strict=True
-        ):
-            times.append(time)
-            setpoints.append(setpoint)
-            if speed and time + room / abs(speed) < end:
-                times.append(time + room / abs(speed))
-                setpoints.append(setpoint + math.copysign(room, speed))
-        return np.array(times), np.array(setpoints)
+    def _learn_acceleration(
+        self, moved: float, before: float, stamp: float, elapsed: float, expected: Array
+    ) -> None:
+        """A shaft that swings faster than it was commanded accelerates as hard as it can."""
+        window = _WINDOW * _CELL
+        start = self._at(stamp - 2.0 * window)
+        first = max(round((self.delay - 2.0 * self.deviation) / _CELL) - 1, 0)
+        last = round((self.delay + 2.0 * self.deviation) / _CELL) + 2
+        likely = expected[self._best, first:last]
+        self._miss = float(np.abs(likely - moved).min())
+        self.acceleration *= math.exp(elapsed / _RECOVERY)
+        if abs(moved) > _TELLING:
+            self.shown *= math.exp(-elapsed / _RECOVERY)
+        if start is not None:
+            self.shown = max(self.shown, abs(moved - (before - start)) / window**2)
+        likely = expected[self._best, first : last + _SLEWING]
+        swings = max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND
+        if swings and self.shown > _SLOWEST_START:
+            self.acceleration = self.shown
 
+    def _at(self, time: float) -> float | None:
+        """The reading at a time [s], between two; None: there was none near."""
+        later = None
+        for stamp, position in reversed(self._readings):
+            if stamp <= time:
+                if later is None or later[0] - stamp > 0.1:
+                    return None
+                ratio = (time - stamp) / (later[0] - stamp)
+                return position + ratio * (later[1] - position)
+            later = stamp, position
+        return None
 
-def _least(squares: Array) -> float:
-    """The delay [s] of the least squared error, between the ones that were compared."""
-    least = int(squares.argmin())
-    inner = squares[1:-1]
-    minima = np.flatnonzero((inner <= squares[:-2]) & (inner < squares[2:])) + 1
-    for index in minima[minima < least]:
-        if squares[index] < _AS_GOOD * squares[least]:
-            least = int(index)
-            break
-    if not 0 < least < len(squares) - 1:
-        return float(_DELAYS[least])
-    before, here, after = squares[least - 1 : least + 2]
-    bend = before - 2.0 * here + after
-    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
-    return float(_DELAYS[least] + shift * (_DELAYS[1] - _DELAYS[0]))
-
-
-def _speeds(stamps: Sequence[float], positions: Sequence[float]) -> list[float]:
-    """Between positions [rad], one after the other [rad/s]."""
-    return [
-        (position - before) / (stamp - earlier)
-        for (earlier, stamp), (before, position) in zip(
-            pairwise(stamps), pairwise(positions), strict=True
-        )
-    ]
+    def _posterior(self) -> None:
+        """Mean and deviation of delay and dead band; the servo's scale is profiled out."""
+        tight = 1.0 / _GAIN**2
+        squares = self._yy + tight - (self._xy + tight) ** 2 / (self._xx + tight)
+        score = _PRIOR - 0.5 * _SHARPNESS * (self._windows + 4.0) * np.log(4.0 + squares)
+        weights = np.exp(score - score.max())
+        weights /= weights.sum()
+        by_delay = weights.sum(axis=0)
+        self.mean = float(by_delay @ _DELAYS)
+        variance = float(by_delay @ (_DELAYS - self.mean) ** 2)
+        self.deviation = max(math.sqrt(variance), _LEAST_DEVIATION)
+        by_shaft = weights.sum(axis=1)
+        self._best = int(by_shaft.argmax())
+        self.dead_band = float(by_shaft @ _BANDS)
+        best = int(by_delay.argmax())
+        if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
+            # narrower than the grid: the vertex of the parabola through three scores
+            before, here, after = score[self._best, best - 1 : best + 2].tolist()
+            bend = before - 2.0 * here + after
+            if bend < 0.0:
+                self.mean = _CELL * (best + 0.5 * (before - after) / bend)

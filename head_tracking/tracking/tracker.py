@@ -58,12 +58,14 @@ class Delays:
         interval: between points [s].
         reading: age of a joint's measurement when it is used [s].
         servos: from a command to the motion it causes, of pan and tilt [s].
+        deviations: standard deviations of `servos` [s].
     """
 
     message: float
     interval: float
     reading: float
     servos: tuple[float, float]
+    deviations: tuple[float, float]
 
 
 class Tracker:
@@ -128,7 +130,9 @@ class Tracker:
     @property
     def delays(self) -> Delays:
         """How late everything is, as measured."""
-        return Delays(self._message_age, self._interval, self._reading_age, self.law.delays)
+        law = self.law
+        ages = self._message_age, self._interval, self._reading_age
+        return Delays(*ages, law.delays, law.deviations)
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Takes pan and tilt [rad] as measured at `stamp` [s]; only newer ones count."""
@@ -184,9 +188,10 @@ class Tracker:
         joints = self._readings.latest
         if joints is None or not self.machine.enabled:
             return TrackingStep()
-        if self.camera.update():
+        again = self.camera.update()
+        if again:
             self.estimator.reset()  # it has learned from points in wrong places
-            for stamp, point in self.camera.corrected_again():
+            for stamp, point in again:
                 self._add(stamp, point, stamp)
             self.machine.seen(now, new=False)
         if self.camera.fault:
@@ -219,7 +224,7 @@ class Tracker:
         """Follows targets from now on, or stops the head at once; the command for that."""
         if on and self.machine.enabled:
             return None
-        self.estimator.reset()
+        self._forget_target()
         if on:
             self.camera.check_mounting()
         self.machine.enable(on)
@@ -227,7 +232,7 @@ class Tracker:
 
     def recenter(self) -> None:
         """Forgets the target and takes both joints to 0 or the limit next to it."""
-        self.estimator.reset()
+        self._forget_target()
         self.machine.recenter()
 
     def reset(self, reason: str, now: float) -> HeadCommand | None:
@@ -252,6 +257,10 @@ class Tracker:
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None
+
+    def _forget_target(self) -> None:
+        self.estimator.reset()
+        self.camera.forget_target()
 
     def _follows(self, now: float) -> bool:
         return self.machine.follows(now, self.estimator.parameters.target_timeout)

@@ -288,16 +288,15 @@ def silent_servo() -> str:
             driver = ServoBus(DynamixelPort(port_name), joints)
             driver.connect(allow_missing=True)
             silent = driver._joints["joint_2"]
-            silent.stopped = True
+            silent.set_stopped(True)
             usual = []
             for _ in range(100):
                 start = time.perf_counter()
                 driver.step()
                 usual.append(time.perf_counter() - start)
-            silent.stopped = False
-            for servo in silent.servos:  # it has answered until now
-                servo.lost = servo.unseen = False
-            driver._plan = None
+            silent.set_stopped(False)
+            for servo in silent.servos:
+                servo.note_answer()  # it has answered until now
             normal = statistics.median(usual)
             cycles, good, longest = 100, 0, 0.0
             due = time.perf_counter()

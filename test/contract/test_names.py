@@ -12,6 +12,7 @@ BUS_PUBLISHES = {
     "joint_goals": ("sensor_msgs/msg/JointState", RELIABLE),
     "joint_owners": ("std_msgs/msg/String", LATCHED),
     "stopped": ("std_msgs/msg/Bool", LATCHED),
+    "joint_control": ("diagnostic_msgs/msg/DiagnosticStatus", LATCHED),
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", RELIABLE),
 }
 BUS_HEARS = {
@@ -30,6 +31,8 @@ BUS_SERVES = {
     "recover": TRIGGER,
     "torque_enable": SET_BOOL,
     "servo_bus/write_eeprom": TRIGGER,
+    **{f"servo_bus/{name}": TRIGGER for name in ("stop", "resume", "relax", "recover")},
+    "servo_bus/torque_enable": SET_BOOL,
     **{
         f"{controller}/{name}": SET_BOOL if name == "torque_enable" else TRIGGER
         for controller in ("head_pan_controller", "head_tilt_controller")

@@ -102,11 +102,17 @@ def test_ros_arguments_remap_and_tune(bench):
     run = bench.run(
         "--target",
         "none",
-        ros=("-p", "servo_bus:update_rate:=40.0", "-r", "servo_states:=measured"),
+        ros=(
+            *("-p", "servo_bus:update_rate:=40.0", "-p", "servo_bus:short_names:=false"),
+            *("-r", "servo_states:=measured"),
+        ),
     )
-    states = bench.person.hear("measured", JointState)
+    person = bench.person
+    states = person.hear("measured", JointState)
     wait_for(lambda: len(states) > 50)
-    assert bench.person.get("servo_bus", "update_rate") == 40.0
+    assert person.get("servo_bus", "update_rate") == 40.0
+    assert person.call("servo_bus/stop").success
+    assert "/stop" not in dict(person.node.get_service_names_and_types())
     assert run.end(signal.SIGINT) == 0, run.output
 
 

@@ -14,6 +14,18 @@ from waiting import wait_for
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
 SLOW = 0.6  # rad/s
 NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
+REFUSED = [
+    ("torque_enable", True),
+    ("servo_bus/torque_enable", True),
+    ("head_pan_controller/torque_enable", True),
+    ("head_tracker/enable", True),
+    ("head_tracker/recenter", None),
+    ("recover", None),
+    ("head_pan_controller/recover", None),
+    ("head_pan_controller/start", None),
+    ("head_pan_controller/restart", None),
+    ("servo_bus/write_eeprom", None),
+]
 
 
 def swing(seconds):
@@ -86,22 +98,72 @@ def test_stop_relaxes_the_servos_and_everybody_hears_of_it(bench, person):
     assert person.call("stop").success  # a second one is as good as the first
 
 
-def test_nothing_moves_a_stopped_head_neither_by_command_nor_by_torque(bench, person):
+def test_a_stopped_head_refuses_every_service_but_resume(bench, person):
+    assert person.call("stop").success
+    answers = [person.call(name, data) for name, data in REFUSED]
+    assert [answer.success for answer in answers] == [False] * len(REFUSED)
+    assert all(answer.message for answer in answers)
+    assert bench.servos.torque == [0, 0]
+    assert person.stopped
+
+
+def test_no_topic_moves_a_stopped_head(bench, person):
     assert person.call("stop").success
     before = bench.servos.at_rest()
     onward = JointState(name=list(JOINTS), position=[before[0] + 0.5, before[1]])
-    for what in (
-        lambda: person.publish("joint_commands", onward),
-        lambda: person.command("head_pan_controller", before[0] + 0.5),
-        lambda: person.publish("head_pan_controller/speed", Float64(data=1.0)),
-        lambda: person.call("torque_enable", True),
-        lambda: person.call("head_tracker/recenter"),
-        lambda: person.publish("joint_claims", onward),
-    ):
-        what()
+    onward.header.frame_id = "/other"
+    for _ in range(3):  # targets keep coming, too
+        person.publish("joint_claims", onward)
+        person.publish("joint_commands", onward)
+        person.command("head_pan_controller", before[0] + 0.5)
+        person.publish("head_pan_controller/speed", Float64(data=1.0))
         time.sleep(0.1)
     assert person.stopped
+    assert bench.servos.torque == [0, 0]
+    assert set(person.owners.values()) == {""}
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
+
+
+def test_what_takes_torque_away_is_done_while_stopped_and_changes_nothing_for_later(bench, person):
+    assert person.call("stop").success
+    assert person.call("relax").success
+    assert person.call("torque_enable", False).success
+    assert person.call("resume").success
+    wait_for(lambda: bench.servos.torque == [1, 1])
+
+
+def test_who_enables_everything_again_and_again_undoes_no_stop(bench, person):
+    ended, other = threading.Event(), bench.meet("")
+
+    def supervise():
+        while not ended.is_set():
+            other.call("head_tracker/enable", True)
+            other.call("torque_enable", True)
+
+    supervisor = threading.Thread(target=supervise)
+    supervisor.start()
+    try:
+        assert person.call("stop").success
+        before, ends = bench.servos.at_rest(), time.monotonic() + 1.0
+        while time.monotonic() < ends:
+            assert bench.servos.torque == [0, 0]
+            time.sleep(0.01)
+        assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
+        assert person.call("resume").success
+        wait_for(lambda: bench.servos.torque == [1, 1])
+    finally:
+        ended.set()
+        supervisor.join()
+
+
+def test_another_node_takes_the_head_over_by_a_claim_until_it_is_enabled_again(person):
+    claim = JointState(name=list(JOINTS))
+    claim.header.frame_id = "/other"
+    person.publish("joint_claims", claim)
+    wait_for(lambda: set(person.owners.values()) == {"/other"})
+    wait_for(lambda: person.latched("head_tracker/enabled", Bool) is False)
+    assert person.call("head_tracker/enable", True).success
+    wait_for(lambda: set(person.owners.values()) == {"/head_tracker"})
 
 
 def test_resume_goes_on_slowly_at_first_with_what_was_on(bench, person):

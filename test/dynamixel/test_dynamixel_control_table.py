@@ -138,4 +138,4 @@ def test_vendors_figures() -> None:
     assert AX_12.radians_per_tick == pytest.approx(0.00511327, abs=1e-8)
     assert AX_12.speed_unit == pytest.approx(0.0116239, abs=1e-7)
     assert AX_12.no_load_speed == pytest.approx(6.178, abs=1e-3)
-    assert AX_12.angle_range == pytest.approx(math.radians(300))
+    assert AX_12.radians_per_tick * AX_12.ticks == pytest.approx(math.radians(300))

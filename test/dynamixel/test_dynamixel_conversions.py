@@ -6,26 +6,38 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.dynamixel import ErrorBits, RangeError, ServoCalibration, describe_errors
+from head_tracking.dynamixel import (
+    ErrorBits,
+    RangeError,
+    ServoCalibration,
+    describe_errors,
+    servo_model,
+)
 from head_tracking.dynamixel.control_table import (
     decode_sign_magnitude,
     encode_sign_magnitude,
-    encode_unsigned,
 )
+
+TABLE = servo_model("AX-12").control_table
 
 
 @pytest.mark.parametrize(
-    ("value", "size", "data"),
-    [(512, 2, "00 02"), (1023, 2, "FF 03"), (120, 1, "78"), (0, 2, "00 00")],
+    ("name", "value", "data"),
+    [
+        ("Goal Position", 512, "00 02"),
+        ("Goal Position", 1023, "FF 03"),
+        ("Present Voltage", 120, "78"),
+        ("Present Position", 0, "00 00"),
+    ],
 )
-def test_low_byte_comes_first(value: int, size: int, data: str) -> None:
-    assert encode_unsigned(value, size) == bytes.fromhex(data)
+def test_low_byte_comes_first(name: str, value: int, data: str) -> None:
+    assert TABLE[name].bytes_of(value) == bytes.fromhex(data)
 
 
-@pytest.mark.parametrize(("value", "size"), [(-1, 1), (256, 1), (65536, 2)])
-def test_value_that_does_not_fit_is_refused(value: int, size: int) -> None:
-    with pytest.raises(RangeError, match=f"{256**size - 1}"):
-        encode_unsigned(value, size)
+@pytest.mark.parametrize(("name", "value"), [("LED", -1), ("LED", 256), ("Goal Position", 65536)])
+def test_value_that_does_not_fit_is_refused(name: str, value: int) -> None:
+    with pytest.raises(RangeError):
+        TABLE[name].bytes_of(value)
 
 
 @pytest.mark.parametrize(

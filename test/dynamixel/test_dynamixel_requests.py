@@ -101,6 +101,24 @@ class Interleavings:
         assert relaxing.result(0.0) is None
         assert self.port.servos[1]["Torque Enable"] == 0
 
+    def resume(self) -> None:
+        """Whatever was discarded before, the joint takes torque and a goal again."""
+        self.made.clear()
+        self.stop()
+        self.settle()
+        on = self.thread.call(lambda bus: bus.switching_torque(None, True))
+        self.may_move = True
+        self.goals.add(700)
+        self.settle()
+        assert on.result(0.0) is None
+        self.stop()
+        self.may_move = True
+        self.goals.add(700)
+        self.bus.command({JOINT: Goal(PAN.position(700))})
+        for _ in range(30):
+            self.cycle()
+        assert self.port.servos[1]["Goal Position"] == 700
+
     def settle(self) -> None:
         requests = self.bus.requests
         for _ in range(2000):
@@ -135,6 +153,8 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
             run.relax()
             run.settle()
             run.port.log.clear()
+        if number % 500 == 0:
+            run.resume()
     assert run.stops > INTERLEAVINGS // 8
 
 

@@ -395,17 +395,18 @@ def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
         rig.bus.connect()
 
 
-def test_two_servos_with_one_id_are_told_once_and_nothing_flaps() -> None:
+@pytest.mark.parametrize("turned", [600.0, 640.0, 700.0, 740.0])
+def test_two_servos_with_one_id_are_reported_once(turned: float) -> None:
     twins = SimulatedServo(1, position=512), SimulatedServo(1, position=512)
     rig = Rig(*twins, SimulatedServo(2))
     rig.step(20)
-    twins[1].lead(700.0, 0.2)  # somebody turns one of them
+    twins[1].lead(turned, 0.2)  # somebody turns one of them
     for _ in range(600):  # 12 s
         with suppress(GoalError):
             rig.bus.command({"j1": Goal(0.1), "j2": Goal(0.1)})
         rig.step()
-    assert "two servos answer as id 1" in " ".join(rig.events)
-    assert len(rig.events) <= 6, rig.events
+    told = [event for event in rig.events if "two servos answer as id 1" in event]
+    assert 1 <= len(told) <= 2, told  # the second says that it comes and goes
     assert rig.kinds.count(EventKind.TORQUE_ON) <= 2
     assert "j2" in rig.step().states
 

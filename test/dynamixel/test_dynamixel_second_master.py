@@ -9,9 +9,18 @@ import pytest
 from second_master import SecondMaster
 from simulated_device import Bench
 
-from head_tracking.dynamixel import CommunicationError, DynamixelPort, LineBusyError
+from head_tracking.dynamixel import (
+    CommunicationError,
+    DynamixelPort,
+    Goal,
+    JointConfiguration,
+    LineBusyError,
+    ServoBus,
+    TorqueError,
+)
 from head_tracking.simulation import SimulatedServo
 
+TORQUE_OFF_BOTH = bytes.fromhex("FF FF FE 08 83 18 01 01 00 02 00 5A")
 TORQUE_OFF = bytes.fromhex("FF FF FE 06 83 18 01 01 00 5E")
 
 
@@ -91,3 +100,34 @@ def test_a_quiet_line_is_not_waited_for() -> None:
     made.port.sync_write(24, {1: b"\0"}, patience=0.5)
     assert made.clock.now == begin
     assert master.heard == [TORQUE_OFF]
+
+
+@pytest.mark.parametrize("gap", [0.00025, 0.0009, 0.005])
+def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float) -> None:
+    servos = [SimulatedServo(1), SimulatedServo(2)]
+    made = Bench(servos)
+    joints = [JointConfiguration(f"j{i}", f"c{i}", i) for i in (1, 2)]
+    bus = ServoBus(
+        made.port, joints, made.now, monotonic=made.now, pause=lambda s: made.pass_time(float(s))
+    )
+    bus.connect()
+    for _ in range(50):
+        bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})
+        made.pass_time(0.02)
+        bus.step()
+    assert all(servo.register("Torque Enable") for servo in servos)
+    master = SecondMaster(made.line, made.clock, gap)
+    made.port._line = master  # type: ignore[assignment]
+    for _ in range(5):
+        made.pass_time(0.02)
+        bus.step()
+    begin = made.clock.now
+    reported: tuple[str, ...] = ()
+    try:
+        bus.run(bus.stopping(None), made.pass_time)
+    except TorqueError as error:
+        reported = tuple(error.problems)
+    assert made.clock.now - begin < 2e9
+    powered = {f"j{servo.id}" for servo in servos if servo.register("Torque Enable")}
+    assert powered <= set(reported)
+    assert TORQUE_OFF_BOTH in master.heard

@@ -62,12 +62,12 @@ def test_read_after_a_silence_asks_for_another_length() -> None:
     late = LateReplies(clock)
     assert not late.due
     late.add(group(1, 8).requests[0], clock.now)
-    assert late.told_apart(group(1, 8)).length == 9
-    assert late.told_apart(group(2, 8)).length == 8
-    assert late.told_apart(group(1, 8, 2)).length == 8
+    assert late.distinct(group(1, 8)).length == 9
+    assert late.distinct(group(2, 8)).length == 8
+    assert late.distinct(group(1, 8, 2)).length == 8
     late.add(group(2, 9).requests[0], clock.now)
     both = ReadGroup(ReadMethod.BULK, 1, 36, 8, (1, 2))
-    assert (late.told_apart(both).length, late.told_apart(both).address) == (10, 34)
+    assert (late.distinct(both).length, late.distinct(both).address) == (10, 34)
 
 
 def test_late_reply_is_taken_once_and_old_ones_are_forgotten() -> None:
@@ -81,7 +81,7 @@ def test_late_reply_is_taken_once_and_old_ones_are_forgotten() -> None:
     assert not late.due
     late.add(group(1, 8).requests[0], clock.now)
     clock.now += 1.1
-    assert late.told_apart(group(1, 8)).length == 8
+    assert late.distinct(group(1, 8)).length == 8
     assert not late.due
 
 
@@ -91,4 +91,4 @@ def test_after_very_many_silences_nothing_is_asked_for_a_while() -> None:
     for length in range(8, 40):
         late.add(group(1, length).requests[0], clock.now)
     with pytest.raises(ReplyTimeoutError):
-        late.told_apart(group(1, 8))
+        late.distinct(group(1, 8))

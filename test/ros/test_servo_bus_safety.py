@@ -133,20 +133,3 @@ def test_the_servo_bus_loads_neither_robot_models_nor_vision():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
-
-
-def test_what_was_on_before_a_stop_is_on_after_the_resume_of_the_next_one(tracking_robot):
-    """The second stop comes while the first resume still switches torque on."""
-    robot = tracking_robot
-
-    def torque():
-        return robot.simulated.port.use(lambda bus: [s.register("Torque Enable") for s in bus])
-
-    bus = robot.composition.nodes["servo_bus"]
-    robot.look_at(1, 0.2, 0, "torso_link")
-    wait_for(lambda: torque() == [1, 1])
-    for _ in range(3):
-        for _ in range(2):
-            assert set(bus.stop().values()) == {""}
-            bus.resume()
-        wait_for(lambda: torque() == [1, 1])

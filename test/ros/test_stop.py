@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from head_tracking.control import JointOwners
@@ -50,123 +50,6 @@ def torque(robot):
 def tracking(robot):
     tracker = robot.composition.nodes["head_tracker"]
     wait_for(lambda: tracker.interface.newest_target and torque(robot) == [1, 1])
-
-
-def test_stop_relaxes_all_servos_and_says_so_by_joint(robot):
-    tracking(robot)
-    stopped = latched(robot, "stopped", Bool)
-    answer = robot.call("stop")
-    assert answer.success
-    assert answer.message == "head_pan_joint relaxed, head_tilt_joint relaxed"
-    assert torque(robot) == [0, 0]
-    wait_for(lambda: stopped[-1].data)
-    assert latched(robot, "head_tracker/enabled", Bool)[-1].data is False
-    before = robot.at_rest()
-    time.sleep(0.5)  # targets keep coming
-    assert robot.at_rest() == pytest.approx(before, abs=STILL)
-
-
-SERVICES = [
-    ("torque_enable", True),
-    ("head_pan_controller/torque_enable", True),
-    ("head_tilt_controller/torque_enable", True),
-    ("head_tracker/enable", True),
-    ("head_tracker/recenter", None),
-    ("recover", None),
-    ("head_pan_controller/recover", None),
-    ("head_pan_controller/start", None),
-    ("head_pan_controller/restart", None),
-    ("servo_bus/write_eeprom", None),
-]
-
-
-def test_a_stopped_head_refuses_every_service_but_resume(robot):
-    tracking(robot)
-    assert robot.call("stop").success
-    goals = robot.goals()
-    answers = [robot.call(name, data) for name, data in SERVICES]
-    assert [answer.success for answer in answers] == [False] * len(SERVICES)
-    assert len({answer.message for answer in answers}) == 1  # the same sentence
-    assert torque(robot) == [0, 0]
-    assert not goals
-    assert latched(robot, "stopped", Bool)[-1].data
-
-
-def test_what_takes_torque_away_is_done_while_stopped_and_changes_nothing_for_later(robot):
-    tracking(robot)
-    assert robot.call("stop").success
-    assert robot.call("relax").success
-    assert robot.call("torque_enable", False).success
-    assert robot.call("stop").success
-    assert torque(robot) == [0, 0]
-    assert robot.call("resume").success
-    wait_for(lambda: torque(robot) == [1, 1])
-
-
-def test_no_topic_moves_a_stopped_head(robot):
-    tracking(robot)
-    assert robot.call("stop").success
-    before = robot.at_rest()
-    commands = JointState(name=["head_pan_joint"], position=[before[0] + 0.5])
-    claim = JointState(name=["head_pan_joint", "head_tilt_joint"])
-    commands.header.frame_id = claim.header.frame_id = "/other"
-    for _ in range(3):
-        for topic, message in (
-            ("joint_claims", claim),
-            ("joint_commands", commands),
-            ("head_pan_controller/command", Float64(data=before[0] + 0.5)),
-            ("target_point", point(1.0, -1.0, 0.5, "base_link")),
-        ):
-            publisher = robot.node.create_publisher(type(message), topic, 10)
-            wait_for(publisher.get_subscription_count)
-            publisher.publish(message)
-            time.sleep(0.1)
-    assert torque(robot) == [0, 0]
-    assert latched(robot, "joint_owners", String)[-1].data.count(": /") == 0
-    assert robot.at_rest() == pytest.approx(before, abs=STILL)
-
-
-def test_a_supervisor_that_enables_everything_again_and_again_undoes_no_stop(robot):
-    tracking(robot)
-    ended = threading.Event()
-
-    def supervise() -> None:
-        while not ended.is_set():
-            for name in ("head_tracker/enable", "torque_enable"):
-                robot.call(name, True)
-            ended.wait(0.05)
-
-    supervisor = threading.Thread(target=supervise)
-    supervisor.start()
-    try:
-        time.sleep(0.5)
-        assert robot.call("stop").success
-        where, ends = robot.at_rest(0.1), time.monotonic() + 2.0
-        while time.monotonic() < ends:
-            assert torque(robot) == [0, 0]
-            time.sleep(0.01)
-        assert robot.at_rest(0.1) == pytest.approx(where, abs=STILL)
-        assert robot.call("resume").success
-        wait_for(lambda: torque(robot) == [1, 1])
-    finally:
-        ended.set()
-        supervisor.join()
-
-
-def test_resume_goes_on_slowly_with_what_was_on(robot):
-    tracking(robot)
-    assert robot.call("stop").success
-    robot.at_rest()
-    time.sleep(1.0)
-    velocities = robot.listen_to_velocity("head_pan_joint")
-    answer = robot.call("resume")
-    assert answer.success
-    assert "/head_tracker goes on, slowly" in answer.message
-    tracker = robot.composition.nodes["head_tracker"].interface
-    wait_for(lambda: len(velocities) > 20)
-    assert max(velocities[:20]) < 0.6
-    wait_for(lambda: not tracker.slow, 20.0)  # even if the target runs away from a slow head
-    assert not tracker.off
 
 
 def test_a_resumed_head_is_no_faster_than_a_person_allows(robot):
@@ -286,42 +169,6 @@ def test_stop_waits_for_no_callback_that_hangs(robot):
         going_on.set()
 
 
-def test_who_turns_the_head_owns_its_joints_and_a_stranger_is_refused(robot):
-    owners = latched(robot, "joint_owners", String)
-    assert "head_pan_joint: /head_tracker" in owners[-1].data
-    robot.forget_log()
-    stranger = robot.node.create_publisher(JointState, "joint_commands", 1)
-    wait_for(stranger.get_subscription_count)
-    stranger.publish(JointState(name=["head_pan_joint"], position=[1.0]))
-    robot.logged("head_pan_joint belongs to /head_tracker")
-
-
-def test_a_node_of_another_process_takes_the_head_over_by_asking(robot):
-    owners = latched(robot, "joint_owners", String)
-    claim = JointState(name=["head_pan_joint", "head_tilt_joint"])
-    claim.header.frame_id = "/other"
-    robot.publish("joint_claims", claim)
-    wait_for(lambda: "head_pan_joint: /other" in owners[-1].data)
-    wait_for(lambda: robot.composition.nodes["head_tracker"].interface.off)
-    assert robot.call("head_tracker/enable", True).success
-    wait_for(lambda: "head_pan_joint: /head_tracker" in owners[-1].data)
-
-
-@pytest.mark.parametrize("short", [True, False])
-def test_services_of_the_bus_are_private_and_short_names_can_be_left_out(make_robot, short):
-    robot = make_robot("--target", "none", ros_args=["-p", f"servo_bus:short_names:={short}"])
-    assert robot.call("servo_bus/torque_enable", True).success
-    assert torque(robot) == [1, 1]
-    assert robot.call("servo_bus/stop").success
-    assert torque(robot) == [0, 0]
-    assert not robot.call("servo_bus/recover").success
-    assert robot.call("servo_bus/relax").success
-    assert robot.call("servo_bus/resume").success
-    names = {name for name, _ in robot.node.get_service_names_and_types()}
-    for name in ("stop", "resume", "relax", "recover", "torque_enable"):
-        assert (f"/{name}" in names) is short
-
-
 def test_who_loses_one_joint_gives_the_other_up_too(robot):
     tracking(robot)
     owners = latched(robot, "joint_owners", String)
@@ -341,3 +188,24 @@ def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert latched(robot, "stopped", Bool)[-1].data
     assert isinstance(tracker.failure, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("mode", ["track", "point"])
+def test_what_a_controller_does_is_published_as_fields_too(make_robot, mode):
+    robot = make_robot("--mode", mode, "--target", "fictitious")
+    name = {"track": "head_tracker", "point": "point_head"}[mode]
+    messages = latched(robot, f"{name}/status", DiagnosticStatus)
+
+    def fields():
+        found = {each.key: each.value for each in messages[-1].values}
+        return found["state"], found["enabled"], found["stopped"], found["slow"]
+
+    moving = {"track": "tracking", "point": "turning"}[mode]
+    wait_for(lambda: fields() == (moving, "true", "false", "false"))
+    assert messages[-1].level == DiagnosticStatus.OK
+    assert robot.call("stop").success
+    wait_for(lambda: fields()[:3] == ("disabled", "false", "true"))
+    assert messages[-1].level == DiagnosticStatus.WARN
+    assert messages[-1].message == latched(robot, f"{name}/state", String)[-1].data
+    assert robot.call("resume").success
+    wait_for(lambda: fields()[1:] == ("true", "false", "true"))

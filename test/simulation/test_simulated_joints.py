@@ -39,7 +39,7 @@ def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
 
 def test_a_hand_leads_a_joint():
     with SimulatedJoints(JOINTS) as joints:
-        joints.lead("tilt", -0.5, 0.1)
+        joints.port.lead(5, JOINTS[1].ticks(-0.5), 0.1)
         deadline = time.monotonic() + 10
         while abs(joints.true_position("tilt") + 0.5) > 0.03:
             assert time.monotonic() < deadline
@@ -48,11 +48,10 @@ def test_a_hand_leads_a_joint():
 
 def test_two_servos_on_a_joint_are_both_there_and_led_together():
     second = ServoCalibration("lift", 8, 500, 900, 100)
-    with SimulatedJoints(
-        [JointConfiguration("lift", "lift_controller", 7, second=second)]
-    ) as joints:
+    joint = JointConfiguration("lift", "lift_controller", 7, second=second)
+    with SimulatedJoints([joint]) as joints:
         assert joints.port.use(lambda bus: [servo.id for servo in bus]) == [7, 8]
-        joints.lead("lift", 0.5, 0.1)
+        joints.port.lead(7, joint.ticks(0.5), 0.1)
         deadline = time.monotonic() + 10
         while abs(second.position(joints.port.true_ticks(8)) - 0.5) > 0.03:
             assert time.monotonic() < deadline

@@ -368,3 +368,17 @@ def test_a_false_detection_that_recurs_throws_the_head_once():
         pan, _ = estimator.estimate.bearing(t)
         thrown += t > 3.0 and pan > -0.4
     assert thrown <= 2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_who_walks_up_and_stops_is_not_predicted_behind_the_head(seed):
+    rnd, estimator, worst = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
+    estimator.horizon = 0.28
+    path = lambda t: (max(3.5 - 1.5 * max(t - 2.0, 0.0), 0.6), 0.15, 0.3)  # noqa: E731
+    for k in range(6 * 15):
+        t = k / 15
+        sight = seen(path(t))
+        pan, tilt = sight.pan + rnd.gauss(0.0, 0.005), sight.tilt + rnd.gauss(0.0, 0.005)
+        estimator.add(t, Sight(pan, tilt, sight.distance * math.exp(rnd.gauss(0.0, 0.03))), t)
+        worst = max(worst, miss(estimator, path, 0.28) if t > 1.0 else 0.0)
+    assert worst < 0.42

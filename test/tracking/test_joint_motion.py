@@ -18,7 +18,7 @@ def run(wanted, seconds, limits=LIMITS, motion=None, joint=JOINT):
     for k in range(int(seconds / DT)):
         t = k * DT
         velocity = (wanted(t + DT) - wanted(t)) / DT
-        motion.steer(wanted(t), velocity, DT, limits, joint)
+        motion.steer(wanted(t), velocity, DT, DT, limits, joint)
         trace.append((t, motion.position, motion.velocity))
         motion.advance(DT)
     return motion, trace
@@ -44,7 +44,7 @@ def test_the_end_of_the_range_is_never_passed():
 def test_at_rest_nothing_moves():
     motion = JointMotion(0.3, 1.0)
     motion.rest_at(0.3)
-    motion.steer(0.3, 0.0, DT, LIMITS, JOINT)
+    motion.steer(0.3, 0.0, DT, DT, LIMITS, JOINT)
     assert (motion.position, motion.velocity) == (0.3, 0.0)
 
 
@@ -59,7 +59,7 @@ def test_speed_acceleration_and_range_are_kept_whatever_is_wanted(wishes, speed,
     for wish in wishes:
         for _ in range(3):
             before = motion.velocity
-            motion.steer(wish, 0.0, DT, limits, JOINT)
+            motion.steer(wish, 0.0, DT, DT, limits, JOINT)
             motion.advance(DT)
             assert abs(motion.velocity) <= speed + 1e-9
             assert -1.5 - 1e-9 <= motion.position <= 1.5 + 1e-9

@@ -61,20 +61,21 @@ def test_noise_widens_the_band_but_not_for_ever():
 
 def test_a_joint_that_stopped_short_is_helped_step_by_step():
     rest = settle(Rest(), Reference(0.3))
-    rest.help(0.29, 0.25, STEP, BAND)
+    rest.help(0.29, 0.25, BAND)
     assert rest.goal == 0.3  # not yet: it may still be on its way
-    rest.help(0.29, 1.0, STEP, BAND)
+    rest.help(0.29, 1.0, BAND)
     assert rest.goal == pytest.approx(0.31)
-    rest.help(0.29, 1.1, STEP, BAND)
+    rest.help(0.29, 1.1, BAND)
     assert rest.goal == pytest.approx(0.31)
     for now in (1.3, 1.6, 1.9, 2.2):
-        rest.help(0.28, now, STEP, BAND)
-    assert rest.goal == pytest.approx(0.3 + 3 * STEP)  # no farther
+        rest.help(0.28, now, BAND)
+    assert rest.goal == pytest.approx(0.315)  # no farther
 
 
 def test_one_that_stands_well_enough_is_left_alone():
+    """A coarse encoder never makes it hunt, however small a dead band was asked for."""
     rest = settle(Rest(), Reference(0.3))
-    rest.help(0.3 - 0.7 * STEP, 5.0, STEP, 0.0)
+    rest.help(0.3 - 0.7 * STEP, 5.0, 0.0)
     assert rest.goal == 0.3
 
 

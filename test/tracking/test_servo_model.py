@@ -1,84 +1,162 @@
+"""What is learned of a servo from its commands and its encoder."""
+
 import math
+import random
+from itertools import pairwise
 
 import pytest
 
 from head_tracking.tracking.servo_model import ServoModel
 
 TICK = 0.00511
+DT = 0.02
 
 
 class Servo:
-    """A setpoint that moves as told, later by a delay, and an encoder with steps."""
+    """A set-point that moves as commanded, later by a delay, a dead band, an encoder with steps."""
 
-    def __init__(self, delay, resolution=TICK):
-        self.delay, self.resolution, self.history = delay, resolution, [(-1.0, 0.0)]
+    def __init__(self, delay, resolution=TICK, band=0.0, scale=1.0):
+        self.delay, self.resolution, self.band, self.scale = delay, resolution, band, scale
+        self.shaft, self.setpoint, self.time = 0.0, 0.0, -1.0
+        self.commands = []
 
     def command(self, time, speed):
-        self.history.append((time + self.delay, speed))
-
-    def position(self, time):
-        total = 0.0
-        for (start, speed), (end, _) in zip(
-            self.history, [*self.history[1:], (math.inf, 0.0)], strict=True
-        ):
-            if start < time:
-                total += speed * (min(end, time) - max(start, -1.0))
-        return total
+        self.commands.append((time + self.delay, speed))
 
     def encoder(self, time):
-        return round(self.position(time) / self.resolution) * self.resolution
+        while self.time < time:
+            self.time += 0.0005
+            speeds = [speed for start, speed in self.commands[-30:] if start <= self.time]
+            self.setpoint += self.scale * (speeds[-1] if speeds else 0.0) * 0.0005
+            low, high = self.setpoint - self.band, self.setpoint + self.band
+            self.shaft = min(max(self.shaft, low), high)
+        return round(self.shaft / self.resolution) * self.resolution
 
 
-def swing(delay, seconds=6.0, first=0.04, resolution=TICK):
-    servo, response = Servo(delay, resolution), ServoModel(0.0, 0.0, delay=first)
-    for k in range(1, int(seconds * 50)):
-        t = k * 0.02
-        response.measured(t - 0.01, servo.encoder(t - 0.01))
+def swing(servo, seconds=6.0, speed=lambda t: 1.5 * math.cos(3.0 * t), at=lambda k: k * DT):
+    model = ServoModel()
+    model.restart(0.0, 0.0)
+    t, k = 0.0, 0
+    while t < seconds:
+        k += 1
+        t = at(k)
+        model.measured(t - 0.01, servo.encoder(t - 0.01))
+        servo.command(t, speed(t))
+        model.command(t, speed(t), math.copysign(10.0, speed(t)))
+    return model, t
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.04, 0.07, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("resolution", [TICK, 0.0005])
+def test_the_delay_is_learned_and_known_to_be(delay, resolution):
+    model, _ = swing(Servo(delay, resolution), 10.0)
+    assert model.mean == pytest.approx(delay, abs=0.012 if delay == 0.0 else 0.006)
+    assert model.delay == pytest.approx(model.mean, abs=0.003)
+    assert model.known
+
+
+@pytest.mark.parametrize("band", [0.0, 0.003, 0.006])
+def test_a_dead_band_is_told_from_a_delay(band):
+    model, _ = swing(Servo(0.06, 0.0005, band))
+    assert model.mean == pytest.approx(0.06, abs=0.008)
+    assert model.dead_band == pytest.approx(band, abs=0.003)
+
+
+def test_late_commands_do_not_bias_the_delay():
+    rng = random.Random(3)
+    times = [0.0]
+    for _ in range(400):
+        times.append(times[-1] + DT + (rng.uniform(0.06, 0.15) if rng.random() < 0.1 else 0.0))
+    model, _ = swing(Servo(0.05), 8.0, at=lambda k: times[k])
+    assert model.mean == pytest.approx(0.05, abs=0.01)
+
+
+def test_before_it_has_moved_nothing_is_known():
+    model, _ = swing(Servo(0.1), speed=lambda t: 0.0)
+    fresh = ServoModel()
+    assert not fresh.known
+    assert not model.known
+    assert model.mean == pytest.approx(fresh.mean)
+
+
+def test_a_delay_given_by_hand_counts():
+    model = ServoModel()
+    model.known_delay = 0.2
+    assert model.known
+    for k in range(1, 300):
+        model.measured(k * DT, 0.0)
+        model.command(k * DT, 0.0, 0.0)
+    assert model.delay == pytest.approx(0.2)
+
+
+def test_what_was_learned_survives_a_restart():
+    model, t = swing(Servo(0.1))
+    mean, deviation = model.mean, model.deviation
+    model.restart(t + 5.0, 0.7)
+    assert (model.mean, model.deviation) == (mean, deviation)
+    assert model.setpoint(t + 5.0) == 0.7
+
+
+def test_a_new_mean_is_applied_without_a_jump():
+    servo, model = Servo(0.25), ServoModel()
+    model.restart(0.0, 0.0)
+    delays = []
+    for k in range(1, 400):
+        t = k * DT
+        model.measured(t - 0.01, servo.encoder(t - 0.01))
         speed = 1.5 * math.cos(3.0 * t)
         servo.command(t, speed)
-        response.commanded(t, speed, math.copysign(10.0, speed))
-    return servo, response, t
+        model.command(t, speed, math.copysign(10.0, speed))
+        delays.append(model.delay)
+    steps = [abs(b - a) for a, b in pairwise(delays)]
+    assert delays[-1] == pytest.approx(0.25, abs=0.01)
+    assert max(steps) < 0.003
 
 
-@pytest.mark.parametrize("delay", [0.02, 0.04, 0.07, 0.1])
-def test_the_delay_is_learned(delay):
-    _, response, _ = swing(delay, 10.0)
-    assert response.delay == pytest.approx(delay, abs=0.012)
+def test_the_setpoint_comes_to_where_the_servo_is():
+    servo = Servo(0.04, scale=0.97)  # speeds are 3 % slower than commanded
+    model, t = swing(servo, 6.2, speed=lambda t: 1.0 if t < 6.0 else 0.0)
+    assert model.setpoint(t) == pytest.approx(servo.setpoint, abs=0.02)
 
 
-def test_a_finer_encoder_is_recognised():
-    assert swing(0.04, resolution=0.00153)[1].resolution == pytest.approx(0.00153, rel=0.01)
-    assert swing(0.04)[1].resolution == pytest.approx(TICK, rel=0.01)
-
-
-def test_the_shaft_is_expected_where_it_is():
-    servo, response, t = swing(0.04)
-    assert response.expected(t) == pytest.approx(servo.position(t), abs=3 * TICK)
+@pytest.mark.parametrize("step", [1e-5, 2e-4])
+def test_one_small_step_of_the_encoder_changes_nothing(step):
+    one, _ = swing(Servo(0.06))
+    servo = Servo(0.06)
+    servo.shaft = step  # between two steps of the encoder
+    other, _ = swing(servo)
+    assert other.dead_band == pytest.approx(one.dead_band, abs=0.001)
+    assert other.mean == pytest.approx(one.mean, abs=0.003)
 
 
 def test_a_wall_stops_the_setpoint():
-    response = ServoModel(0.0, 0.0)
-    response.commanded(0.0, 1.0, 0.3)
-    assert response.setpoint(0.1) == pytest.approx(0.1)
-    assert response.setpoint(5.0) == pytest.approx(0.3)
+    model = ServoModel()
+    model.restart(0.0, 0.0)
+    model.command(0.0, 1.0, 0.3)
+    assert model.setpoint(0.1) == pytest.approx(0.1)
+    assert model.setpoint(5.0) == pytest.approx(0.3)
 
 
 def test_a_held_servo_stays():
-    response = ServoModel(0.0, 0.0)
-    response.commanded(0.0, -1.0, -2.0)
-    response.held(0.1, -0.1)
-    assert response.setpoint(3.0) == pytest.approx(-0.1)
+    model = ServoModel()
+    model.restart(0.0, 0.0)
+    model.command(0.0, -1.0, -2.0)
+    model.hold(0.1, -0.1)
+    assert model.setpoint(3.0) == pytest.approx(-0.1)
 
 
-def test_a_blocked_shaft_teaches_no_delay():
-    response = ServoModel(0.0, 0.0, delay=0.04)
-    for k in range(1, 100):
-        response.commanded(0.02 * k, 1.0 + 0.5 * math.sin(k), 10.0)
-        response.measured(0.02 * k + 0.01, 0.0)
-    assert response.delay == 0.04
+def test_a_blocked_shaft_tells_no_delay_for_certain():
+    model = ServoModel()
+    model.restart(0.0, 0.0)
+    for k in range(1, 200):
+        model.measured(DT * k - 0.01, 0.0)
+        speed = 1.0 + 0.5 * math.sin(k)
+        model.command(DT * k, speed, 10.0)
+    assert not model.known
 
 
 def test_old_readings_are_ignored():
-    response = ServoModel(1.0, 0.5)
-    response.measured(0.5, 9.0)
-    assert response.reading == (1.0, 0.5)
+    model = ServoModel()
+    model.restart(1.0, 0.5)
+    model.measured(0.5, 9.0)
+    assert model.reading == (1.0, 0.5)

@@ -1,0 +1,494 @@
+"""The cycle of a bus: read all servos, take steps of what takes longer, write all goals.
+
+    read     one request for each kind of servo, or one for each servo
+    steps    of what takes longer (torque on, a servo that returns, recovery, EEPROM), if there is
+             any: as many as leave the cycle within twice its usual time
+    write    goals and speeds, one sync write for each protocol
+
+What is known before a cycle is computed before it: the plan of the requests is made anew only when
+something has changed (`servo.Changes`), and a cycle without trouble takes one branch past all that
+deals with trouble.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from typing import Final, NamedTuple
+
+from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.diagnosis import Diagnosis
+from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
+from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.procedures import Events, Procedures
+from head_tracking.dynamixel.protection import Protection
+from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
+from head_tracking.dynamixel.requests import Request, RequestQueue
+from head_tracking.dynamixel.servo import Changes, LinkState, Servo
+from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
+
+_SHARE: Final = 10
+"""Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
+_LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
+_MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
+_GAIN: Final = 0.05
+
+
+class _Part(NamedTuple):
+    """One request of a cycle and whom it reads."""
+
+    group: ReadGroup
+    members: list[tuple[Joint, Servo]]
+    retries: int
+
+
+class Cycle:
+    """Reads and writes the servos of a port, and looks after those that are not as usual.
+
+    Args:
+        port: Where the servos are.
+        joints: The joints, by name.
+        changes: Of who is read.
+        requests: What is to be done besides.
+        procedures: Carries it out.
+        events: Takes what happens.
+        settings: How to deal with silence, faults and heat.
+        clock: Time for the stamps of measurements, ns.
+        monotonic: Time that never jumps, ns.
+
+    Attributes:
+        cycles: Cycles run.
+        port_losses: How often the port has gone.
+        lost: Joints of which no servo answers.
+        incomplete: Joints of which some servo does not answer: they take no commands.
+        diagnosis: What is wrong with each servo.
+    """
+
+    def __init__(
+        self,
+        port: DynamixelPort,
+        joints: Mapping[str, Joint],
+        changes: Changes,
+        requests: RequestQueue,
+        procedures: Procedures,
+        events: Events,
+        settings: BusSettings,
+        clock: Callable[[], int],
+        monotonic: Callable[[], int],
+    ) -> None:
+        self.cycles = self.port_losses = 0
+        self.lost: tuple[str, ...] = ()
+        self.incomplete: tuple[str, ...] = ()
+        self._port, self._joints, self._changes = port, joints, changes
+        self._requests, self._procedures, self._events = requests, procedures, events
+        self._settings, self._clock, self._monotonic = settings, clock, monotonic
+        self._all = tuple(joints.values())
+        self._protection = Protection(events.note, procedures.cut, settings)
+        self._told = self._protection.told
+        self.diagnosis = Diagnosis(
+            events.note, procedures.cut, procedures.begin, procedures.clear_watchdog, settings
+        )
+        self._rest = settings.rest
+        self._watchdog = round(settings.watchdog * 1e9)
+        self._look_again_at: int | None = None  # the port has gone; ns
+        self._last = 0
+        self._usual = 0.0  # ns that a cycle without steps and without trouble takes
+        self._took = self._spent = 0  # ns of this cycle: reading; asking one that is lost
+        self._there = self._troubled = False  # the port, in this cycle; anything not as usual
+        self._plan: list[_Part] = []
+        self._planned = -1  # the changes that the plan knows
+        self._watched = False
+
+    @property
+    def port_is_there(self) -> bool:
+        """Whether the port has not gone."""
+        return self._look_again_at is None
+
+    def begin(self) -> None:
+        """Begin, once the port has been opened and the servos have been found."""
+        self._look_again_at = None
+        self._last = self._monotonic()
+        self._planned = -1
+        self._note_lost()
+        self.diagnosis.swapped(self._all)
+
+    def read(self) -> BusReading:
+        """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
+        self.cycles += 1
+        start = self._monotonic()
+        stamp = self._clock()
+        states: dict[str, ServoState] = {}
+        failed: tuple[str, ...] = ()
+        self._there = self._troubled = False
+        self._spent = 0
+        if self._procedures.obeyed != self._requests.epoch.value:
+            self._procedures.obey_stop()
+        try:
+            if (self._look_again_at is None and self._port.is_open) or self._find_port():
+                if self._watched and start - self._last > self._watchdog:
+                    self._stood_still(start - self._last)
+                self._last = start
+                if self._planned != self._changes.count:
+                    self._troubled = True
+                    self._make_plan()
+                if self._read(stamp, states) or self._troubled:
+                    self._troubled = True
+                    failed = self._settle(states, start)
+                self.diagnosis.look(self._all, start)
+                self._spent = self._poll_one_lost() if self.incomplete else 0
+                self._there = True
+        except PortLostError as cause:
+            self._forgive(cause)
+        self._took = self._monotonic() - start
+        events = self._events.take() if self._events.waiting else ()
+        return BusReading(self.cycles, stamp, states, failed, self.lost, events)
+
+    def write(self) -> tuple[BusEvent, ...]:
+        """Write all goals and take steps of what is under way; see `ServoBus.write`."""
+        if not self._there:
+            return ()
+        start = self._monotonic()
+        try:
+            requests = self._requests
+            if self._procedures.obeyed != requests.epoch.value:
+                self._procedures.obey_stop()
+            if requests.goals:
+                self._take_goals()
+            if requests.under_way:
+                self._troubled = True
+                self._take_steps(self._spent)
+                if requests.goals:
+                    self._take_goals()  # of a joint whose torque has come on
+            self.write_goals()
+            if not (self._troubled or self._spent):
+                took = self._took + self._monotonic() - start
+                self._usual += _GAIN * (took - self._usual) if self._usual else took
+        except PortLostError as cause:
+            self._forgive(cause)
+        return self._events.take() if self._events.waiting else ()
+
+    # Reading
+
+    def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
+        """Read all servos into the states; return whether anything was not as usual."""
+        port, rest, told = self._port, self._rest, self._told
+        timeout = self._settings.command_timeout
+        troubled = False
+        begin = port.clock()
+        for part in self._plan:
+            asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
+            replies = port.read_group(part.group, part.retries)
+            for (joint, servo), reply in zip(part.members, replies, strict=True):
+                if type(reply) is Reply and servo.link is LinkState.PRESENT:
+                    servo.counters.replies += 1
+                    servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+                    states[joint.name] = state = joint.state()
+                    if (
+                        reply.error
+                        or servo.errors
+                        or servo.interrupted
+                        or state.temperature >= rest
+                        or joint.resting
+                        or (told and servo.id in told)
+                        or timeout
+                    ):
+                        troubled = True
+                else:
+                    troubled = True
+                    self._take_unusual(servo, reply, stamp, begin, asked_at)
+        return troubled
+
+    def _take_unusual(
+        self,
+        servo: Servo,
+        outcome: Reply | Retried | Failed,
+        stamp: int,
+        begin: float,
+        asked_at: float,
+    ) -> None:
+        """Take note of a reply that took several tries, or did not come, or came at last."""
+        counters = servo.counters
+        causes = () if isinstance(outcome, Reply) else outcome.causes
+        for cause in causes:
+            servo.count(cause)
+        if isinstance(outcome, Failed):
+            counters.retries += len(causes) - 1
+            ask_at = 0
+            if servo.failed_cycles:
+                cost = min(max(0, round((self._port.clock() - asked_at) * 1e9)), _LONGEST_WAIT)
+                ask_at = self._monotonic() + cost * (_SHARE - 1)
+            servo.note_failure(causes[-1], ask_at)
+            return
+        counters.retries += len(causes)
+        counters.replies += 1
+        reply = outcome.reply if isinstance(outcome, Retried) else outcome
+        servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+        servo.note_answer()
+
+    def _settle(self, states: dict[str, ServoState], now: int) -> tuple[str, ...]:
+        """Deal with what was not as usual; return the joints that were asked in vain."""
+        asked = {servo.id for part in self._plan for _, servo in part.members}
+        failed: list[str] = []
+        for joint in self._all:
+            there = [s for s in joint.servos if s.id in asked and not (joint.stopped or s.lost)]
+            answered = [servo for servo in there if not servo.failed_cycles]
+            if answered:
+                for servo in answered:
+                    if servo.model.protocol == 1:
+                        servo.errors = ErrorBits(servo.error & 0x7F)
+                state = states[joint.name] = joint.state()
+                self._protection.judge(joint, state, now)
+                if self._settings.command_timeout and joint.on:
+                    self._protection.judge_command(joint, state, now)
+            else:
+                states.pop(joint.name, None)
+                if there:
+                    failed.append(joint.name)
+            for servo in there:
+                servo.is_unsteady(now)
+                if servo.failed_cycles >= self._settings.lost_after:
+                    self._lose(joint, servo)
+        return tuple(failed)
+
+    def _make_plan(self) -> None:
+        """Make the requests of a cycle: servos that can be read together, together.
+
+        A servo that did not answer last time is asked alone, and last: others would wait for its
+        turn to pass. While there is one, the plan is made anew in each cycle.
+        """
+        now, planned = self._monotonic(), self._changes.count
+        together: dict[tuple[object, ...], list[tuple[Joint, Servo]]] = {}
+        alone: list[_Part] = []
+        for joint, servo in self._each_servo():
+            if joint.stopped or servo.lost:
+                continue
+            if servo.link is not LinkState.PRESENT:
+                planned = -1
+            if not servo.failed_cycles:
+                together.setdefault((_method(servo), *servo.layout), []).append((joint, servo))
+            elif servo.ask_at <= now:
+                alone.append(self._part([(joint, servo)], 0))
+        retries = self._settings.retries
+        self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
+        self._planned = planned
+        self._watched = any(servo.watched for _, servo in self._each_servo())
+        self._note_lost()
+
+    def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
+        """Return the request that reads some servos, which are alike."""
+        servo = members[0][1]
+        block, model = servo.model.feedback, servo.model
+        group = ReadGroup(
+            _method(servo) if len(members) > 1 else ReadMethod.EACH,
+            model.protocol,
+            block.address,
+            block.length,
+            tuple([servo.id for _, servo in members]),
+            servo.plausible if model.sign_magnitude else None,
+        )
+        return _Part(group, members, retries)
+
+    # Writing
+
+    def _take_goals(self) -> None:
+        for name, goal in self._requests.take_goals().items():
+            joint = self._joints[name]
+            if joint.on and not joint.busy:
+                joint.aim(goal.position, goal.speed, self._last)
+                continue
+            if joint.torque.waits or not joint.complete:
+                continue  # since the command was accepted
+            self._requests.keep_goal(name, goal)  # until its torque is on
+            read = all(servo.link is LinkState.PRESENT for servo in joint.servos)
+            if read and not (joint.busy or joint.awaited):  # torque needs to know where it stands
+                self._procedures.switch_on_for_goal(joint)
+
+    def write_goals(self, also_silent: bool = False) -> None:
+        """Write the goals of all joints with torque on.
+
+        Args:
+            also_silent: Whether those count, too, whose servos do not answer or are being set up.
+        """
+        packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
+        usual = also_silent or not (self._troubled or self.incomplete)
+        for joint in self._all:
+            if not joint.on or (joint.busy and not also_silent):
+                continue
+            if joint.stale:
+                joint.encode()
+            if not (usual or joint.writable):
+                continue
+            for servo, share in zip(joint.servos, joint.share, strict=True):
+                key = servo.goal_key
+                if key in packets:
+                    packets[key][servo.id] = share
+                else:
+                    packets[key] = {servo.id: share}
+        for (protocol, address, _), shares in packets.items():
+            self._port.sync_write(address, shares, protocol)
+
+    def advance(self, request: Request) -> None:
+        """Take one step of a request."""
+        if self._requests.advance(request):
+            self._note_lost()
+
+    def _take_steps(self, spent: int) -> None:
+        """Take as many steps as leave the cycle within twice its usual time, but one at least.
+
+        Args:
+            spent: What has been taken of that time, ns; then there need not be any step.
+        """
+        now = self._monotonic()
+        begin, longest = now - spent, spent
+        if spent and 2 * spent > self._usual:
+            return
+        for _ in range(_MOST_STEPS):
+            request = self._requests.next_due(now)
+            if request is None:
+                return
+            before = now
+            self.advance(request)
+            now = self._monotonic()
+            longest = max(longest, now - before)
+            if now - begin + longest > self._usual:
+                return
+
+    # Who goes and who comes
+
+    def _note_lost(self) -> None:
+        self.lost = tuple([joint.name for joint in self._all if joint.lost])
+        self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
+
+    def _stood_still(self, gap: int) -> None:
+        """Hold the joints whose servos may have stopped by themselves since the last cycle.
+
+        A tripped watchdog answers reads and ignores goals, so that only the time tells.
+        """
+        for joint in self._all:
+            if joint.on and joint.complete and any(servo.watched for servo in joint.servos):
+                why = f"the bus stood still for {gap * 1e-9:.1f} s"
+                self._procedures.clear_watchdog(joint, why)
+
+    def _lose(self, joint: Joint, servo: Servo) -> None:
+        now = self._monotonic()
+        text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
+        if servo.damaged_cycles >= self._settings.lost_after:
+            text = (
+                f"damaged replies in {servo.damaged_cycles} cycles in a row; {self.advice(servo)}"
+            )
+            servo.readable = False  # it is not counted as returned before it can be read
+        servo.lose(now + round(self._settings.poll_interval * 1e9))
+        before = servo.note_loss(now)
+        if before is not None:
+            self._events.note(EventKind.LOST, joint, text + before)
+        if joint.lost:
+            joint.lose()
+        self._note_lost()
+
+    def advice(self, servo: Servo) -> str:
+        """Return what damaged replies of a servo mean, and what to do."""
+        if self._port.surplus[servo.id]:
+            return (
+                f"two servos answer as id {servo.id}, or its replies are repeated on their way: "
+                "connect one servo alone and give it another id (`servo set-id`)"
+            )
+        return (
+            f"two servos answer as id {servo.id} (connect one alone and give it another id with "
+            "`servo set-id`), or something disturbs the line"
+        )
+
+    def _poll_one_lost(self) -> int:
+        """Ask one lost servo whose time has come; return how long that took, ns.
+
+        One per cycle, because each silent servo costs the others a timeout.
+        """
+        now = self._monotonic()
+        for joint, servo in self._each_servo():
+            if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
+                servo.ask_at = now + round(self._settings.poll_interval * 1e9)
+                with suppress(CommunicationError):
+                    if servo.readable:
+                        servo.ping()
+                    else:
+                        servo.read_feedback()
+                        servo.readable = True
+                    self._procedures.return_servo(joint, servo)
+                return self._monotonic() - now
+        return 0
+
+    def _find_port(self) -> bool:
+        """Look for a port that has gone; return whether there is one."""
+        if self._look_again_at is None:
+            lost = PortLostError(self._port.name, "it went between two cycles")
+            if not self._port.comes_back:
+                raise lost
+            self._lose_port(str(lost))
+        now = self._monotonic()
+        assert self._look_again_at is not None
+        if now < self._look_again_at:
+            return False
+        self._look_again_at = now + round(self._settings.reconnect_interval * 1e9)
+        try:
+            self._port.open()
+        except PortError:
+            return False
+        if not self._is_the_same_line():
+            self._port.close()  # it may be somebody else's by now
+            return False
+        self._look_again_at = None
+        self._last = now
+        self._events.note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        stopped = [joint for joint in self._all if joint.stopped]
+        if stopped:  # perhaps while nobody could tell them
+            steps = self._procedures.relaxing(stopped, stop=True)
+            self._requests.start(steps, despite_stop=True)
+        return True
+
+    def _is_the_same_line(self) -> bool:
+        """Return whether servos answer, and all that do are those that were there before.
+
+        After a reset of the USB bus two adapters may have swapped their names.
+        """
+        found = False
+        for _, servo in self._each_servo():
+            with suppress(CommunicationError):
+                if not servo.is_same():
+                    return False
+                found = True
+        return found
+
+    def _forgive(self, cause: PortLostError) -> None:
+        if not self._port.comes_back:
+            raise cause
+        self._lose_port(str(cause))
+
+    def _lose_port(self, why: str) -> None:
+        self._port.close()
+        self.port_losses += 1
+        self._look_again_at = self._monotonic()
+        self._requests.end_all(PortLostError(self._port.name, why))
+        self._requests.drop_goals()
+        for joint in self._all:
+            if not joint.stopped:
+                for servo in joint.servos:
+                    servo.lose(0)
+                joint.lose()
+        self._note_lost()
+        self._events.note_port(EventKind.PORT_LOST, why)
+
+    def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
+        return ((joint, servo) for joint in self._all for servo in joint.servos)
+
+
+def _method(servo: Servo) -> ReadMethod:
+    model, identity = servo.model, servo.identity
+    if model.protocol == 1:
+        return ReadMethod.BULK if model.bulk_read else ReadMethod.EACH
+    knows_fast = (
+        model.fast_sync_read is not None
+        and identity is not None
+        and identity.firmware_version >= model.fast_sync_read
+    )
+    return ReadMethod.FAST_SYNC if knows_fast else ReadMethod.SYNC

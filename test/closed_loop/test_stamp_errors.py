@@ -1,0 +1,143 @@
+"""A camera on the head whose stamps are wrong: how wrong is found, and the head follows."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import ClosedLoop, Conditions
+
+from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
+
+ON_HEAD = Conditions(duration=8.0, noise=0.002, delay=0.1, on_head=True)
+
+
+def around(bearing, level=0.08):
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
+
+
+def still(t):
+    return around(0.3)
+
+
+def swing(t):
+    return around(0.5 * math.sin(math.tau * 0.2 * t))
+
+
+def circle(t):
+    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
+
+
+def fast(t):
+    return around(0.5 * math.sin(math.tau * 0.5 * t))
+
+
+class Watched:
+    """A tracker; the errors that it has applied are kept."""
+
+    def __init__(self, head, base=None):
+        self.tracker = Tracker(head, LAWS["predictive"](head, 0.02), base=base)
+        self.joints_read = self.tracker.joints_read
+        self.target_seen = self.tracker.target_seen
+        self.applied = [0.0]
+
+    def step(self, now):
+        done = self.tracker.step(now)
+        self.applied.append(self.tracker.camera.applied)
+        return done
+
+
+def run(head, path, conditions):
+    watched = Watched(head)
+    return watched, ClosedLoop(path, conditions).run(watched).recording
+
+
+@pytest.mark.parametrize("late", [-0.15, 0.05, 0.2, 0.4])
+@pytest.mark.parametrize("path", [still, swing, circle])
+def test_the_error_is_found(head, path, late):
+    conditions = replace(ON_HEAD, duration=5.0, stamp_error=late, field=(3.0, 3.0), seed=7)
+    watched, _ = run(head, path, conditions)
+    assert watched.applied[-1] == pytest.approx(late, abs=0.015)
+
+
+@pytest.mark.parametrize(("points", "delay"), [(5.0, 0.1), (8.0, 0.4), (30.0, 0.1)])
+@pytest.mark.parametrize("path", [swing, lambda t: around(0.3 * math.sin(math.tau * t))])
+def test_no_error_is_believed_where_there_is_none(head, path, delay, points):
+    conditions = replace(ON_HEAD, duration=12.0, points=points, delay=delay, seed=3)
+    watched, _ = run(head, path, replace(conditions, field=(3.0, 3.0)))
+    assert not any(watched.applied)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_target_that_stands_still_is_soon_at_rest_though_stamped_too_early(head, seed):
+    _, recording = run(head, still, replace(ON_HEAD, stamp_error=-0.08, seed=seed))
+    assert recording.between(1.5).rms < 0.02
+
+
+@pytest.mark.parametrize("path", [still, swing, circle, fast])
+@pytest.mark.parametrize("late", [-0.08, 0.09])
+def test_wrong_stamps_that_jitter_cost_little(head, path, late):
+    jitter = replace(ON_HEAD, stamp_jitter=0.0115, seed=2)
+    usual = run(head, path, jitter)[1].between(4.0).rms
+    wrong = run(head, path, replace(jitter, stamp_error=late))[1].between(4.0).rms
+    assert wrong < 1.5 * usual + 0.005
+
+
+def test_one_point_from_the_future_keeps_nobody_from_learning(head):
+    watched = Watched(head)
+    step, sent = watched.step, []
+
+    def sending(now):
+        if not sent:
+            sent.append(watched.target_seen(now + 60.0, around(0.0), now))
+        return step(now)
+
+    watched.step = sending
+    ClosedLoop(swing, replace(ON_HEAD, stamp_error=0.07)).run(watched)
+    assert watched.applied[-1] == pytest.approx(0.07, abs=0.015)
+
+
+def test_points_from_the_future_do_not_pile_up(head):
+    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
+    for k in range(3000):
+        now = 1_000.0 + 0.02 * k
+        tracker.joints_read(now, (0.0, 0.0))
+        tracker.target_seen(now + 100.0, around(0.1), now, moving=True)
+        tracker.step(now)
+    assert len(tracker.camera._timing.waiting) < 100
+
+
+@pytest.mark.parametrize("moment", [0.5, 0.8])
+@pytest.mark.parametrize("error", [-0.08, 0.12])
+def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head, moment, error):
+    watched = Watched(head)
+    step, seen = watched.step, watched.target_seen
+    asked = []
+
+    def recentring(now):
+        if now - 1_000.0 > moment and not asked:
+            asked.append(now)
+            watched.tracker.recenter()
+        return step(now)
+
+    def before(*args, **moving):
+        return None if asked else seen(*args, **moving)
+
+    watched.step, watched.target_seen = recentring, before
+    conditions = replace(ON_HEAD, stamp_error=error, duration=6.0)
+    positions = ClosedLoop(still, conditions).run(watched).recording.positions
+    assert watched.tracker.state is TargetState.IDLE
+    assert np.abs(positions[-1]).max() < 0.05
+
+
+def test_the_error_is_found_while_the_base_turns(head):
+    def sway(t):
+        return 0.0, 0.0, 0.4 * math.sin(math.tau * 0.25 * t)
+
+    conditions = replace(ON_HEAD, duration=10.0, base=sway, field=(3.0, 3.0))
+    for late in (-0.09, 0.09):
+        loop = ClosedLoop(swing, replace(conditions, stamp_error=late))
+        watched = Watched(head, HeadBase(loop.buffer, "odom", head.base_frame))
+        recording = loop.run(watched).recording
+        assert watched.applied[-1] == pytest.approx(late, abs=0.015)
+        assert recording.between(4.0).rms < 0.03
