@@ -257,6 +257,8 @@ class Head:
     ) -> None:
         """Keep the head on a target that moves; call this for each new measurement of it.
 
+        The first call waits until the servos hold; the others return at once.
+
         Args:
             point: shape (3,) [m].
             frame: the frame that it is given in, such as `camera_optical_frame`.
@@ -266,12 +268,15 @@ class Head:
         Raises:
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
+            DynamixelError: a servo cannot hold.
             ValueError: a number is not finite.
         """
         target, epoch = _target(point, frame, stamp), self._permit()
         if frame not in self.frames.frames():
             known = ", ".join(self.frames.frames())
             raise FrameError(frame, f"the frame {frame!r} does not exist; there are {known}")
+        if self._motion.target_state is None:  # torque that comes late looks like a slow servo
+            self._switch_torque(True, epoch)
         self._motion.follow(target, epoch)
         try:
             self._permit(epoch)

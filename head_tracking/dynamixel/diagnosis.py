@@ -1,8 +1,8 @@
 """Names what is wrong with a servo from what it says in each cycle, and what became of commands.
 
-A healthy servo is never called sick: each symptom needs a contradiction that lasts, between what
-was asked, what is measured, and what the servo says of itself. Only where one is suspected, a few
-registers are read that tell the cause. Thresholds are ours, tried against the simulator: see
+A healthy servo is never called sick: each detector needs a contradiction that lasts, between what
+was asked, what is measured, and what the servo says of itself. Where the cause is not seen, a few
+registers are read that tell it. Thresholds are ours, tried against the simulator: see
 test/dynamixel/test_dynamixel_named_faults.py.
 """
 
@@ -11,43 +11,23 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
 
-_NS: Final = 1_000_000_000
-_STUCK: Final = 0.12  # s far from a goal without progress; a servo starts within 0.05 s
-_TURNS: Final = 0.1  # s that it may take to slow down and start the other way
-_STANDSTILL: Final = 0.02  # s of a cycle that count: in a late one the goal may have come late
-_AWAY: Final = 120_000_000  # ns of motion away from it, without slowing down
-_LONG_AWAY: Final = 200_000_000  # ns of it in any case: a heavy head has turned round by then
-_GRACE: Final = 100_000_000  # ns until a servo has gathered speed
-_PACE: Final = 160_000_000  # ns in which its speed is measured
-_FROZEN: Final = 120_000_000  # ns of speed without a change of position
-_LASTING: Final = 60_000_000  # ns for which a supply is low, or two servos disagree
-_GONE: Final = _NS  # ns without a symptom until it counts as gone
-_AGAIN: Final = _NS  # ns between two examinations of a servo
-_OFF: Final = 0.06  # rad from the goal
-_YIELDS: Final = 0.12  # rad by which a servo may give way to the weight that it holds
-_STRAINED: Final = 0.6  # of full torque: more than it may hold for long
-_FAR: Final = 0.3  # rad: it moves at its full speed over most of that
-_PROGRESS: Final = 0.012  # rad
+_GONE: Final = 1.0  # s without a symptom until it counts as gone
+_AGAIN: Final = 1.0  # s between two examinations of a servo
 _MOVES: Final = 0.3  # rad/s
-_COOLER: Final = 3.0  # °C
-_SLOW: Final = 0.35  # of the speed that was asked for
 _DRIVES: Final = 0.15  # of full torque
-_APART: Final = 0.06  # rad between two servos of a joint
-_LOW: Final = 0.8  # of the voltage that a model is made for
-_SAG: Final = 0.1  # likewise
 _LONGEST_READ: Final = 64  # bytes
-_WARM: Final = 8.0  # °C below the limit at which a servo shuts itself down
-_FAILURES: Final = (4, 300_000_000)  # failed transactions with a servo, within ns
 _ARRIVED: Final = 5.0  # ticks
+_UNDER_WAY: Final = "under way"
 _CAUSES: Final = (
     "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Operating Mode",
     "Bus Watchdog", "Control Mode",
@@ -55,37 +35,258 @@ _CAUSES: Final = (
 """Registers that tell why a servo does not follow, besides its position limits."""
 
 
+# What the bus and the programs that look at servos have in common
+
+
+def lowest_supply(model: ServoModel, lowest_voltage: float, share: float = 0.8) -> float:
+    """Return the voltage below which a supply is low, V.
+
+    Args:
+        model: The servo's model.
+        lowest_voltage: The servo's own limit; 0.5 V above it is the least.
+        share: Of the voltage that the model is made for; more where nothing moves.
+    """
+    return max(share * model.nominal_voltage, lowest_voltage + 0.5)
+
+
+def warm_from(warm: float, temperature_limit: float) -> float:
+    """Return the temperature, °C, from which a servo is too warm.
+
+    Args:
+        warm: That of the settings.
+        temperature_limit: At which it shuts itself down; it is warm 8 degrees below.
+    """
+    return min(warm, temperature_limit - 8.0)
+
+
+def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
+    """Return, by id, whose angle limits a servo has in its memory instead of its own joint's."""
+    found: dict[int, Servo] = {}
+    servos = tuple(servos)
+    for servo in servos:
+        if servo.identity is None:
+            continue
+        own = servo.identity.own_range
+        if own in (servo.calibration.tick_range, (0, servo.model.ticks - 1)):
+            continue  # the factory's
+        for other in servos:
+            if other is not servo and other.calibration.tick_range == own:
+                found.setdefault(servo.id, other)
+    return found
+
+
 class _Watch:
-    """What is remembered of a servo from cycle to cycle."""
+    """What is remembered of a servo from cycle to cycle, and what is measured in this one."""
 
-    __slots__ = (
-        "apart_since", "away_from", "away_since", "calm", "examined", "failures", "frozen_since",
-        "frozen_ticks", "goals", "identity", "jumped", "low_since", "lowest", "outcome", "owed",
-        "pace_begin", "pace_since", "position", "rest_position", "rest_since", "sag_since", "seen",
-        "side", "stamp", "symptoms", "target", "target_since", "usual_voltage", "wanted", "warm",
-    )  # fmt: skip
-
-    def __init__(self) -> None:
+    def __init__(self, joint: Joint, servo: Servo, index: int) -> None:
+        self.joint, self.servo, self.index = joint, servo, index
+        self.tick = abs(servo.scale)
+        self.now = self.cycle = 0  # ns; number of the cycle
+        self.elapsed = self.step = self.error = self.asked = 0.0
+        self.identity: ServoIdentity | None = None
+        self.stamp = 0
+        self.position = 0.0
+        self.ticks = -1
         self.symptoms: dict[Symptom, str] = {}
         self.seen: dict[Symptom, int] = {}
-        self.stamp = self.rest_since = self.away_since = self.pace_since = 0
-        self.frozen_since = self.low_since = self.sag_since = self.apart_since = 0
-        self.target_since = 0
-        self.examined = -_AGAIN
-        self.side = 0.0
-        self.position = self.rest_position = self.away_from = self.pace_begin = 0.0
-        self.frozen_ticks = 0
-        self.jumped = 0.0
-        self.usual_voltage = self.lowest = 0.0
-        self.warm = math.inf
-        self.calm = 0
-        self.owed = 0.0
-        self.goals: deque[int] = deque(maxlen=5)
-        self.wanted = 0.0
+        self.since: dict[str, tuple[int, int]] = {}  # ns, and the last cycle in which it held
+        self.examined = -math.inf
+        self.failed = 0  # transactions so far
         self.failures: list[int] = []
-        self.identity: ServoIdentity | None = None
+        self.goals: deque[int] = deque(maxlen=5)
         self.target: tuple[int, ...] = ()
         self.outcome = ""
+        self.usual_voltage = self.lowest = 0.0
+        self.warm = math.inf
+        self.jump = self.away_speed = 0.0
+        self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
+        self.rest_since, self.rest_position, self.rest_error, self.owed = 0, 0.0, 0.0, 0.0
+
+    def lasting(self, what: str, seconds: float) -> bool:
+        """Return whether a condition has held for so long, s; call it while the condition holds."""
+        first, last = self.since.get(what, (self.now, 0))
+        if last != self.cycle - 1:
+            first = self.now
+        self.since[what] = first, self.cycle
+        return self.now - first >= seconds * 1e9
+
+    def forget_motion(self) -> None:
+        """Begin anew: it does not follow goals, or was not read."""
+        self.pace_since = self.rest_since = self.now
+        self.rest_position, self.owed = self.position, 0.0
+
+
+# Detectors: each returns what it has found, a sentence; or nothing
+
+
+def _jump(watch: _Watch) -> str:
+    """Find a step that no motor can make, and after which it stays where it is."""
+    if not (watch.joint.on and 0.0 < watch.elapsed < 0.1):
+        return ""
+    far = 2.0 * watch.servo.model.no_load_speed * watch.elapsed + 8.0 * watch.tick
+    jumps = abs(watch.step) > far
+    before, watch.jump = watch.jump, watch.step if jumps else 0.0
+    if jumps or not before:
+        return ""
+    return (
+        f"its position jumped by {before:+.2f} rad in a cycle: a dirty or loose encoder, or teeth "
+        "of its gear"
+    )
+
+
+def _frozen(watch: _Watch) -> str:
+    """Find a position that stands, not at the end of its scale, while the speed does not."""
+    servo, speed = watch.servo, abs(watch.servo.velocity)
+    stands = servo.ticks == watch.ticks and servo.ticks not in (0, servo.model.ticks - 1)
+    watch.ticks = servo.ticks
+    patience = 0.12 if speed < _MOVES else max(0.12, 10.0 * watch.tick / speed)
+    if not (stands and speed >= _MOVES and watch.lasting("frozen", patience)):
+        return ""
+    return (
+        f"it says that it turns at {servo.velocity:+.1f} rad/s, but its position stands at "
+        f"{servo.position:.3f} rad: its encoder is frozen"
+    )
+
+
+def _low_supply(watch: _Watch) -> str:
+    """Find a voltage below what the servo needs."""
+    volts = watch.servo.voltage
+    if volts >= watch.lowest or not watch.lasting("low supply", 0.06):
+        return ""
+    return (
+        f"its supply is down to {volts:.1f} V, of {watch.servo.model.nominal_voltage:.1f} V that "
+        "it is made for: charge the battery, or take a stronger supply"
+    )
+
+
+def _sag(watch: _Watch) -> str:
+    """Find a voltage that falls by a tenth of what the model is made for, in a short time."""
+    volts, usual = watch.servo.voltage, watch.usual_voltage
+    watch.usual_voltage += (0.1 if volts > usual else 0.001) * (volts - usual)
+    falls = usual - volts >= 0.1 * watch.servo.model.nominal_voltage
+    if not (falls and watch.lasting("sag", 0.06)):
+        return ""
+    return (
+        f"its supply falls from {usual:.1f} to {volts:.1f} V under load: too weak, or a thin cable "
+        "or bad plug"
+    )
+
+
+def _warmth(watch: _Watch) -> str:
+    """Find a temperature near that at which it shuts itself down; 3 degrees less end it."""
+    celsius, identity = watch.servo.temperature, watch.identity
+    if identity is None or celsius < watch.warm - 3.0:
+        return ""
+    if celsius < watch.warm and Symptom.WARM not in watch.symptoms:
+        return ""
+    return (
+        f"it is at {celsius:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts itself down: "
+        "what does it work against?"
+    )
+
+
+def _away(watch: _Watch) -> str:
+    """Find that it turns away from its goal; one that brakes may take longer to turn round."""
+    speed = watch.servo.velocity
+    turns_away = speed * watch.error < 0.0 and abs(speed) >= _MOVES and abs(watch.error) >= 0.1
+    if not turns_away:
+        watch.away_speed = abs(speed)
+        return ""
+    patience = 0.12 if abs(speed) >= 0.8 * watch.away_speed else 0.2
+    if not watch.lasting("away", patience):
+        return ""
+    return (
+        f"it turns away from its goal at {speed:+.1f} rad/s: something pushes it, or its motor "
+        "does not obey"
+    )
+
+
+def _slow(watch: _Watch) -> str:
+    """Find less than 35 % of the speed that was asked, on 0.16 s of a long way.
+
+    The first 0.1 s do not count: it gathers speed.
+    """
+    servo, error, now, position = watch.servo, watch.error, watch.now, watch.position
+    far = abs(error) >= 0.3 and servo.velocity * error > 0.0 and watch.asked >= _MOVES
+    if not far or watch.pace_error * error < 0.0:
+        watch.pace_since, watch.pace_begin, watch.pace_error = now, position, error
+        return ""
+    seconds = (now - watch.pace_since) * 1e-9
+    if seconds < 0.1:
+        watch.pace_begin = position
+    if seconds < 0.26:
+        return ""
+    moved = abs(position - watch.pace_begin)
+    watch.pace_since, watch.pace_begin = now - 100_000_000, position
+    share = servo.voltage / servo.model.nominal_voltage if servo.voltage else 1.0
+    fastest = servo.model.no_load_speed * min(1.0, share)
+    if moved >= 0.35 * min(watch.asked, 0.9 * fastest) * 0.16:
+        return ""
+    return (
+        f"it turns at {abs(servo.velocity):.1f} rad/s, far less than was asked for, at "
+        f"{servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, load, or a weak "
+        "supply"
+    )
+
+
+def _stuck(watch: _Watch) -> str:
+    """Find that it stands away from its goal for 0.12 s; what it drives tells why.
+
+    A servo that holds a weight stands a little off, driving. One that has to turn round may take
+    0.1 s more; of a late cycle only 0.02 s count, for the goal may have come late.
+    """
+    servo, error, now, tick = watch.servo, watch.error, watch.now, watch.tick
+    off, load = abs(error), abs(servo.load)
+    turns, watch.rest_error = error * watch.rest_error < 0.0, error
+    if turns or abs(watch.position - watch.rest_position) >= max(0.012, 3.0 * tick):
+        watch.rest_since, watch.rest_position = now, watch.position
+        watch.owed = -0.1 if turns else 0.0
+    patience = max(0.12, 8.0 * tick / max(watch.asked, 1e-3))
+    if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
+        watch.owed += min(watch.elapsed, 0.02)
+        if watch.owed < patience:
+            return ""
+        if load < _DRIVES:
+            return "does not drive, with torque on: motor or gear"
+        return (
+            f"drives with {load:.0%} of its torque: something is in its way, an end stop (has a "
+            "horn slipped?), or its encoder stands"
+        )
+    if off <= _ARRIVED * tick:
+        if abs(servo.velocity) < _MOVES:
+            watch.outcome = "arrived"
+    elif watch.outcome == _UNDER_WAY and now - watch.rest_since >= 2.0 * patience * 1e9:
+        watch.outcome = f"missed by {off:.3f} rad: it stands"
+    return ""
+
+
+class Detector(NamedTuple):
+    """What a servo may show.
+
+    Attributes:
+        symptom: Its name.
+        find: Looks at a servo once a cycle; returns a sentence if the servo shows it.
+    """
+
+    symptom: Symptom
+    find: Callable[[_Watch], str]
+
+
+ALWAYS: Final = (
+    Detector(Symptom.JUMP, _jump),
+    Detector(Symptom.FROZEN, _frozen),
+    Detector(Symptom.SUPPLY, _low_supply),
+    Detector(Symptom.SAG, _sag),
+    Detector(Symptom.WARM, _warmth),
+)
+"""For every servo that was read."""
+
+FOLLOWING: Final = (
+    Detector(Symptom.AWAY, _away),
+    Detector(Symptom.SLOW, _slow),
+    Detector(Symptom.BLOCKED, _stuck),
+)
+"""For a servo that follows goals. Before one of these is reported, registers tell the cause."""
 
 
 class Diagnosis:
@@ -113,9 +314,21 @@ class Diagnosis:
         self._watches: dict[int, _Watch] = {}
 
     def of(self, servo_id: int) -> tuple[Mapping[Symptom, str], str]:
-        """What is wrong with a servo now, a sentence each; and what became of its last goal."""
+        """Return what is wrong with a servo, a sentence each, and the result of its last goal."""
         watch = self._watches.get(servo_id)
         return ({}, "") if watch is None else (dict(watch.symptoms), watch.outcome)
+
+    def swapped(self, joints: Iterable[Joint]) -> None:
+        """Report servos whose own angle limits are those of another joint's, not their own's."""
+        joint_of = {servo.id: joint for joint in joints for servo in joint.servos}
+        servos = [servo for joint in dict.fromkeys(joint_of.values()) for servo in joint.servos]
+        for servo_id, other in swapped(servos).items():
+            joint = joint_of[servo_id]
+            (index,) = (i for i, servo in enumerate(joint.servos) if servo.id == servo_id)
+            watch = self._begin(joint, joint.servos[index], index)
+            name = other.calibration.joint_name
+            text = f"its memory holds the angle limits of {name}: have two servos been swapped?"
+            self._report(watch, Symptom.SWAPPED, text)
 
     def look(self, joints: Iterable[Joint], now: int) -> None:
         """Look at what was read in this cycle; `now` is monotonic, ns."""
@@ -123,156 +336,80 @@ class Diagnosis:
         for joint in joints:
             if joint.stopped:
                 continue
-            if len(joint.servos) > 1:
-                self._compare(joint, now)
             for index, servo in enumerate(joint.servos):
-                watch = watches.get(servo.id) or self._begin(servo)
+                watch = watches.get(servo.id) or self._begin(joint, servo, index)
+                watch.now = now
+                watch.cycle += 1
                 if watch.symptoms:
-                    self._clear(joint, servo, watch, now)
+                    self._clear(watch)
                 if joint.goal_ticks:
                     watch.goals.append(joint.goal_ticks[index])  # also if no answer came meanwhile
-                counters = servo.counters
-                failures = counters.timeouts + counters.corrupt
-                if failures != watch.calm:
-                    self._count(joint, servo, watch, failures, now)
-                if servo.stamp == watch.stamp or servo.link is not LinkState.PRESENT:
-                    watch.rest_since = watch.away_since = watch.pace_since = now
-                    watch.frozen_since = now
-                    watch.owed = 0.0
-                    if servo.lost and watch.target:
-                        self._end(joint, watch, "not reached: the servo does not answer")
-                    continue
-                model = servo.model
-                tick = abs(servo.scale)
-                position, velocity = servo.position, servo.velocity
-                elapsed = (servo.stamp - watch.stamp) * 1e-9
-                step = position - watch.position
-                if model.endless:
-                    step = math.remainder(step, model.ticks * tick)
-                if watch.identity is not servo.identity:
-                    self._know(servo, watch)
-                    watch.frozen_since = now
-                elif joint.on and 0.0 < elapsed < 0.1:
-                    far = 2.0 * model.no_load_speed * elapsed + 8.0 * tick
-                    if watch.jumped and abs(step) <= far:  # it stays where it has jumped to
-                        self._tell(joint, servo, watch, Symptom.JUMP, now,
-                                   f"its position jumped by {watch.jumped:+.2f} rad in a cycle: "
-                                   "a dirty or loose encoder, or teeth of its gear")  # fmt: skip
-                        watch.jumped = 0.0
-                    elif abs(step) > far:
-                        watch.jumped = step
-                watch.stamp, watch.position = servo.stamp, position
-                end = servo.ticks in (
-                    0,
-                    model.ticks - 1,
-                )  # it may turn on beyond what it can measure
-                if servo.ticks != watch.frozen_ticks or abs(velocity) < _MOVES or end:
-                    watch.frozen_ticks, watch.frozen_since = servo.ticks, now
-                elif now - watch.frozen_since >= max(
-                    _FROZEN, round(10.0 * tick / abs(velocity) * _NS)
-                ):
-                    self._tell(joint, servo, watch, Symptom.FROZEN, now,
-                               f"it says that it turns at {velocity:+.1f} rad/s, but its position "
-                               f"stands at {position:.3f} rad: its encoder is frozen")  # fmt: skip
-                volts = servo.voltage
-                usual = watch.usual_voltage
-                if volts >= watch.lowest and volts >= usual - _SAG * model.nominal_voltage:
-                    watch.low_since = watch.sag_since = now
+                failed = servo.counters.timeouts + servo.counters.corrupt
+                if failed != watch.failed:
+                    self._count(watch, failed)
+                if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
+                    self._look_at(watch)
                 else:
-                    self._look_at_supply(joint, servo, watch, now)
-                watch.usual_voltage = usual + (0.1 if volts > usual else 0.001) * (volts - usual)
-                if servo.temperature >= watch.warm:
-                    self._look_at_heat(joint, servo, watch, now)
-                if not joint.on or joint.busy or not joint.goal_ticks:
-                    watch.rest_since = watch.away_since = watch.pace_since = now
-                    watch.rest_position, watch.owed = position, 0.0
-                    if watch.target and not joint.busy:
-                        self._end(joint, watch, f"not reached: {joint.torque.value}")
-                    continue
-                goal = (joint.goal_ticks[index] - servo.zero) * servo.scale
-                error = goal - position
-                off = abs(error)
-                if watch.target != joint.goal_ticks:
-                    watch.target, watch.target_since, watch.outcome = (
-                        joint.goal_ticks,
-                        now,
-                        "under way",
-                    )
-                near = _ARRIVED * tick
-                # Away
-                if velocity * error >= 0.0 or abs(velocity) < _MOVES or off < 0.1:
-                    watch.away_since, watch.away_from = now, abs(velocity)
-                elif now - watch.away_since >= (
-                    _AWAY if abs(velocity) >= 0.8 * watch.away_from else _LONG_AWAY
-                ):
-                    self._suspect(joint, servo, watch, Symptom.AWAY, now)
-                # Slow
-                ahead = velocity * error > 0.0
-                asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
-                if off < _FAR or not ahead or watch.wanted * error < 0.0 or asked < _MOVES:
-                    watch.pace_since, watch.pace_begin, watch.wanted = now, position, error
-                elif now - watch.pace_since < _GRACE:
-                    watch.pace_begin = position
-                elif now - watch.pace_since >= _GRACE + _PACE:
-                    expected = min(asked, 0.9 * self._fastest(servo)) * _PACE * 1e-9
-                    moved = abs(position - watch.pace_begin)
-                    if moved < _SLOW * expected:
-                        self._suspect(joint, servo, watch, Symptom.SLOW, now)
-                    watch.pace_since, watch.pace_begin = now - _GRACE, position
-                # Stuck
-                turns = error * watch.side < 0.0  # the goal has moved to the other side of it
-                watch.side = error
-                if turns or abs(position - watch.rest_position) >= max(_PROGRESS, 3.0 * tick):
-                    watch.rest_since, watch.rest_position = now, position
-                    watch.owed = -_TURNS if turns else 0.0
-                patience = max(_STUCK, 8.0 * tick / max(asked, 1e-3))
-                if off > _YIELDS or (off > _OFF and not _DRIVES <= abs(servo.load) <= _STRAINED):
-                    watch.owed += min(elapsed, _STANDSTILL)
-                    if watch.owed >= patience:
-                        self._suspect(joint, servo, watch, Symptom.BLOCKED, now)
-                elif off <= near:
-                    if abs(velocity) < _MOVES:
-                        watch.outcome = "arrived"
-                elif watch.outcome == "under way" and (
-                    now - max(watch.rest_since, watch.target_since) >= 2.0 * patience * _NS
-                ):
-                    watch.outcome = f"missed by {off:.3f} rad: it stands"
+                    watch.forget_motion()
+                    if servo.lost and watch.target:
+                        self._end(watch, "not reached: the servo does not answer")
+            if len(joint.servos) > 1:
+                self._compare(joint)
 
-    def _begin(self, servo: Servo) -> _Watch:
-        return self._watches.setdefault(servo.id, _Watch())
+    def _look_at(self, watch: _Watch) -> None:
+        """Look at a servo that was read in this cycle."""
+        joint, servo = watch.joint, watch.servo
+        watch.elapsed = (servo.stamp - watch.stamp) * 1e-9
+        step = servo.position - watch.position
+        if servo.model.endless:
+            step = math.remainder(step, servo.model.ticks * watch.tick)
+        watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
+        if watch.identity is not servo.identity:
+            self._know(watch)
+        for symptom, find in ALWAYS:
+            if text := find(watch):
+                self._report(watch, symptom, text)
+        if not joint.on or joint.busy or not joint.goal_ticks:
+            watch.forget_motion()
+            if watch.target and not joint.busy:
+                self._end(watch, f"not reached: {joint.torque.value}")
+            return
+        watch.error = (joint.goal_ticks[watch.index] - servo.zero) * servo.scale - servo.position
+        watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
+        if watch.target != joint.goal_ticks:
+            watch.target, watch.outcome = joint.goal_ticks, _UNDER_WAY
+            watch.rest_since = watch.now
+        for symptom, find in FOLLOWING:
+            if text := find(watch):
+                self._suspect(watch, symptom, text)
 
-    def _know(self, servo: Servo, watch: _Watch) -> None:
+    def _begin(self, joint: Joint, servo: Servo, index: int) -> _Watch:
+        return self._watches.setdefault(servo.id, _Watch(joint, servo, index))
+
+    def _know(self, watch: _Watch) -> None:
         """Take over what a servo says of itself when it is found."""
+        servo = watch.servo
         watch.identity = identity = servo.identity
         watch.usual_voltage = servo.voltage
+        watch.step = 0.0
         if identity is not None:
-            nominal = servo.model.nominal_voltage
-            watch.lowest = max(_LOW * nominal, identity.lowest_voltage + 0.5)
-            watch.warm = self._limit(identity)
+            watch.lowest = lowest_supply(servo.model, identity.lowest_voltage)
+            watch.warm = warm_from(self._warm, identity.temperature_limit)
 
-    def _limit(self, identity: ServoIdentity) -> float:
-        return min(self._warm, identity.temperature_limit - _WARM)
-
-    def _fastest(self, servo: Servo) -> float:
-        model = servo.model
-        share = servo.voltage / model.nominal_voltage if servo.voltage else 1.0
-        return model.no_load_speed * min(1.0, share)
-
-    def _suspect(
-        self, joint: Joint, servo: Servo, watch: _Watch, suspicion: Symptom, now: int
-    ) -> None:
+    def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
         """Ask a servo why, unless that is known and it is still the same."""
         for known in watch.symptoms:
             if known not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE):
-                watch.seen[known] = now
-        if now - watch.examined < _AGAIN:
+                watch.seen[known] = watch.now
+        if watch.now - watch.examined < _AGAIN * 1e9:
             return
-        watch.examined = now
-        self._enqueue(self._examining(joint, servo, watch, suspicion, now))
+        watch.examined = watch.now
+        if suspicion is Symptom.BLOCKED and abs(watch.servo.load) < _DRIVES:
+            suspicion = Symptom.IDLE
+        self._enqueue(self._examining(watch, suspicion, text))
 
-    def _examining(
-        self, joint: Joint, servo: Servo, watch: _Watch, suspicion: Symptom, now: int
-    ) -> Steps[None]:
+    def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
+        joint, servo = watch.joint, watch.servo
         for last in (False, True):
             values: dict[str, int] = {}
             try:
@@ -282,170 +419,101 @@ class Diagnosis:
                     values.update(zip(names, servo.read(block, 2), strict=True))
                     yield 0.0
             except CommunicationError:
-                watch.examined = -_AGAIN
+                watch.examined = -math.inf
                 return
             if not joint.on or joint.busy:
                 return  # somebody has relaxed it meanwhile
-            symptom, text = self._cause(joint, servo, watch, values, suspicion)
+            off = f"it stands {abs(joint.goal_position - servo.position):.2f} rad from its goal"
+            stands = suspicion in (Symptom.BLOCKED, Symptom.IDLE)
+            symptom, why = _cause(watch, values, off) or (
+                suspicion,
+                f"{off} and {text}" if stands else text,
+            )
             if symptom is not Symptom.OVERRULED or last:
                 break  # a goal that went out while the bus was held up is not somebody else's
-        self._tell(joint, servo, watch, symptom, now, text)
+        self._report(watch, symptom, why)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
             self._cut(joint)
         elif symptom is Symptom.TRIPPED:
             self._clear_watchdog(joint)
 
-    def _cause(
-        self,
-        joint: Joint,
-        servo: Servo,
-        watch: _Watch,
-        values: Mapping[str, int],
-        suspicion: Symptom,
-    ) -> tuple[Symptom, str]:
-        """The symptom that the registers give, and a sentence."""
-        goal = joint.goal_position
-        off = f"it stands {abs(goal - servo.position):.2f} rad from its goal"
-        if not values["Torque Enable"]:
-            return Symptom.TORQUE_LOST, (
-                "its torque is off, though nobody here has switched it off: its supply, or another "
-                "program; the joint is relaxed until the next command"
-            )
-        mode = values.get("Operating Mode", 3), values.get("Control Mode", 2)
-        limits = [values[name] for name in servo.model.position_limits]
-        turns = servo.model.protocol == 1 and limits[0] == limits[1]
-        if mode != (3, 2) or turns:
-            return Symptom.MODE, (
-                "it is not in position mode any more: somebody has changed its settings; the joint "
-                "is relaxed"
-            )
-        limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
-        if "Max Torque" in values and limit < 0.3 * most:
-            share = limit / servo.model.load_maximum
-            return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
-        if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):
-            return Symptom.TRIPPED, (
-                f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
-                "it ignores goals; it is cleared, and the joint holds where it is"
-            )
-        if watch.goals and all(abs(values["Goal Position"] - each) > 1 for each in watch.goals):
-            return Symptom.OVERRULED, (
-                f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another "
-                "program writes to this bus"
-            )
-        if suspicion is Symptom.AWAY:
-            return Symptom.AWAY, (
-                f"it turns away from its goal at {servo.velocity:+.1f} rad/s: something pushes it, "
-                "or its motor does not obey"
-            )
-        if suspicion is Symptom.SLOW:
-            return Symptom.SLOW, (
-                f"it turns at {abs(servo.velocity):.1f} rad/s, far less than was asked "
-                f"for, at {servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, "
-                "load, or a weak supply"
-            )
-        if abs(servo.load) < _DRIVES:
-            return Symptom.IDLE, f"{off} and does not drive, with torque on: motor or gear"
-        return Symptom.BLOCKED, (
-            f"{off} and drives with {abs(servo.load):.0%} of its torque: something is in its way, "
-            "an end stop (has a horn slipped?), or its encoder stands"
-        )
-
-    def _look_at_supply(self, joint: Joint, servo: Servo, watch: _Watch, now: int) -> None:
-        volts, nominal = servo.voltage, servo.model.nominal_voltage
-        if volts >= watch.lowest:
-            watch.low_since = now
-        elif now - watch.low_since >= _LASTING:
-            self._tell(joint, servo, watch, Symptom.SUPPLY, now,
-                       f"its supply is down to {volts:.1f} V, of {nominal:.1f} V that it is made "
-                       "for: charge the battery, or take a stronger supply")  # fmt: skip
-        if watch.usual_voltage - volts < _SAG * nominal:
-            watch.sag_since = now
-        elif now - watch.sag_since >= _LASTING:
-            self._tell(joint, servo, watch, Symptom.SAG, now,
-                       f"its supply falls from {watch.usual_voltage:.1f} to {volts:.1f} V under "
-                       "load: too weak, or a thin cable or bad plug")  # fmt: skip
-
-    def _look_at_heat(self, joint: Joint, servo: Servo, watch: _Watch, now: int) -> None:
-        identity = servo.identity
-        if identity is None:
-            return
-        watch.warm = self._limit(identity) - _COOLER
-        self._tell(joint, servo, watch, Symptom.WARM, now,
-                   f"it is at {servo.temperature:.0f} °C; at {identity.temperature_limit:.0f} °C "
-                   "it shuts itself down: what does it work against?")  # fmt: skip
-
-    def _compare(self, joint: Joint, now: int) -> None:
+    def _compare(self, joint: Joint) -> None:
+        """Look whether the two servos of a joint are apart."""
         first, second = joint.servos
-        watch = self._begin(first)
-        slack = _APART + 0.02 * abs(first.velocity)
-        unread = not (first.answers and second.answers)
-        if unread or joint.busy or abs(first.position - second.position) < slack:
-            watch.apart_since = now
-        elif now - watch.apart_since >= _LASTING:
-            apart = abs(first.position - second.position)
-            self._tell(joint, first, watch, Symptom.APART, now,
-                       f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad "
-                       "apart: a horn has slipped, or one is mounted or calibrated the wrong way "
-                       "round")  # fmt: skip
+        watch = self._watches[first.id]
+        apart = abs(first.position - second.position)
+        comparable = first.answers and second.answers and not joint.busy
+        far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
+        if far and watch.lasting("apart", 0.06):
+            self._report(watch, Symptom.APART,
+                         f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad "
+                         "apart: a horn has slipped, or one is mounted or calibrated the wrong "
+                         "way round")  # fmt: skip
 
-    def _count(self, joint: Joint, servo: Servo, watch: _Watch, failures: int, now: int) -> None:
-        """Take note of failed transactions of the last cycle."""
-        most, within = _FAILURES
-        watch.failures += [now] * min(most, failures - watch.calm)
-        watch.calm = failures
-        watch.failures = [when for when in watch.failures if now - when <= within]
-        if len(watch.failures) >= most and not servo.failed_cycles:
-            self._tell(joint, servo, watch, Symptom.LINE, now,
-                       f"{len(watch.failures)} transactions failed within {within / _NS:.1f} s, "
-                       "though it answers: plugs, cables, ground, or two servos with one "
-                       "id")  # fmt: skip
+    def _count(self, watch: _Watch, failed: int) -> None:
+        """Note failed transactions of the last cycle; 4 within 0.3 s are too many."""
+        watch.failures += [watch.now] * min(4, failed - watch.failed)
+        watch.failed = failed
+        watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
+        if len(watch.failures) >= 4 and not watch.servo.failed_cycles:
+            self._report(watch, Symptom.LINE,
+                         f"{len(watch.failures)} transactions failed within 0.3 s, though it "
+                         "answers: plugs, cables, ground, or two servos with one id")  # fmt: skip
 
-    def swapped(self, joints: Iterable[Joint]) -> None:
-        """Tell of servos whose own angle limits are those of another joint's, not their own's."""
-        servos = [(joint, servo) for joint in joints for servo in joint.servos]
-        for joint, servo in servos:
-            if servo.identity is None:
-                continue
-            own = servo.identity.own_range
-            wanted = servo.calibration.tick_range
-            if own in (wanted, (0, servo.model.ticks - 1)):
-                continue
-            meant = [
-                other.name
-                for other, each in servos
-                if each is not servo and each.calibration.tick_range == own
-            ]
-            if meant:
-                watch = self._begin(servo)
-                self._tell(joint, servo, watch, Symptom.SWAPPED, 0,
-                           f"its memory holds the angle limits of {meant[0]}: have two servos been "
-                           "swapped?")  # fmt: skip
-
-    def _tell(
-        self, joint: Joint, servo: Servo, watch: _Watch, symptom: Symptom, now: int, text: str
-    ) -> None:
-        watch.seen[symptom] = now
+    def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
+        watch.seen[symptom] = watch.now
         if symptom in watch.symptoms:
             return
         watch.symptoms[symptom] = text
+        joint, servo = watch.joint, watch.servo
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
         self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}", symptom.stuck)
-        if watch.outcome == "under way" and symptom is not Symptom.WARM:
-            goal = joint.goal_position
-            watch.outcome = f"missed by {abs(goal - servo.position):.3f} rad: {symptom.value}"
+        if watch.outcome == _UNDER_WAY and symptom is not Symptom.WARM:
+            off = abs(joint.goal_position - servo.position)
+            watch.outcome = f"missed by {off:.3f} rad: {symptom.value}"
 
-    def _clear(self, joint: Joint, servo: Servo, watch: _Watch, now: int) -> None:
+    def _clear(self, watch: _Watch) -> None:
         for symptom in [s for s in watch.symptoms if s is not Symptom.SWAPPED]:
-            if now - watch.seen[symptom] > _GONE:
+            if watch.now - watch.seen[symptom] > _GONE * 1e9:
                 del watch.symptoms[symptom]
-                if symptom is Symptom.WARM and watch.identity is not None:
-                    watch.warm = self._limit(watch.identity)
-                text = f"servo {servo.id}: no longer {symptom.value}"
-                self._note(EventKind.CLEARED, joint, text, False)
+                text = f"servo {watch.servo.id}: no longer {symptom.value}"
+                self._note(EventKind.CLEARED, watch.joint, text, False)
 
-    def _end(self, joint: Joint, watch: _Watch, why: str) -> None:
+    def _end(self, watch: _Watch, why: str) -> None:
         """A goal has been dropped."""
         watch.target = ()
-        if watch.outcome in ("under way", ""):
+        if watch.outcome in (_UNDER_WAY, ""):
             watch.outcome = why
+
+
+def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom, str] | None:
+    """Return the symptom that the registers give, and a sentence; None: they give none."""
+    servo = watch.servo
+    if not values["Torque Enable"]:
+        return Symptom.TORQUE_LOST, (
+            "its torque is off, though nobody here has switched it off: its supply, or another "
+            "program; the joint is relaxed until the next command"
+        )
+    mode = values.get("Operating Mode", 3), values.get("Control Mode", 2)
+    limits = [values[name] for name in servo.model.position_limits]
+    turns = servo.model.protocol == 1 and limits[0] == limits[1]
+    if mode != (3, 2) or turns:
+        return Symptom.MODE, (
+            "it is not in position mode any more: somebody has changed its settings; the joint "
+            "is relaxed"
+        )
+    limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
+    if "Max Torque" in values and limit < 0.3 * most:
+        share = limit / servo.model.load_maximum
+        return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
+    if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):
+        return Symptom.TRIPPED, (
+            f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
+            "it ignores goals; it is cleared, and the joint holds where it is"
+        )
+    if watch.goals and all(abs(values["Goal Position"] - each) > 1 for each in watch.goals):
+        return Symptom.OVERRULED, (
+            f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another program "
+            "writes to this bus"
+        )
+    return None

@@ -297,6 +297,7 @@ class DynamixelPort:
         """
         packet = encode_packet(protocol, servo_id, Instruction.PING)
         request = request_for(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
+        self._late.expect(request)  # also a late reply says that it is there
         try:
             return self._command(request)
         except ReplyTimeoutError:

@@ -87,6 +87,10 @@ class LateReplies:
         """Return whether the reply to a request has the length of a late one."""
         return request.length in self.due.get((request.protocol, request.id), ())
 
+    def expect(self, request: Request) -> None:
+        """Count a late reply of the length of the reply to a request as that reply."""
+        self.due.get((request.protocol, request.id), {}).pop(request.length, None)
+
     def distinct(self, group: ReadGroup) -> ReadGroup:
         """Return the group, or a longer one, whose replies have the length of no late reply.
 

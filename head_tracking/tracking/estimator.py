@@ -18,7 +18,7 @@ _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FASTEST = 3.0  # rad/s; a target that has jumped must hold together like this to be believed
 _FEWEST = 8  # points that are kept, however old
 _NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther ones suspected
-_FAST = 2.5  # rad/s
+_FAST = 2.5  # rad/s; a likely point that needs less speed than this is used
 _UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
@@ -26,10 +26,10 @@ _RETURN = 10.0  # s; within this
 _LEFT = 4  # places that are remembered
 _SAME = 0.5  # of `jump_threshold`: so near to such a place a point is there
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.2  # s; over which an acceleration is believed
+_SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
 _TRUST = 1.2  # of the horizon
 _REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
-_FADING = 0.2  # s
+_FADING = 0.2  # s; after that it comes to a stop within this
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
@@ -246,11 +246,23 @@ class _Snapshot(NamedTuple):
 
 
 class _Suspect(NamedTuple):
-    """A point far from where the target should be; nothing of it is used."""
+    """A point far from where the target should be; nothing of it is used.
+
+    Attributes:
+        stamp: of the point [s].
+        sight: the point.
+        off: how far aside and down from where the target should be [rad].
+    """
 
     stamp: float
     sight: Sight
-    away: float
+    off: tuple[float, float]
+
+
+def _same_side(a: _Suspect, b: _Suspect) -> bool:
+    """Whether two suspects are off to the same side."""
+    (x, y), (u, v) = a.off, b.off
+    return x * u + y * v > 0.5 * min(x * x + y * y, u * u + v * v)
 
 
 class TargetEstimator:
@@ -333,7 +345,8 @@ class TargetEstimator:
         estimate = self._estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
-        away, unlikely = self._off(estimate, stamp, sight)
+        off, unlikely = self._off(estimate, stamp, sight)
+        away = math.hypot(*off)
         threshold = self.parameters.jump_threshold
         farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
         if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
@@ -344,22 +357,23 @@ class TargetEstimator:
             return self._jump([(stamp, sight)])
         timeout = self.parameters.target_timeout
         suspects = [each for each in self._suspects if abs(stamp - each.stamp) < timeout]
-        alike = [each for each in suspects if self._alike(each, stamp, sight, away)]
-        self._suspects = [*suspects, _Suspect(stamp, sight, away)]
-        points = sorted([*((each.stamp, each.sight) for each in alike), (stamp, sight)])
+        new = _Suspect(stamp, sight, off)
+        self._suspects = [*suspects, new]
+        moving = [each for each in suspects if self._alike(each, new) and _same_side(each, new)]
+        points = sorted((each.stamp, each.sight) for each in (*moving, new))
+        if moving and not self._jumped(estimate, points):
+            self._suspects.clear()
+            for point in points:
+                self._insert(*point)
+            return Verdict.TAKEN
+        staying = [each for each in suspects if self._alike(each, new) and self._near(each, new)]
+        points = sorted((each.stamp, each.sight) for each in (*staying, new))
         (start, _), (end, _) = points[0], points[-1]
         among = sum(start <= each.stamp <= end for each in self._suspects)
-        if not alike or 2 * len(points) <= among:
+        confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
+        if not staying or 2 * len(points) <= among or end - start < confirmation:
             return Verdict.JUMP
-        jumped = self._jumped(estimate, points)
-        if jumped and end - start < min(self.parameters.jump_confirmation, 0.5 * timeout):
-            return Verdict.JUMP
-        if jumped:
-            return self._jump(points)
-        self._suspects.clear()
-        for point in points:
-            self._insert(*point)
-        return Verdict.TAKEN
+        return self._jump(points)
 
     def _jump(self, points: Sequence[tuple[float, Sight]]) -> Verdict:
         """Start anew from points that are believed, and judge later ones by them."""
@@ -390,13 +404,14 @@ class TargetEstimator:
                 return True
         return False
 
-    def _alike(self, suspect: _Suspect, stamp: float, sight: Sight, away: float) -> bool:
-        """Whether a suspect and another point far off may be the same target."""
-        apart, dt = self._angle(suspect.sight, sight), abs(stamp - suspect.stamp)
-        nearest = min(away, suspect.away)
-        return (
-            apart < 0.5 * nearest and apart < 0.8 * self.parameters.jump_threshold + _FASTEST * dt
-        )
+    def _alike(self, a: _Suspect, b: _Suspect) -> bool:
+        """Whether a target can have moved from the one to the other."""
+        farthest = 0.8 * self.parameters.jump_threshold + _FASTEST * abs(b.stamp - a.stamp)
+        return self._angle(a.sight, b.sight) < farthest
+
+    def _near(self, a: _Suspect, b: _Suspect) -> bool:
+        """Whether two suspects are nearer to each other than to where the target should be."""
+        return self._angle(a.sight, b.sight) < 0.5 * min(math.hypot(*a.off), math.hypot(*b.off))
 
     def _jumped(self, before: TargetEstimate, points: Sequence[tuple[float, Sight]]) -> bool:
         """Whether the way to these points was no part of the motion that they show."""
@@ -458,15 +473,19 @@ class TargetEstimator:
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
 
-    def _off(self, before: TargetEstimate, stamp: float, sight: Sight) -> tuple[float, float]:
-        """How far a point is from where it should be: [rad], and in standard deviations."""
-        expected = before.bearing(stamp)
-        offs = [seen - there for seen, there in zip(sight[:2], expected, strict=True)]
-        likely = [
-            off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
-            for joint, off in enumerate(offs)
-        ]
-        return self._angle(Sight(*expected, 1.0), sight), math.hypot(*likely)
+    def _off(
+        self, before: TargetEstimate, stamp: float, sight: Sight
+    ) -> tuple[tuple[float, float], float]:
+        """How far a point is from where it should be: aside and down [rad], and in deviations."""
+        pan, tilt = before.bearing(stamp)
+        offs = sight.pan - pan, sight.tilt - tilt
+        unlikely = math.hypot(
+            *(
+                off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
+                for joint, off in enumerate(offs)
+            )
+        )
+        return (offs[0] * math.cos(0.5 * (sight.tilt + tilt) - self._level), offs[1]), unlikely
 
     def _angle(self, a: Sight, b: Sight) -> float:
         """The angle between two rays that are near each other [rad]."""

@@ -285,8 +285,11 @@ class JointController:
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], so long after the last command [s]."""
-        self.motion.advance(elapsed)
+        motion = self.motion
+        motion.advance(elapsed)
         if math.isfinite(self._goal):
+            if (motion.position - self._goal) * motion.velocity > 0.0:
+                motion.rest_at(self._goal)  # the servo stopped there: this step is late
             self._watch.patience = _PATIENCE + self.servo.delay
             self._watch.check(self._goal, self._speed, position, stamp)
         self.servo.measured(stamp, position)

@@ -10,6 +10,7 @@ import gc
 import json
 import math
 import os
+import signal
 import statistics
 import subprocess
 import sys
@@ -163,13 +164,13 @@ def contenders() -> dict[str, Any]:
 
 
 @contextmanager
-def served(return_delay: int, *silent: int) -> Iterator[str]:
-    """The port of a paced bus in a process of its own."""
-    command = [sys.executable, str(SERVER), str(return_delay), *map(str, silent)]
+def served(return_delay: int, *mortal: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The port of a paced bus, and its process: SIGUSR1 silences the servos with `mortal` ids."""
+    command = [sys.executable, str(SERVER), str(return_delay), *map(str, mortal)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield process.stdout.readline().strip()
+            yield process.stdout.readline().strip(), process
         finally:
             process.terminate()
 
@@ -206,7 +207,7 @@ def median_cycle(contender: Any, port_name: str) -> Cost:
 def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
     """Median of the rounds, by contender."""
     costs: dict[str, list[Cost]] = {}
-    with served(return_delay) as port_name:
+    with served(return_delay) as (port_name, _):
         for _ in range(LOADED_ROUNDS if loaded else ROUNDS):
             for name, contender in contenders().items():
                 for _ in range(3):  # a contender may give up on a machine that is busy
@@ -283,21 +284,18 @@ def silent_servo() -> str:
     """One of two servos falls silent: what that costs the other."""
     firsts, others, rates = [], [], []
     for _ in range(9):
-        with served(0, 2) as port_name:
+        with served(0, 2) as (port_name, server):
             joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
             driver = ServoBus(DynamixelPort(port_name), joints)
-            driver.connect(allow_missing=True)
-            silent = driver._joints["joint_2"]
-            silent.set_stopped(True)
+            driver.connect()
             usual = []
             for _ in range(100):
                 start = time.perf_counter()
                 driver.step()
                 usual.append(time.perf_counter() - start)
-            silent.set_stopped(False)
-            for servo in silent.servos:
-                servo.note_answer()  # it has answered until now
             normal = statistics.median(usual)
+            server.send_signal(signal.SIGUSR1)
+            time.sleep(0.05)
             cycles, good, longest = 100, 0, 0.0
             due = time.perf_counter()
             for k in range(cycles):

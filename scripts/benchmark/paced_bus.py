@@ -3,7 +3,8 @@
 Holds registers, checks checksums, knows ping, read, write and sync write, and spins to answer at
 the microsecond. For `scripts/benchmark/measure bus`; `simulated_bus` is the colleague that moves.
 
-Usage: paced_bus.py RETURN_DELAY_US [SILENT_ID ...]; prints the port to open.
+Usage: paced_bus.py RETURN_DELAY_US [ID ...]; prints the port to open. SIGUSR1 silences the servos
+with these ids.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import ctypes
 import os
 import select
+import signal
 import sys
 import time
 import tty
@@ -25,7 +27,8 @@ PR_SET_TIMERSLACK = 29
 def main() -> None:
     """Answers until it is ended."""
     delay = float(sys.argv[1]) * 1e-6
-    silent = {int(word) for word in sys.argv[2:]}
+    silent: set[int] = set()
+    signal.signal(signal.SIGUSR1, lambda *_: silent.update(map(int, sys.argv[2:])))
     ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1)
     with suppress(OSError):
         os.nice(-19)  # the wire is punctual, however busy the machine is

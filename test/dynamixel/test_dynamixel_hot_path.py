@@ -94,7 +94,7 @@ def calls(name: str) -> Counter[str]:
 @pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
 def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
     counted = calls(name)
-    assert counted.total() <= 60, counted
+    assert counted.total() <= 78, counted
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.001, 0.004])

@@ -382,3 +382,13 @@ def test_who_walks_up_and_stops_is_not_predicted_behind_the_head(seed):
         estimator.add(t, Sight(pan, tilt, sight.distance * math.exp(rnd.gauss(0.0, 0.03))), t)
         worst = max(worst, miss(estimator, path, 0.28) if t > 1.0 else 0.0)
     assert worst < 0.42
+
+
+@pytest.mark.parametrize("rate", [15, 30])
+def test_a_fast_start_is_followed_without_a_stop(rate):
+    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
+    path = lambda t: -1.0 + (1.0 - math.cos(3.5 * min(max(t - 2.0, 0.0), 0.9)))  # noqa: E731
+    for k in range(4 * rate):
+        t = k / rate
+        estimator.add(t, Sight(path(t) + rnd.gauss(0.0, 0.005), 0.0, 2.0), t)
+        assert abs(estimator.estimate.bearing(t)[0] - path(t)) < 0.45

@@ -30,6 +30,7 @@ from head_tracking.dynamixel import (
     WrongModelError,
     describe_errors,
 )
+from head_tracking.dynamixel.diagnosis import lowest_supply, swapped, warm_from
 from head_tracking.dynamixel.servo import run
 from head_tracking.tools.doctor.configuration import ConfiguredBus
 from head_tracking.tools.doctor.findings import Finding, Level
@@ -38,9 +39,7 @@ from head_tracking.tools.servo.looks import USUAL_BAUD_RATES
 
 _READINGS: Final = 50
 _FEW: Final = 0.05  # of the readings that may fail
-_LOW: Final = 0.9  # of the voltage that a model is made for
 _SPOILT: Final = (0, 255)  # firmware versions of a servo whose update was broken off
-_MARGIN: Final = 10.0  # °C below the servo's own limit
 
 
 @dataclass(slots=True)
@@ -259,24 +258,16 @@ def _of(check: str, found: list[_Found], fine: str, cure: str) -> Finding:
 
 def _settings(bus: ConfiguredBus, found: list[_Found]) -> Finding:
     """Modes and angle limits; and whether they are those of another joint's servo."""
-    swapped = []
-    ranges = {each.servo.id: each.servo.calibration.tick_range for each in found}
-    for each in found:
-        if each.identity is None:
-            continue
-        own = each.identity.own_range
-        if own == (0, each.servo.model.ticks - 1):
-            continue  # the factory's
-        others = [
-            name for name, wanted in ranges.items() if name != each.servo.id and wanted == own
-        ]
-        if own != ranges[each.servo.id] and others:
-            swapped.append(f"{each.name} has the angle limits meant for servo {others[0]}")
-    if swapped:
+    names = {each.servo.id: each.name for each in found}
+    exchanged = [
+        f"{names[servo_id]} has the angle limits meant for servo {other.id}"
+        for servo_id, other in swapped(each.servo for each in found).items()
+    ]
+    if exchanged:
         return Finding(
             "settings",
             Level.RED,
-            f"{'; '.join(swapped)}: they may be swapped",
+            f"{'; '.join(exchanged)}: they may be swapped",
             "see which one moves: `servo monitor`, and turn the relaxed head by hand; swap the ids "
             "in the configuration, or servo set-id",
         )
@@ -322,7 +313,7 @@ def _voltage(found: list[_Found]) -> Finding:
         if not lowest <= volts <= highest:
             told[-1] += f" (its own limits: {lowest:.1f} to {highest:.1f} V)"
             level = Level.RED
-        elif volts < max(_LOW * each.servo.model.nominal_voltage, lowest + 0.5):
+        elif volts < lowest_supply(each.servo.model, lowest, 0.9):  # nothing moves
             told[-1] += f" (made for {each.servo.model.nominal_voltage:.1f} V)"
             level = max(level, Level.AMBER)
     cure = "" if level is Level.GREEN else (
@@ -342,7 +333,7 @@ def _temperature(bus: ConfiguredBus, found: list[_Found]) -> Finding:
         if each.temperature >= min(bus.settings.hot, limit):
             told[-1] += f" (its limit: {limit:.0f} °C)"
             level = Level.RED
-        elif each.temperature >= min(bus.settings.warm, limit - _MARGIN):
+        elif each.temperature >= warm_from(bus.settings.warm, limit):
             level = max(level, Level.AMBER)
     cure = "" if level is Level.GREEN else (
         "let it cool; find out what it works against: balance the head, free the cables"
