@@ -28,6 +28,8 @@ class ServoCalibration:
         max: Tick of the highest position.
         model: The servo's model.
         reversed: Whether rising ticks are falling positions.
+        scale: What one tick more is for the joint's position, rad.
+        lowest_turn: Lowest tick of the turn around the middle of the range; see `fold`.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
@@ -40,18 +42,17 @@ class ServoCalibration:
     max: int
     model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     reversed: bool = field(init=False, repr=False, compare=False)
-    _sign: int = field(init=False, repr=False, compare=False)
-    _radians_per_tick: float = field(init=False, repr=False, compare=False)
-    _lowest_turn: int = field(init=False, repr=False, compare=False)
+    scale: float = field(init=False, repr=False, compare=False)
+    lowest_turn: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._check_id()
         self._check_ticks()
         object.__setattr__(self, "reversed", self.min > self.max)
-        object.__setattr__(self, "_sign", -1 if self.min > self.max else 1)
-        object.__setattr__(self, "_radians_per_tick", self.model.radians_per_tick)
+        scale = self.model.radians_per_tick
+        object.__setattr__(self, "scale", -scale if self.reversed else scale)
         middle = (self.min + self.max + 1) // 2
-        object.__setattr__(self, "_lowest_turn", middle - self.model.ticks // 2)
+        object.__setattr__(self, "lowest_turn", middle - self.model.ticks // 2)
 
     def _check_id(self) -> None:
         highest = MAX_ID[self.model.protocol]
@@ -93,7 +94,7 @@ class ServoCalibration:
     @property
     def resolution(self) -> float:
         """Angle of one tick, rad."""
-        return self._radians_per_tick
+        return self.model.radians_per_tick
 
     def fold(self, ticks: int) -> int:
         """Return the tick in the turn around the joint's range that is the same angle.
@@ -102,11 +103,11 @@ class ServoCalibration:
         """
         if not self.model.endless:
             return ticks
-        return (ticks - self._lowest_turn) % self.model.ticks + self._lowest_turn
+        return (ticks - self.lowest_turn) % self.model.ticks + self.lowest_turn
 
     def position(self, ticks: float) -> float:
         """Return the joint's position, rad, at a tick (a simulated servo has fractions of one)."""
-        return self._sign * (ticks - self.init) * self._radians_per_tick
+        return (ticks - self.init) * self.scale
 
     def ticks(self, position: float) -> int:
         """Return the tick next to a position in rad; inverse of `position`.
@@ -118,7 +119,7 @@ class ServoCalibration:
             raise RangeError(
                 f"{self.joint_name} cannot be at {position} rad; it must be a finite number"
             )
-        tick = round(self.init + self._sign * position / self._radians_per_tick)
+        tick = round(self.init + position / self.scale)
         if not 0 <= tick < self.model.ticks:
             ends = sorted((self.position(0), self.position(self.model.ticks - 1)))
             raise RangeError(

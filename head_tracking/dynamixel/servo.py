@@ -688,11 +688,11 @@ class Servo:
         sign = -1 if calibration.reversed else 1
         model = self.model
         self.zero = calibration.init
-        self.scale = sign * model.radians_per_tick
+        self.scale = calibration.scale
         self._speed_scale = sign * model.speed_unit
         self._load_scale = sign / model.load_maximum
         self._turn = model.ticks if model.endless else 0
-        self._lowest = (calibration.min + calibration.max + 1) // 2 - model.ticks // 2
+        self._lowest = calibration.lowest_turn
         self.range = ticks
         lower, upper = sorted(calibration.position(tick) for tick in ticks)
         self.limits = (lower, upper)

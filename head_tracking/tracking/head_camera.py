@@ -29,8 +29,10 @@ _RIGHT = 0.9  # prior probability that the stamps are right
 _USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
 _WORTH = 0.025  # s; an error is applied if it is larger than this
 _CLEAR = 4.0  # and than so many deviations
-_EXACT = 0.03  # s; with less deviation what is applied is confirmed by the points,
-_CONTRADICTED = 20.0  # and is given up only if its score falls so far behind the best
+_NEARBY = 0.1  # s; a change by more must be clearer:
+_MORE = 30.0  # 1/s; the score of what is applied must be behind the best by so much, and,
+_CONTRADICTED = 20.0  # if the points have confirmed it, by this
+_EXACT = 0.03  # s; with less deviation they confirm it
 _SURE = 0.95  # probability at which the stamps are right after all,
 _BETTER = 3.0  # if their score is better by this
 
@@ -171,9 +173,10 @@ class HeadCamera:
         """Apply the most likely error if it is clear, and none if that is clear again."""
         mean, deviation = _moments(scores + _PRIOR)
         applied = float(np.interp(self.applied, _ERRORS, scores))
+        farther = abs(mean - self.applied) - _NEARBY
         if abs(mean - self.applied) < _OTHERWISE:
             self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
-        elif self._confirmed and applied > -_CONTRADICTED:
+        elif farther > 0.0 and applied > -max(_CONTRADICTED * self._confirmed, _MORE * farther):
             return
         before = self.applied
         if abs(mean) > max(_CLEAR * deviation, _WORTH):

@@ -250,7 +250,7 @@ _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
 _CAUTIOUS = 12.0  # rad/s^2 of a servo that has not moved yet
-_EXPLORED = 2.0  # times the acceleration that it has shown; no more is tried
+_EXPLORED = 1.5  # times the acceleration that it has shown; no more is tried
 _USED = 0.6  # of the acceleration that the servo has
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
 _PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
@@ -398,7 +398,7 @@ class JointController:
         way = math.copysign(1.0, speed)
         ahead = way * setpoint + min(abs(speed) * (period + RESERVE) + _MARGIN, lead)
         beyond = self.servo.dead_band + _MARGIN
-        farthest = max(way * position for position in reference.ahead) + beyond
+        farthest = (max(reference.ahead) if way > 0.0 else -min(reference.ahead)) + beyond
         least = way * setpoint + abs(speed) * period  # a motion that brakes may go beyond
         return self._joint.clamp(way * max(min(ahead, farthest), least))
 

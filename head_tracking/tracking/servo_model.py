@@ -33,7 +33,7 @@ _PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.7) ** 2 - 200.0 * _BANDS[:, None]
 
 _UNSURE = 0.03  # s
 _LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
-_EVERY = 0.05  # s between two windows
+_EVERY = 0.06  # s between two windows
 _NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
 _MODEL_ERROR = 0.04  # of a displacement
 _TELLING = 0.012  # rad; hypotheses that differ by less in a window are not compared
@@ -207,7 +207,10 @@ class ServoModel:
         """Move the shaft of every hypothesis for a cell, after which the set-point is there."""
         shafts = self._shafts
         for row, band in enumerate(_BAND_LIST):
-            shafts[row] = min(max(shafts[row], setpoint - band), setpoint + band)
+            if shafts[row] < setpoint - band:
+                shafts[row] = setpoint - band
+            elif shafts[row] > setpoint + band:
+                shafts[row] = setpoint + band
 
     def _judge(self) -> None:
         """Compare the shaft's displacement in a window with the one of every hypothesis."""
