@@ -40,7 +40,7 @@ def error(head, path, conditions, start=3.0, steered=None):
 
 
 @pytest.mark.parametrize("law", ["predictive", "speed", "position"])
-@pytest.mark.parametrize("late", [-0.12, -0.05, 0.05, 0.12])
+@pytest.mark.parametrize("late", [-0.12, 0.05])
 @pytest.mark.parametrize("path", [still, swing])
 def test_stamps_that_are_wrong_make_no_head_swing(head, law, late, path):
     conditions = replace(ON_HEAD, rate=10.0 if law == "speed" else 50.0)

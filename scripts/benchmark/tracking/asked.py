@@ -110,7 +110,8 @@ def _overshoot(ours: Scores, scores: Scores) -> str:
 def _nees(ours: Scores, scores: Scores) -> str:
     paths = defaultdict(list)
     for job, score in ours.items():
-        paths[job.situation].append(score.nees)
+        if job.situation != "jumps":  # no prediction can know of them
+            paths[job.situation].append(score.nees)
     medians = {name: statistics.median(found) for name, found in paths.items()}
     lowest, highest = min(medians, key=medians.__getitem__), max(medians, key=medians.__getitem__)
     return f"{medians[lowest]:.2f} ({lowest}) to {medians[highest]:.2f} ({highest})"
