@@ -249,6 +249,8 @@ _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
 _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
+_CAUTIOUS = 12.0  # rad/s^2 of a servo that has not moved yet
+_EXPLORED = 1.5  # times the acceleration that it has shown; no more is tried
 _USED = 0.6  # of the acceleration that the servo has
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
 _LATE = 0.04  # s between two commands; a goal that is ahead is reached in such a time
@@ -331,6 +333,8 @@ class JointController:
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
         able = _USED * servo.acceleration
+        explored = _EXPLORED * servo.shown if servo.known else servo.shown
+        able = min(able, max(explored, _CAUTIOUS))
         if able < limits.acceleration:
             limits = MotionLimits(min(limits.speed, _BRAKED * able), able, limits.jerk)
         setpoint = servo.setpoint(now)
