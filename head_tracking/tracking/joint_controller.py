@@ -254,6 +254,7 @@ _CAUTIOUS = 12.0  # rad/s^2 of a servo that has not moved yet
 _EXPLORED = 1.5  # times the acceleration that it has shown; no more is tried
 _USED = 0.6  # of the acceleration that the servo has
 _BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
+_LATE = 0.04  # s between two commands; a goal that is ahead is reached in such a time
 _PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
 
 
@@ -289,8 +290,9 @@ class JointController:
         motion = self.motion
         motion.advance(elapsed)
         if math.isfinite(self._goal):
-            if (motion.position - self._goal) * motion.velocity > 0.0:
-                motion.rest_at(self._goal)  # the servo stopped there: this step is late
+            is_late = elapsed > _LATE
+            if is_late and (motion.position - self._goal) * motion.velocity > 0.0:
+                motion.rest_at(self._goal)  # the servo stopped there
             self._watch.patience = _PATIENCE + self.servo.delay
             self._watch.check(self._goal, self._speed, position, stamp)
         self.servo.measured(stamp, position)

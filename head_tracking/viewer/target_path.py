@@ -34,6 +34,7 @@ class TargetPath:
         self._head = head
         self._points: deque[tuple[int, Vector3]] = deque()
         self._estimator = TargetEstimator(EstimatorParameters())
+        self._estimator.horizon = ahead
         self._now = 0
 
     def add(self, now: int, point: Vector3 | None, stamp: int | None = None) -> None:

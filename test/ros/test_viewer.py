@@ -359,7 +359,7 @@ def test_a_viewer_that_has_gone_is_disconnected_and_takes_no_input(viewer, page)
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     open_tab(page, "Joints")
-    robot.simulated.lead("head_pan_joint", -0.7, 0.5)
+    robot.lead_pan(-0.7)
     field = joint_field(page, "head_pan_joint")
     wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06, PATIENCE)
     assert robot.true("head_pan_joint") == pytest.approx(-0.7, abs=0.06)

@@ -125,7 +125,7 @@ def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(mak
         return [(servo.torque, servo.refuses) for servo in seen.joints.servos()]
 
     wait_for(lambda: torques() == [(False, False)] * 2, 30.0)
-    assert seen.stop_everything().done
+    assert seen.joints.set_torque("", False).done
     wait_for(lambda: torques() == [(False, True)] * 2)
     assert seen.joints.set_torque("", True).done
     wait_for(lambda: torques() == [(True, False)] * 2)

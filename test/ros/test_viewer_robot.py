@@ -211,7 +211,7 @@ def test_after_stop_nothing_moves_before_resume(robot, seen):
     assert outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
     wait_for(lambda: word(seen) == "stopped" and torques(seen) == [False, False])
     assert seen.modes.mode() is Mode.OFF
-    robot.simulated.lead("head_pan_joint", -0.5, 0.5)  # by a hand, away from the target
+    robot.lead_pan(-0.5)  # by a hand, away from the target
     wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
     assert not seen.joints.set_torque("", True).done
     assert "Resume" in seen.joints.move({"head_pan_joint": 0.5}).text

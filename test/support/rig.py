@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -50,8 +51,10 @@ TICK = math.radians(300.0) / 1024  # rad, of an AX-12
 @cache
 def executables() -> dict[str, str]:
     """Return what setup.py installs: the entry point (module:function) of each name."""
-    with mock.patch("setuptools.setup") as setup:
-        runpy.run_path(str(SOURCE / "setup.py"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of setuptools, where distutils was imported before it
+        with mock.patch("setuptools.setup") as setup:
+            runpy.run_path(str(SOURCE / "setup.py"))
     scripts = setup.call_args.kwargs["entry_points"]["console_scripts"]
     return dict(line.replace(" ", "").split("=") for line in scripts)
 

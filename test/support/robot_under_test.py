@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import threading
 import time
 from collections.abc import Mapping
@@ -99,6 +100,11 @@ class Robot:
     def true(self, name: str) -> float:
         assert self.simulated is not None
         return self.simulated.true_position(name)
+
+    def lead_pan(self, position: float) -> None:
+        """Let a hand lead the pan joint to a position [rad] within half a second."""
+        assert self.simulated is not None
+        self.simulated.port.lead(1, 512 + position / math.radians(300.0 / 1024), 0.5)
 
     def publish(self, topic: str, message: Any) -> None:
         publisher = self._publishers.get(topic)
