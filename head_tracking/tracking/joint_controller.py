@@ -134,6 +134,7 @@ _CALM = 0.1  # s; for so long a joint must have been where it should be
 _SETTLED = 0.2  # s after which a joint that stopped short is helped
 _AIM = 1.0  # s; over which the place of a joint at rest is averaged, and aimed at again
 _SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
+_UNLIKELY = 4.0  # standard deviations; at 3, noise alone would wake a joint every few seconds
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
 _FARTHEST_HELP = 0.015  # rad
 
@@ -197,7 +198,7 @@ class Rest:
             dead_band: errors below this are left alone [rad].
             now: the time [s].
         """
-        band = max(dead_band, min(3.0 * reference.noise, 4.0 * dead_band))
+        band = min(math.hypot(dead_band, _UNLIKELY * reference.noise), 4.0 * dead_band)
         slow = min(max(2.0 * reference.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(reference.velocity) <= slow
         if self.goal is not None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from statistics import median
 
 import pytest
 from closed_loop import ClosedLoop, Conditions
@@ -78,8 +79,10 @@ def test_the_error_is_the_same_at_every_azimuth(head):
     def about(azimuth):
         return lambda t: around(azimuth + 0.3 * math.sin(math.tau * 0.5 * t))
 
+    # the camera sees the target from the start at both, and so both are followed equally long
+    noisy = replace(ON_HEAD, depth_noise=0.05, field=(3.0, 3.0))
     ahead, aside = (
-        error(head, about(azimuth), replace(ON_HEAD, depth_noise=0.05))
+        median(error(head, about(azimuth), replace(noisy, seed=seed)) for seed in range(1, 6))
         for azimuth in (0.0, math.pi / 4)
     )
     assert aside == pytest.approx(ahead, rel=0.3)
@@ -124,9 +127,11 @@ def test_outliers_on_a_fast_swing_do_not_stop_the_pursuit(head):
         assert error(head, lambda t: around(0.5 * math.sin(math.pi * t)), conditions) < 0.05
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("noise", [0.002, 0.005])
-def test_at_rest_the_head_is_quieter_than_the_points(head, noise):
-    outcome = ClosedLoop(still, Conditions(duration=12.0, noise=noise)).run(tracker(head))
+def test_at_rest_the_head_is_quieter_than_the_points(head, noise, seed):
+    conditions = Conditions(duration=12.0, noise=noise, seed=seed)
+    outcome = ClosedLoop(still, conditions).run(tracker(head))
     goals = outcome.goals[200:]
     changes = sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0)
     assert changes < 2.0

@@ -5,22 +5,20 @@ Nothing here knows how the package is built: what it starts is what setup.py ins
 
 from __future__ import annotations
 
+import json
 import math
 import os
-import runpy
 import signal
 import subprocess
 import sys
 import threading
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import rclpy
 from geometry_msgs.msg import Point, PointStamped
@@ -48,15 +46,22 @@ DEGREE = math.radians(1.0)
 TICK = math.radians(300.0) / 1024  # rad, of an AX-12
 
 
+_ENTRY_POINTS = """
+import json, runpy
+from unittest import mock
+with mock.patch("setuptools.setup") as setup:
+    runpy.run_path("setup.py")
+print(json.dumps(setup.call_args.kwargs["entry_points"]["console_scripts"]))
+"""
+
+
 @cache
 def executables() -> dict[str, str]:
     """Return what setup.py installs: the entry point (module:function) of each name."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of setuptools, where distutils was imported before it
-        with mock.patch("setuptools.setup") as setup:
-            runpy.run_path(str(SOURCE / "setup.py"))
-    scripts = setup.call_args.kwargs["entry_points"]["console_scripts"]
-    return dict(line.replace(" ", "").split("=") for line in scripts)
+    # setuptools cannot be imported where something else has imported distutils before it
+    command = [sys.executable, "-W", "ignore", "-c", _ENTRY_POINTS]
+    answer = subprocess.run(command, cwd=SOURCE, capture_output=True, check=True, text=True)
+    return dict(line.replace(" ", "").split("=") for line in json.loads(answer.stdout))
 
 
 def command(name: str) -> list[str]:

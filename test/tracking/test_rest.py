@@ -50,8 +50,8 @@ def test_a_target_that_sets_off_wakes_it():
 
 
 def test_noise_widens_the_band_but_not_for_ever():
-    noisy, wild = Reference(0.3, noise=0.004), Reference(0.3, noise=0.1)
-    for reference, inside, outside in ((noisy, 0.011, 0.013), (wild, 0.015, 0.017)):
+    noisy, wild = Reference(0.3, noise=0.003), Reference(0.3, noise=0.1)
+    for reference, inside, outside in ((noisy, 0.012, 0.014), (wild, 0.015, 0.017)):
         rest = settle(Rest(), reference)
         settle(rest, Reference(0.3 + inside, noise=reference.noise), 0.3, 0.1)
         assert rest.goal is not None
