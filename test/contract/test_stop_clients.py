@@ -29,9 +29,9 @@ CALLS = (
 def bench(request, tmp_path_factory):
     with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
         if request.param == "one process":
-            bench.run("--target", "fictitious")
+            bench.run("--target", "fictitious", "--allow-others")
         elif request.param == "a bus process":
-            bench.run("--target", "fictitious", "--bus-process")
+            bench.run("--target", "fictitious", "--allow-others", "--bus-process")
         else:
             port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
             bench.start("servo_bus", "--ros-args", *port)
