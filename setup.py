@@ -36,7 +36,7 @@ TOOLS = (
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
     "servo": "head_tracking.tools.servo.main:main",
-    "doctor": "head_tracking.tools.doctor.main:main",
+    "doctor": "head_tracking.tools.doctor.__main__:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
     **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
 }

@@ -22,14 +22,14 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand, PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_topics import JointTopics
-from head_tracking.ros.listening import listen_for, unheard
+from head_tracking.ros.listening import TopicListener, listen_for, unheard
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch, HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -294,7 +294,7 @@ class HeadInterface:
         self._state_topic = node.create_publisher(String, "~/state", LATCHED)
         self._status_topic = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_state: tuple[str, Mapping[str, str]] = "", {}
-        node.create_subscription(PointStamped, "target_point", self._on_message, MEASUREMENT)
+        TopicListener(node, PointStamped, "target_point", self._on_message)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
         if loop is None:
@@ -476,7 +476,7 @@ class HeadInterface:
             self._turner.report()
 
     def _look_for_unheard(self) -> None:
-        self.unheard = unheard(self._node, PointStamped, "target_point", MEASUREMENT)
+        self.unheard = unheard(self._node, PointStamped, "target_point")
         if self.unheard:
             self._tell("unheard", self.unheard)
 
