@@ -329,9 +329,7 @@ class HeadControl:
     def disable(self, reason: str) -> None:
         """Stop the head and give the joints up, also after a STOP has ended."""
         with self.lock:
-            reading = self.reading()
-            if not self.off and reading is not None:
-                self.send(self._stop(reading) or self.mode.enable(reason, reading.now))
+            self._halt(reason)
             self._disabled = reason
             self._loop.owners.release(self.name)
         self.watch()
@@ -695,14 +693,26 @@ class HeadControl:
         """End a task, if it is under way, and hold the head."""
         with self.lock:
             if self.task is task:
-                self.hold()
-                self.end_task("the head holds", TaskEnd.CANCELED)
+                self.hold("the head holds", TaskEnd.CANCELED)
 
-    def hold(self) -> None:
-        """Stop a task where the head is."""
+    def hold(self, reason: str, end: TaskEnd = TaskEnd.PREEMPTED) -> None:
+        """Stop the head where it is, end its task, and forget its target.
+
+        Args:
+            reason: why.
+            end: of the task.
+        """
+        with self.lock:
+            self._halt(reason)
+            self.end_task(reason, end)
+            self.mode.enable(self.off, self.now)
+            self.forget_targets()
+            self.error = None
+
+    def _halt(self, reason: str) -> None:
         reading = self.reading()
         if reading is not None:
-            self.send(self._stop(reading))
+            self.send(self._stop(reading) or self.mode.enable(reason, reading.now))
 
     def conclude(self, outcome: str, *, arrived: bool) -> None:
         """Record how a turn to a target has ended."""

@@ -89,8 +89,10 @@ class Following(TargetMode):
         """See `TargetMode`."""
         if self.tracker is None:
             return None
+        moving = self.tracker.state not in (TargetState.IDLE, TargetState.DISABLED)
         self.tracker.machine.off = off
-        return self.tracker.enable(not off, now)
+        command = self.tracker.enable(not off, now)
+        return command if moving else None
 
     def measured(self, reading: HeadReading) -> None:
         """See `TargetMode`."""

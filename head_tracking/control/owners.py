@@ -178,7 +178,9 @@ class JointOwners:
         self._notify()
         return resumed
 
-    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str]) -> None:
+    def follow(
+        self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None
+    ) -> None:
         """Do as the servo bus of another process.
 
         Args:
@@ -187,14 +189,14 @@ class JointOwners:
             owners: of its joints. What an owner of this process loses there, it loses here.
         """
         with self._lock:
-            before, self._elsewhere = self._elsewhere, dict(owners)
+            before, self._elsewhere = self._elsewhere, dict(owners or {})
             changed = (stopped, epoch) != (self.stopped, self.epoch.value)
             self.epoch.value = epoch
             if changed and stopped:
                 self._stop()
             elif changed:
                 self._resume()
-            for joint, other in owners.items():
+            for joint, other in self._elsewhere.items():
                 owner, _ = self._owners.get(joint, ("", 0.0))
                 if owner and other and owner == before.get(joint) != other:
                     self._owners[joint] = other, math.inf

@@ -13,6 +13,7 @@ from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.listening import TopicListener
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
@@ -20,7 +21,7 @@ from head_tracking.ros.switch import Switch
 from head_tracking.ros.target_output import TargetOutput
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException, Vector3
 
@@ -125,7 +126,7 @@ class TargetMuxNode(Node):
                     f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
                     "topic of its own"
                 )
-            self.create_subscription(_MESSAGES[p.type], p.topic, self._receiver(name), MEASUREMENT)
+            TopicListener(self, _MESSAGES[p.type], p.topic, self._receiver(name))
         steady_timer(self, 1.0 / wiring.rate, self._step)
 
     @property

@@ -129,7 +129,7 @@ class HeadActions:
                 return
             turn = Turn(
                 head,
-                min(p.max_velocity, request.max_velocity or math.inf),
+                min(p.max_velocity, request.max_velocity or math.inf, control.fastest),
                 _seconds(request.min_duration),
                 p.success_angle_threshold,
                 p.settle_time,
@@ -192,7 +192,7 @@ class HeadActions:
             if waypoints:
                 checked_waypoints(names, waypoints, limits)
             else:
-                control.hold()
+                control.hold("preempted by an empty trajectory")
             tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
             now, stamp = control.now, stamp_to_ns(message.header.stamp)
             present = control.start_from(reading, control.task if waypoints else None)

@@ -17,14 +17,14 @@ from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_topics import JointTopics
-from head_tracking.ros.listening import listen_for, unheard
+from head_tracking.ros.listening import TopicListener, listen_for, unheard
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_output import TrajectoryOutput
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch
 
 _WATCH_PERIOD = 0.25  # s
@@ -118,7 +118,7 @@ class HeadInterface:
         )
         self._loop = loop
         self._trajectory = self._drive(loop, NodeParameters(node, DriveParameters).value)
-        node.create_subscription(PointStamped, "target_point", self._on_target, MEASUREMENT)
+        TopicListener(node, PointStamped, "target_point", self._on_target)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(node, _WATCH_PERIOD, self._watch)
@@ -159,7 +159,7 @@ class HeadInterface:
         self._publish(None)
 
     def _check_publishers(self) -> None:
-        self.unheard = unheard(self._node, PointStamped, "target_point", MEASUREMENT)
+        self.unheard = unheard(self._node, PointStamped, "target_point")
         if self.unheard:
             self.control.warn("unheard", self.unheard)
 
