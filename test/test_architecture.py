@@ -33,7 +33,8 @@ ALLOWED: dict[str, set[str]] = {
     "dynamixel": set(),
     "simulation": set(),
     "control": {"dynamixel", "transforms", "gaze", "tracking", "parameters"},
-    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"},
+    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
+    | {"vision"},
     "share": set(),
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}

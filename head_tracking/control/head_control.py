@@ -187,7 +187,7 @@ class TargetMode(ABC):
         """Return what to do now."""
 
     @abstractmethod
-    def recenter(self, reading: HeadReading) -> HeadCommand | None:
+    def recenter(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
         """Begin to turn the head to its centre."""
 
     @abstractmethod
@@ -222,6 +222,7 @@ class HeadControl:
         task: what is carried out; None: nothing.
         trouble: why the head is left alone; empty: nothing keeps it from moving.
         outcome: of the latest task or target, for a person.
+        law: leads the joints along paths, once the robot's model is known.
         error: by how much the head misses its target [rad]; None: it has none.
         target: the latest that could be placed, as it was sent.
         is_cautious: whether it is slow after a STOP.
@@ -255,6 +256,7 @@ class HeadControl:
         self.error: float | None = None
         self.target: Target | None = None
         self.is_cautious = False
+        self.law: PredictiveLaw
         self.lock = threading.RLock()
         self.failure: Exception | None = None
         self.period = max(period, loop.period)
@@ -267,7 +269,6 @@ class HeadControl:
         self._refused_model: RobotModel | None = None
         self._base: HeadBase | None = None
         self._placer: TargetPlacer | None = None
-        self._law: PredictiveLaw | None = None
         self._carried: dict[str, bool] = {}
         self._inbox: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
         self._placed: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_WAITING)
@@ -380,7 +381,7 @@ class HeadControl:
             self.mode.measured(reading)
             if self._is_due(reading):
                 self._fresh = True
-                task = self.task
+                task, self.law.at_most = self.task, self.fastest
                 self.send(self.mode.step(self, reading) if task is None else self._step(reading))
 
     def publish(self) -> None:
@@ -466,6 +467,7 @@ class HeadControl:
             self.forget_targets()
             self.end_task(happened)
             self.send(self.mode.reset(happened, self.now))
+            self._observer(None)
 
     def _check_model(self) -> None:
         model = self._buffer.model
@@ -504,7 +506,7 @@ class HeadControl:
         moves = fixed_frame != head.base_frame
         self._base = HeadBase(self._buffer, fixed_frame, head.base_frame) if moves else None
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
-        self._law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))
+        self.law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))
         self.mode.use(self, head, self._base)
         self._log.info(f"ready to point {head.pointing_frame} at target_point")
 
@@ -545,7 +547,7 @@ class HeadControl:
             self.forget_targets()
             self.end_task("the head is recentred")
             self.outcome = "recentring"
-            self.send(self.mode.recenter(reading))
+            self.send(self.mode.recenter(self, reading))
         return ""
 
     def take_targets(self, reading: HeadReading) -> list[tuple[Target, Vector3]]:
@@ -748,11 +750,9 @@ class HeadControl:
         return pan, tilt
 
     def _step(self, reading: HeadReading) -> HeadCommand | None:
-        task, law = self.task, self._law
+        task, law = self.task, self.law
         assert task is not None
-        assert law is not None
         self.forget_targets()
-        law.at_most = CAUTIOUS_SPEED if self.is_cautious else math.inf
         if task.reading is None:
             pan, tilt = self.start_from(reading, self._before)
             task.start, self._before = (pan.position, tilt.position), None
@@ -789,9 +789,9 @@ class HeadControl:
     def _stop(self, reading: HeadReading) -> HeadCommand | None:
         """Return the command that stops the task; None: there is none."""
         self._held = None
-        if self.task is None or self._law is None:
+        if self.task is None:
             return None
-        return self._law.stop(reading.joints, reading.now)
+        return self.law.stop(reading.joints, reading.now)
 
     def _close(self, task: HeadTask) -> None:
         assert task.result is not None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
@@ -57,8 +57,6 @@ class ControlLoop:
         held: why the controllers may move nothing now; empty: they may.
         stuck: joints that cannot go where they are told, and why, as the servo bus of this process
             has found out; who begins a motion takes its joints out.
-        target_takers: called by whoever sends targets in this process; each has a subscription,
-            too, for those of others.
         after: called after the goals were written, with the stamp [ns] and the complete states.
     """
 
@@ -70,7 +68,6 @@ class ControlLoop:
         )
         self._write: Callable[[str, Mapping[str, Goal], int], object] | None = None
         self._claim: Callable[[], object] = lambda: None
-        self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
         self.held = ""
         self.stuck: dict[str, str] = {}

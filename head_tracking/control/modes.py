@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from head_tracking.control.head_control import HeadControl, TargetMode
 from head_tracking.control.tasks import HeadReading
-from head_tracking.gaze import HeadCommand, PanTiltHead, Pointing, PointingParameters
+from head_tracking.gaze import GazeStatus, HeadCommand, PanTiltHead, PointingParameters, together
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -18,7 +18,11 @@ from head_tracking.tracking import (
     TargetState,
     TargetStateParameters,
     Tracker,
+    Turn,
 )
+from head_tracking.transforms import Vector3
+
+_STILL = 0.006  # rad; a goal that differs by less is no new turn: a little over a tick of an AX-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +126,7 @@ class Following(TargetMode):
             control.approached(step.error)
         return step.command
 
-    def recenter(self, reading: HeadReading) -> HeadCommand | None:
+    def recenter(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
         """See `TargetMode`; the next target is followed again."""
         assert self.tracker is not None
         self.tracker.recenter()
@@ -147,73 +151,94 @@ class LookingOnce(TargetMode):
 
     def __init__(self, parameters: Callable[[], PointingParameters]) -> None:
         self._parameters = parameters
-        self._pointing: Pointing | None = None
-        self._present: tuple[float, float] | None = None
+        self._restart()
+
+    def _restart(self) -> None:
+        """Begin the next turn where the head is."""
+        self._turn: Turn | None = None
+        self._is_over = True
+        self._point: Vector3 = (0.0, 0.0, 0.0)
+        self._start = (0.0, 0.0)
+        self._goal: tuple[float, float] | None = None
 
     def use(self, control: HeadControl, head: PanTiltHead, base: HeadBase | None) -> None:
         """See `TargetMode`."""
-        self._pointing = Pointing(head, self._parameters())
+        self._restart()
 
     def reset(self, reason: str, now: float) -> HeadCommand | None:
-        """See `TargetMode`; a turn that is under way ends by itself."""
+        """See `TargetMode`; the servos end a turn that is under way."""
         self._restart()
         return None
 
     def enable(self, off: str, now: float) -> HeadCommand | None:
         """See `TargetMode`."""
-        pointing = self._pointing
+        stop = None if self._is_over else self._stop
         self._restart()
-        return (
-            None if pointing is None or self._present is None else pointing.stop(self._present, now)
-        )
-
-    def _restart(self) -> None:
-        """Begin the next turn where the head is."""
-        if self._pointing is not None:
-            self._pointing = Pointing(self._pointing.head, self._parameters())
+        return stop
 
     def measured(self, reading: HeadReading) -> None:
         """See `TargetMode`."""
-        self._present = reading.positions
+        self._stop = together(reading.positions, reading.positions, self._parameters().max_velocity)
 
     def step(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
         """See `TargetMode`."""
-        pointing, (now, _, positions) = self._pointing, reading
-        assert pointing is not None
-        p = self._parameters()
-        pointing.parameters = replace(p, max_velocity=min(p.max_velocity, control.fastest))
-        command = self._accept(control, pointing, reading)
-        if control.off:
+        now = reading.now
+        is_new = self._accept(control, reading)
+        turn = self._turn
+        if turn is None or control.off:
+            control.error = None
             return None
-        control.error = pointing.miss(positions)
-        result = pointing.judge(positions, now)
+        turn.aim(self._point, None, self._start, reading.positions, now)
+        control.error = turn.miss
+        result = None if self._is_over else turn.judge(now)
+        if result is None and not self._is_over:
+            return control.law.along(turn.positions, turn.max_velocity, reading.joints, now)
         if result is not None:
+            self._is_over = True
             control.conclude(str(result), arrived=result.arrived)
-        return command
+        goal = HeadCommand(*turn.positions(now), turn.max_velocity, turn.max_velocity)
+        return goal if is_new or result is not None else None
 
-    def _accept(
-        self, control: HeadControl, pointing: Pointing, reading: HeadReading
-    ) -> HeadCommand | None:
-        start = pointing.start_from(reading.positions)
+    def _accept(self, control: HeadControl, reading: HeadReading) -> bool:
+        """Return whether there is a new point to turn to."""
+        p, head, present = self._parameters(), control.head, reading.positions
+        assert head is not None
+        # At the end of a turn the head is where it was sent, not what its encoders can resolve: a
+        # target a tenth of a degree above the axis, sent again and again, raises the head.
+        start = self._goal or present
+        if not _near(present, start, p.success_angle_threshold):
+            start = present
         placed = control.take_latest_target(start, reading.now)
         control.take_refusal()
         if placed is None or control.off:
-            return None
+            return False
         target, point = placed
-        gaze, command = pointing.point_at(point, reading.positions, reading.now)
-        if pointing.turning:
-            control.outcome = f"turning to {target}"
-        if command is None:
+        gaze = head.gaze(point, *present)
+        out_of_reach = gaze.status in (GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS)
+        if not (gaze.reached or (p.clamp_to_limits and out_of_reach)):
             control.outcome = f"refused: {gaze.reason}"
             control.refuse(Refusal(target, f"nothing moves: {gaze.reason}"))
-        elif not gaze.reached:
+            return False
+        if not gaze.reached:
             control.warn("limit", f"target {target}: {gaze.reason}")
-        return command
+        goal, before = (gaze.pan, gaze.tilt), self._goal
+        self._point, self._goal = point, goal
+        if self._is_over and (before is None or not _near(goal, before, _STILL)):
+            velocity = min(p.max_velocity, control.fastest)
+            self._turn = Turn(head, velocity, 0.0, p.success_angle_threshold, p.settle_time)
+            self._start, self._is_over = present, False
+        if not self._is_over:
+            control.outcome = f"turning to {target}"
+        return True
 
-    def recenter(self, reading: HeadReading) -> HeadCommand | None:
+    def recenter(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
         """See `TargetMode`."""
-        assert self._pointing is not None
-        return self._pointing.recenter(reading.positions, reading.now)
+        self._restart()
+        head = control.head
+        assert head is not None
+        centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
+        velocity = min(self._parameters().max_velocity, control.fastest)
+        return together(reading.positions, centre, velocity)
 
     def state(self, control: HeadControl) -> tuple[str, str]:
         """See `TargetMode`."""
@@ -223,5 +248,8 @@ class LookingOnce(TargetMode):
             return "idle", f"idle: {control.trouble}"
         if control.task is not None:
             return "turning", control.task.title
-        turning = self._pointing is not None and self._pointing.turning
-        return "turning" if turning else "holding", control.outcome
+        return "holding" if self._is_over else "turning", control.outcome
+
+
+def _near(one: tuple[float, float], other: tuple[float, float], by: float) -> bool:
+    return all(abs(a - b) < by for a, b in zip(one, other, strict=True))

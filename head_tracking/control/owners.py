@@ -178,9 +178,7 @@ class JointOwners:
         self._notify()
         return resumed
 
-    def follow(
-        self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None
-    ) -> None:
+    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> None:
         """Do as the servo bus of another process.
 
         Args:

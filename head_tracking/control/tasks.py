@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from head_tracking.gaze import GazeStatus, HeadCommand
 from head_tracking.tracking import (
@@ -23,6 +23,9 @@ from head_tracking.tracking import (
     Turn,
 )
 from head_tracking.transforms import TransformException, Vector3
+
+if TYPE_CHECKING:
+    from head_tracking.control.head_control import HeadControl
 
 _PERIOD = 0.02  # s
 _PROGRESS_PERIOD = 0.035  # s
@@ -76,24 +79,6 @@ class HeadReading(NamedTuple):
     def joints(self) -> JointReading:
         """The measurement alone."""
         return JointReading(self.stamp, self.positions)
-
-
-class Places(Protocol):
-    """Tells where targets are; see `HeadControl`."""
-
-    transform_timeout: float
-
-    def is_carried(self, frame_id: str) -> bool:
-        """Return whether a frame moves when the head does."""
-
-    def place_at_stamp(self, target: Target, positions: tuple[float, float]) -> Vector3:
-        """Return a target in the frame that stands still, as it was at its stamp."""
-
-    def place_latest(self, target: Target) -> tuple[Vector3, float | None]:
-        """Return a target from the head's base by the latest transforms, and their stamp [s]."""
-
-    def from_base(self, point: Vector3, now: float) -> Vector3:
-        """Return a point of the frame that stands still, from the head's base as it is now."""
 
 
 class HeadTask(ABC):
@@ -150,7 +135,7 @@ class PointTask(HeadTask):
 
     Args:
         notify: see `HeadTask`.
-        places: of targets.
+        control: of the head.
         target: what to look at. A frame that the head carries would run before it: the point stays
             where it was.
         turn: the motion.
@@ -162,7 +147,7 @@ class PointTask(HeadTask):
     def __init__(
         self,
         notify: Callable[[HeadTask], object] | None,
-        places: Places,
+        control: HeadControl,
         target: Target,
         turn: Turn,
         *,
@@ -172,10 +157,10 @@ class PointTask(HeadTask):
         super().__init__(notify)
         self.title = f"turning {turn.head.pointing_frame} to {target}"
         self.target = target
-        self._places = places
+        self._control = control
         self._turn = turn
         self._clamp = clamp
-        self._follows = follows and not places.is_carried(target.frame_id)
+        self._follows = follows and not control.is_carried(target.frame_id)
         self._placed: float | None = None
         self._fixed: Vector3 | None = None
 
@@ -187,7 +172,7 @@ class PointTask(HeadTask):
         try:
             point, stamp = self._place(now)
         except TransformException as error:
-            if now - since >= self._places.transform_timeout:
+            if now - since >= self._control.transform_timeout:
                 self.end(TaskEnd.ABORTED, f"the target {self.target} cannot be placed: {error}")
             return law.stop(reading.joints, now) if moves and self.result else None
         gaze = turn.aim(point, stamp, self.start, positions, now)
@@ -218,10 +203,10 @@ class PointTask(HeadTask):
     def _place(self, now: float) -> tuple[Vector3, float | None]:
         """Return the target from the head's base, and its stamp [s]; None: it stands still."""
         if self._follows:
-            return self._places.place_latest(self.target)
+            return self._control.place_latest(self.target)
         if self._fixed is None:
-            self._fixed = self._places.place_at_stamp(self.target, self.start)
-        return self._places.from_base(self._fixed, now), None
+            self._fixed = self._control.place_at_stamp(self.target, self.start)
+        return self._control.from_base(self._fixed, now), None
 
 
 class TrajectoryTask(HeadTask):

@@ -187,7 +187,7 @@ def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
     answer = robot.composition.nodes["servo_bus"].stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert latched(robot, "stopped", Bool)[-1].data
-    assert isinstance(tracker.failure, ZeroDivisionError)
+    wait_for(lambda: isinstance(tracker.failure, ZeroDivisionError))
 
 
 @pytest.mark.parametrize("mode", ["track", "point"])
