@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
-from head_tracking.dynamixel.control_table import Memory, Register
+from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -60,11 +60,11 @@ def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> Non
     told = f"{value} {'' if stop else in_words(link.model, register, value)}".strip()
     if register.name == "Status Return Level":
         _set_return_level(workshop, link, value)
-    elif register.memory is Memory.EEPROM or register.name == "Lock":
+    elif register.eeprom or register.name == "Lock":
         before = link.get(register.name)
         _check_torque(link)
         _ask(workshop, link, f"{register.name} = {told} (now {before})")
-        if register.memory is Memory.EEPROM:
+        if register.eeprom:
             run(link.write_eeprom({register.name: value}), workshop.pause)
         else:
             link.set(register.name, value)
@@ -79,7 +79,7 @@ def _set(workshop: Workshop, link: Servo, register: Register, value: int) -> Non
 def _set_return_level(workshop: Workshop, link: Servo, value: int) -> None:
     """Set what a servo answers; it may be one that answers nothing but pings."""
     register = link.model.control_table["Status Return Level"]
-    kept = register.memory is Memory.EEPROM
+    kept = register.eeprom
     _ask(workshop, link, f"{register.name} = {value}" + (", and relax it" if kept else ""))
     if kept:
         link.release()

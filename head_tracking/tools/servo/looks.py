@@ -190,8 +190,8 @@ def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_
             register.name,
             str(value),
             in_words(link.model, register, value),
-            register.memory.value,
-            register.access.value,
+            "EEPROM" if register.eeprom else "RAM",
+            "RW" if register.writable else "R",
         )
     workshop.terminal.show(table)
     return 0
