@@ -1,4 +1,4 @@
-"""The program head_tracking; see head_tracking.runner."""
+"""The program head_tracking; see head_tracking.run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def main() -> int:
     """Runs the head until Ctrl-C; returns the exit code."""
     with output_may_get_lost(), StopSignal() as stop:
         with stop.while_importing():
-            from head_tracking.runner import main as run_head
+            from head_tracking.run.control import main as run_head
 
         code = run_head(sys.argv[1:], stop)
     gc.freeze()  # or Python looks through all that is left once more: 0.1 s of processor time

@@ -25,7 +25,7 @@ from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.start import program, start_ros, without_ros_arguments
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.status_line import StatusLine
+from head_tracking.run.status_line import StatusLine
 from head_tracking.tf import listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table

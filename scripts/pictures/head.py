@@ -24,7 +24,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.runner import Composition, compose, parse_arguments, ros_arguments
+from head_tracking.run.control import Composition, compose, parse_arguments, ros_arguments
 from head_tracking.transforms import RobotModel, TransformException
 
 SECONDS = 14.0

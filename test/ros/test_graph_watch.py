@@ -17,11 +17,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from waiting import eventually
 
-from head_tracking import runner
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros import graph_watch
 from head_tracking.ros.graph_watch import LOOK_TIME, STARTING, GraphWatch
-from head_tracking.status_line import StatusLine
+from head_tracking.run import control as runner
+from head_tracking.run.status_line import StatusLine
 
 RUN = "/head_tracking/simulated_01_this"
 OLDER = RUN.replace("_01", "_00")

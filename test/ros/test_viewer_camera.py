@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from robot_under_test import Robot, wait_for
 
-from head_tracking.node_sets import started_on_request
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.run.node_sets import started_on_request
 from head_tracking.vision.opencv import OpenCVMissingError
 
 pytestmark = pytest.mark.skipif(

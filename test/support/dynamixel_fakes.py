@@ -60,12 +60,12 @@ class FakeServo:
         self.reboots = 0
 
     def __getitem__(self, name: str) -> int:
-        register = self.model.control_table[name]
-        return register.decode(bytes(self.bytes[register.address : register.end]))
+        block = self.model.control_table.block(name)
+        return block.layout.unpack_from(self.bytes, block.address)[0]
 
     def __setitem__(self, name: str, value: int) -> None:
-        register = self.model.control_table[name]
-        self.bytes[register.address : register.end] = register.bytes_of(value)
+        block = self.model.control_table.block(name)
+        block.layout.pack_into(self.bytes, block.address, value)
 
     def write(self, address: int, data: bytes) -> None:
         if address in self.ignored:

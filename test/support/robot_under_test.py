@@ -23,7 +23,7 @@ from waiting import wait_for
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.runner import compose, parse_arguments, ros_arguments
+from head_tracking.run.control import compose, parse_arguments, ros_arguments
 
 
 class Robot:

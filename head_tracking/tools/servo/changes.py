@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
-from head_tracking.dynamixel.control_table import Memory, Register
+from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -50,7 +50,7 @@ def set_register(
                 f"id {value} is taken by another servo (protocol {taken}.0); two servos with one "
                 "id answer at the same time. Choose another id, or disconnect that servo"
             )
-        if register.memory is Memory.EEPROM and name != "Status Return Level":
+        if register.eeprom and name != "Status Return Level":
             _check_memory(link)
         shown = f"{name} = {value} {in_words(link.model, register, value)}".strip()
         if name not in ("ID", "Baud Rate"):
@@ -78,7 +78,7 @@ def _write(
     name = register.name
     if name == "Status Return Level":
         _set_return_level(workshop, link, register, value)
-    elif register.memory is Memory.EEPROM:
+    elif register.eeprom:
         _ask(workshop, link, f"{shown} (now {link.get(name)})")
         run(link.write_eeprom({name: value}), workshop.pause)
     elif name == "Torque Enable" and value:
@@ -118,7 +118,7 @@ def _move(workshop: Workshop, link: Servo, name: str, value: int, shown: str) ->
 
 def _set_return_level(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
     """Set what a servo answers; it may be one that answers nothing but pings."""
-    kept = register.memory is Memory.EEPROM
+    kept = register.eeprom
     _ask(workshop, link, f"{register.name} = {value}" + (", and relax it" if kept else ""))
     if kept:
         link.release()

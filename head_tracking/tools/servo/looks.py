@@ -146,7 +146,8 @@ def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_
         if register.name.startswith("Indirect") and not all_of_them:
             continue
         meaning = in_words(link.model, register, value)
-        kept, access = register.memory.value, register.access.value
+        kept = "EEPROM" if register.eeprom else "RAM"
+        access = "RW" if register.writable else "R"
         table.add_row(str(register.address), register.name, str(value), meaning, kept, access)
     workshop.terminal.show(table)
     return 0

@@ -16,7 +16,7 @@ class NodeSpec:
 
     Attributes:
         name: the node's name.
-        kind: its class, in head_tracking.nodes; imported when it is needed.
+        kind: its class, in head_tracking; imported when it is needed.
         takes: what the run hands to it: "buffer", the transforms that the process shares;
             "loop", its controllers; "connect", the port of simulated servos, or None;
             "true_position", where a simulated joint really is [rad], or None; "start", to start
@@ -33,19 +33,21 @@ class NodeSpec:
     @property
     def make(self) -> Callable[..., Node]:
         """Its class."""
-        kind: Callable[..., Node] = resolve_name(f"head_tracking.nodes.{self.kind}")
+        kind: Callable[..., Node] = resolve_name(f"head_tracking.{self.kind}")
         return kind
 
 
 ROBOT = (
-    NodeSpec("servo_bus", "servo_bus.ServoBusNode", takes=("connect", "loop")),
+    NodeSpec("servo_bus", "nodes.servo_bus.ServoBusNode", takes=("connect", "loop")),
     NodeSpec(
         "robot_state_publisher",
-        "robot_state_publisher.RobotStatePublisherNode",
+        "nodes.robot_state_publisher.RobotStatePublisherNode",
         takes=("buffer", "loop"),
     ),
     NodeSpec(
-        "joint_state_publisher", "joint_state_publisher.JointStatePublisherNode", takes=("loop",)
+        "joint_state_publisher",
+        "nodes.joint_state_publisher.JointStatePublisherNode",
+        takes=("loop",),
     ),
 )
 
@@ -60,13 +62,15 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 
 
 BUS_PROCESS = NodeSpec(
-    "servo_bus", "bus_process.BusProcessNode", takes=("simulated", "arguments", "stop")
+    "servo_bus", "nodes.bus_process.BusProcessNode", takes=("simulated", "arguments", "stop")
 )
 """In the place of servo_bus: it runs in a process of its own."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", "head_tracker.HeadTrackerNode", takes=("buffer", "loop")),
-    "point": NodeSpec("point_head", "point_head.PointHeadNode", takes=("buffer", "loop")),
+    "track": NodeSpec(
+        "head_tracker", "nodes.head_tracker.HeadTrackerNode", takes=("buffer", "loop")
+    ),
+    "point": NodeSpec("point_head", "nodes.point_head.PointHeadNode", takes=("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
@@ -75,11 +79,15 @@ SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
     given = {"follow": follow, **parameters}
-    return (NodeSpec("visual_target", "visual_target.VisualTargetNode", ("buffer", "loop"), given),)
+    return (
+        NodeSpec(
+            "visual_target", "nodes.visual_target.VisualTargetNode", ("buffer", "loop"), given
+        ),
+    )
 
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
-    kind = "fictitious_target.FictitiousTargetNode"
+    kind = "nodes.fictitious_target.FictitiousTargetNode"
     return (NodeSpec("fictitious_target", kind, ("loop",), parameters),)
 
 
@@ -87,7 +95,7 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
-    "mux": (NodeSpec("target_mux", "target_mux.TargetMuxNode", ("buffer", "loop")),),
+    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer", "loop")),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
@@ -109,14 +117,14 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """The camera of a simulated head; small images, for it shares a processor with all the rest."""
     return NodeSpec(
         "simulated_camera",
-        "simulated_camera.SimulatedCameraNode",
+        "nodes.simulated_camera.SimulatedCameraNode",
         takes=("buffer", "true_position"),
         parameters={"scene": scene, "width": 320, "height": 240, **parameters},
     )
 
 
 STARTER = NodeSpec(
-    "node_starter", "node_starter.NodeStarterNode", takes=("start", "startable", "loop")
+    "node_starter", "run.node_starter.NodeStarterNode", takes=("start", "startable", "loop")
 )
 
 

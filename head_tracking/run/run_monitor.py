@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.ros.head_interface import HeadInterface
-from head_tracking.status_line import Mood
+from head_tracking.run.status_line import Mood
 from head_tracking.tracking import TrackingJudge
 
 _ON_TARGET = math.radians(2.0)

@@ -19,7 +19,15 @@ from head_tracking.command_line import point_in_frame, seconds, with_points
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.node_sets import (
+from head_tracking.nodes.viewer import MISSING, installed
+from head_tracking.ros import parameter_files
+from head_tracking.ros.graph_watch import GraphWatch, own_enclave
+from head_tracking.ros.joint_owners import resume_report, stop_report
+from head_tracking.ros.listening import listen_for
+from head_tracking.ros.spinning import NodeThreads, describe
+from head_tracking.ros.start import start_ros, without_ros_arguments
+from head_tracking.ros.stop_signal import StoppedError, StopSignal
+from head_tracking.run.node_sets import (
     BUS_PROCESS,
     FEEDS_BUFFER,
     HEAD,
@@ -35,19 +43,11 @@ from head_tracking.node_sets import (
     simulated_camera,
     started_on_request,
 )
-from head_tracking.nodes.viewer import MISSING, installed
-from head_tracking.ros import parameter_files
-from head_tracking.ros.graph_watch import GraphWatch, own_enclave
-from head_tracking.ros.joint_owners import resume_report, stop_report
-from head_tracking.ros.listening import listen_for
-from head_tracking.ros.spinning import NodeThreads, describe
-from head_tracking.ros.start import start_ros, without_ros_arguments
-from head_tracking.ros.stop_signal import StoppedError, StopSignal
-from head_tracking.run_monitor import RunMonitor, RunSources
+from head_tracking.run.run_monitor import RunMonitor, RunSources
+from head_tracking.run.status_line import StatusLine
+from head_tracking.run.stop_key import HINT, StopKey
 from head_tracking.share import share_directory
 from head_tracking.simulation import SimulatedJoints
-from head_tracking.status_line import StatusLine
-from head_tracking.stop_key import HINT, StopKey
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
 
