@@ -18,10 +18,11 @@ from typing import Final, NamedTuple
 
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.diagnosis import Diagnosis
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import Events, Procedures
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
@@ -246,7 +247,6 @@ class Cycle:
                 if there:
                     failed.append(joint.name)
             for servo in there:
-                servo.is_unsteady(now)
                 if servo.failed_cycles >= self._settings.lost_after:
                     self._lose(joint, servo)
         return tuple(failed)
@@ -379,9 +379,7 @@ class Cycle:
             )
             servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
-        before = servo.note_loss(now)
-        if before is not None:
-            self._events.note(EventKind.LOST, joint, text + before)
+        self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
         self._note_lost()
