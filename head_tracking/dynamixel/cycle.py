@@ -25,7 +25,7 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.requests import Request, RequestQueue
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
@@ -182,7 +182,7 @@ class Cycle:
             asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
             replies = port.read_group(part.group, part.retries)
             for (joint, servo), reply in zip(part.members, replies, strict=True):
-                if type(reply) is Reply and servo.link is LinkState.PRESENT:
+                if type(reply) is Reply and servo.link is LinkState.PRESENT and not reply.causes:
                     servo.counters.replies += 1
                     servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
                     states[joint.name] = state = joint.state()
@@ -204,14 +204,14 @@ class Cycle:
     def _take_unusual(
         self,
         servo: Servo,
-        outcome: Reply | Retried | Failed,
+        outcome: Reply | Failed,
         stamp: int,
         begin: float,
         asked_at: float,
     ) -> None:
         """Take note of a reply that took several tries, or did not come, or came at last."""
         counters = servo.counters
-        causes = () if isinstance(outcome, Reply) else outcome.causes
+        causes = outcome.causes
         for cause in causes:
             servo.count(cause)
         if isinstance(outcome, Failed):
@@ -224,8 +224,7 @@ class Cycle:
             return
         counters.retries += len(causes)
         counters.replies += 1
-        reply = outcome.reply if isinstance(outcome, Retried) else outcome
-        servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+        servo.take(outcome, stamp + int((outcome.stamp - begin) * 1e9))
         servo.note_answer()
 
     def _settle(self, states: dict[str, ServoState], now: int) -> tuple[str, ...]:
