@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -36,6 +36,7 @@ try:
 except ImportError:
     TrajectoryMessage = None
 
+_RESERVE = 0.8  # of the speed that is allowed after a STOP: the rest makes up for what is late
 _PAUSE = 0.5  # s between two complaints of a stream
 
 
@@ -196,15 +197,23 @@ class HeadActions:
             tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
             now, stamp = control.now, stamp_to_ns(message.header.stamp)
             present = control.start_from(reading, control.task if waypoints else None)
-            trajectory = JointTrajectory(
-                names,
-                waypoints,
-                stamp * 1e-9 if stamp else now,
-                now,
-                dict(zip(control.joints, present, strict=True)),
-                limits,
-                tolerances,
-            )
+
+            def through(waypoints: Sequence[Waypoint]) -> JointTrajectory:
+                return JointTrajectory(
+                    names,
+                    waypoints,
+                    stamp * 1e-9 if stamp else now,
+                    now,
+                    dict(zip(control.joints, present, strict=True)),
+                    limits,
+                    tolerances,
+                )
+
+            trajectory = through(waypoints)
+            factor = trajectory.peak_speed / (_RESERVE * control.fastest)
+            if factor > 1.0:  # after a STOP
+                self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
+                trajectory = through([waypoint.slowed(factor) for waypoint in waypoints])
             task = TrajectoryTask(None if goal is None else notify, trajectory)
             if goal is not None:
                 goal.on_cancel = lambda: control.cancel(task)

@@ -183,3 +183,27 @@ def test_alone_in_a_process_it_serves_goals_too(kinectbot):
         assert sent.ended()[0] == SUCCEEDED
     finally:
         head.close()
+
+
+def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
+    world, owners = pointed.world, pointed.world.loop.owners
+    world.run(0.5)
+    owners.stop(dict)
+    world.run(0.5)
+    owners.resume()
+    held = goals.HeldGoal(
+        following(
+            (0.8, (0.6, 0.3), (0.5, 0.0)),
+            (1.6, (-0.3, 0.0), (0.0, 0.0)),
+            path=dict.fromkeys(JOINTS, 0.1),
+        )
+    )
+    pointed.node.actions.follow(held)
+    speeds, before = [], pointed.true
+    while not held.status:
+        world.run(0.1)
+        speeds.append(max(abs(a - b) for a, b in zip(pointed.true, before, strict=True)) / 0.1)
+        before = pointed.true
+    assert (held.status, held.answer.error_code) == ("succeeded", 0), held.answer.error_string
+    assert pointed.true == pytest.approx((-0.3, 0.0), abs=0.03)
+    assert max(speeds) < 0.4  # rad/s
