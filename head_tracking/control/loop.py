@@ -56,7 +56,6 @@ class ControlLoop:
             they were made; None: nothing does yet.
         period: of a cycle [s]; 0: not known.
         driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
-        held: why the controllers may move nothing now; empty: they may.
         stuck: joints that cannot go where they are told, and why, as the servo bus of this process
             has found out; who begins a motion takes its joints out.
         target_takers: called by whoever sends targets in this process; each has a subscription,
@@ -73,7 +72,6 @@ class ControlLoop:
         self.write: Callable[[str, Mapping[str, Goal], int], object] | None = None
         self.target_takers: list[Callable[[Any], object]] = []
         self.driven = False
-        self.held = ""
         self.stuck: dict[str, str] = {}
         self.period = 0.0
         self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
@@ -131,7 +129,3 @@ class ControlLoop:
         if not self.driven:
             self.update(joints)
             self.publish(joints, 0, {})
-
-    def hold(self, reason: str) -> None:
-        """Keeps the controllers from moving anything, and says why; or ends that, if empty."""
-        self.held = reason

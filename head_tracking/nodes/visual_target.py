@@ -126,6 +126,16 @@ class VisualTargetNode(Node):
         self.create_timer(_ASKED_EVERY, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
 
+    @property
+    def enabled(self) -> bool:
+        """Whether targets are published."""
+        return self._target.switch.on
+
+    @enabled.setter
+    def enabled(self, enabled: bool) -> None:
+        if enabled != self.enabled:
+            self._target.switch.set(enabled)
+
     def destroy_node(self) -> None:
         """Ends the thread that looks too."""
         self._looking.close()

@@ -603,10 +603,8 @@ class HeadInterface:
                 return None
             found.append(position)
             stamps.append(stamp)
-        self.trouble = self._clock.standing or self._loop.held
+        self.trouble = self._clock.standing
         self._positions = found[0], found[1]
-        if self._loop.held:
-            return None
         return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
     def take_targets(

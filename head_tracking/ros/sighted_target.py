@@ -48,6 +48,7 @@ class SightedTarget:
         worker: does what takes its time.
 
     Attributes:
+        switch: enables and disables the node.
         tracker: keeps to one of the things that are found.
     """
 
@@ -69,7 +70,7 @@ class SightedTarget:
         self.find_by(detector)
         self._camera: tuple[Camera, str] | None = None
         self._placed = False
-        self._switch = Switch(node)
+        self.switch = Switch(node)
         self._output = TargetOutput(node, loop)
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
@@ -78,7 +79,7 @@ class SightedTarget:
     @property
     def wanted(self) -> bool:
         """Whether anybody wants to know what is found."""
-        return self._switch.on or self._confidence.get_subscription_count() > 0
+        return self.switch.on or self._confidence.get_subscription_count() > 0
 
     def find_by(self, detector: Detector) -> None:
         """Looks for other things from now on."""
@@ -113,7 +114,7 @@ class SightedTarget:
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Sends the target that was sighted, unless that is switched off, and how sure it is."""
         if sighting is not None:
-            if self._switch.on:
+            if self.switch.on:
                 self._output.send(Target(stamp, frame_id, sighting.point))
         elif self.tracker.without_distance:
             self.complain(

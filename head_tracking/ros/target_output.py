@@ -26,8 +26,6 @@ class TargetOutput:
 
     def send(self, target: Target) -> None:
         """Lets everybody have a target."""
-        if self._loop is not None and self._loop.held:
-            return  # it would be another head that moves
         takers = self._loop.target_takers if self._loop else []
         if takers and self.publisher.get_subscription_count() <= len(takers):
             for take in takers:
