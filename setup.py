@@ -101,6 +101,7 @@ setup(
     install_requires=requirements("libraries") + requirements("yourdfpy"),
     extras_require={
         **{name: requirements(name) for name in ("ros", "vision", "viewer")},
+        "page": requirements("viewer"),
         "test": [line for name in ("test", "vision", "viewer") for line in requirements(name)],
     },
     cmdclass={"install_data": InstallData},

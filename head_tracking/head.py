@@ -16,7 +16,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from head_tracking.control import JointOwners
 from head_tracking.control.motion import HeadMotion
@@ -50,6 +50,9 @@ from head_tracking.transforms import (
     TransformException,
     load_robot_model,
 )
+
+if TYPE_CHECKING:
+    from head_tracking.vision import Camera, CameraFollower, Detector, DistanceParameters, Pixels
 
 __all__ = [
     "AX_12_PAIR",
@@ -138,6 +141,8 @@ class Head:
         self._owners = JointOwners()
         self._relaxed = self._closed = False
         self._measured = threading.Event()
+        self._leading = threading.Lock()
+        self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
         self._bus = ServoBus(
             DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
@@ -240,6 +245,7 @@ class Head:
             raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to 12 rad/s")
         target = _target(point, frame, stamp)
         epoch, motion = self._permit(), self._motion
+        self._take_over()
         place = _known(lambda: motion.place(target), frame)
         _known(lambda: motion.check(target, place), frame)
         self._switch_torque(True, epoch)
@@ -275,17 +281,61 @@ class Head:
         if frame not in self.frames.frames():
             known = ", ".join(self.frames.frames())
             raise FrameError(frame, f"the frame {frame!r} does not exist; there are {known}")
-        if self._motion.target_state is None:  # torque that comes late looks like a slow servo
-            self._switch_torque(True, epoch)
-        self._motion.follow(target, epoch)
-        try:
-            self._permit(epoch)
-        except RefusedCommandError as refusal:  # meanwhile
-            self._motion.abandon(refusal)
-            raise
+        self._take_over()
+        self._follow(target, epoch)
+
+    def follow_camera(
+        self,
+        what: str | Detector = "face",
+        camera: int | str | Iterable[tuple[float, Pixels]] = 0,
+        *,
+        frame: str = "camera_optical_frame",
+        model: Camera | None = None,
+        distances: DistanceParameters | None = None,
+    ) -> CameraFollower:
+        """Keep the head on what a camera on it sees; returns at once. Needs OpenCV.
+
+        It ends with the next command, `stop` and `relax` included: `resume` does not go on with it.
+
+        Args:
+            what: face, colour or marker, or a detector of `head_tracking.vision`.
+            camera: number, device, file or URL; or pictures (blue, green, red; shape (height,
+                width, 3)) with the times at which they were taken [s, as time.time()].
+            frame: the camera's optical frame.
+            model: of the camera; None: one that sees 60 degrees from left to right.
+            distances: how wide or how far away it is; None: 2 m away.
+
+        Returns:
+            What is seen, and why it has ended.
+
+        Raises:
+            OpenCVMissingError: OpenCV is not installed.
+            FrameError: the frame is not known.
+            RefusedCommandError: the head is stopped, relaxed or closed.
+            DynamixelError: a servo cannot hold.
+            ValueError: there is no such detector.
+        """
+        from head_tracking.vision import CameraFollower, find_detector, pictures
+
+        detector = find_detector(what) if isinstance(what, str) else what
+        source = pictures(camera) if isinstance(camera, int | str) else camera
+        base, epoch = self._motion.base_frame, self._permit()
+        self.pose(frame, base)
+        follower = CameraFollower(
+            detector,
+            source,
+            lambda point, stamp: self._follow_for(follower, _target(point, frame, stamp), epoch),
+            lambda stamp: self.pose(frame, base, stamp=stamp),
+            model,
+            distances,
+        )
+        self._take_over(follower)
+        follower.start()
+        return follower
 
     def hold(self) -> None:
-        """End `follow`, or a `look_at` of another thread; the head stays where it is."""
+        """End what is under way, also of another thread; the head stays where it is."""
+        self._take_over()
         self._motion.hold()
 
     def stop(self) -> Mapping[str, str]:
@@ -307,6 +357,7 @@ class Head:
         """
         self._require_open()
         self._relaxed = True
+        self._take_over()
         self._motion.abandon(RefusedCommandError(HeadState.RELAXED))
         self._switch_torque(False)
 
@@ -433,6 +484,28 @@ class Head:
         if epoch not in (None, now):
             raise RefusedCommandError(HeadState.STOPPED)
         return now
+
+    def _take_over(self, follower: CameraFollower | None = None) -> None:
+        """Let a camera lead the head, or none: what the one before sees counts no more."""
+        with self._leading:
+            self._follower = follower
+
+    def _follow_for(self, follower: CameraFollower, target: Target, epoch: int) -> None:
+        with self._leading:
+            if follower is not self._follower:
+                raise SupersededError(target.point, self.error)
+            self._permit(epoch)
+            self._follow(target, epoch)
+
+    def _follow(self, target: Target, epoch: int) -> None:
+        if self._motion.target_state is None:  # torque that comes late looks like a slow servo
+            self._switch_torque(True, epoch)
+        self._motion.follow(target, epoch)
+        try:
+            self._permit(epoch)
+        except RefusedCommandError as refusal:  # meanwhile
+            self._motion.abandon(refusal)
+            raise
 
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
         switched: list[Future[None]] = self._buses.call(

@@ -97,6 +97,11 @@ class HeadMotion:
         self._cautious_since: float | None = None  # 0: not begun
 
     @property
+    def base_frame(self) -> str:
+        """The frame that the pan joint stands in."""
+        return self._head.base_frame
+
+    @property
     def look(self) -> Look | None:
         """The turn that is under way."""
         return self._look

@@ -10,7 +10,7 @@ from head_tracking.dynamixel.configuration import (
     check_configuration,
     fastest_speed,
 )
-from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
+from head_tracking.dynamixel.control_table import Block, ControlTable, Register
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -67,7 +67,6 @@ from head_tracking.dynamixel.state import (
 from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming, CycleSchedule
 
 __all__ = [
-    "Access",
     "Adapter",
     "Block",
     "BusEvent",
@@ -97,7 +96,6 @@ __all__ = [
     "Instruction",
     "JointConfiguration",
     "LineBusyError",
-    "Memory",
     "NotConnectedError",
     "PortBusyError",
     "PortError",

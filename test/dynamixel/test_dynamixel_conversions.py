@@ -26,18 +26,17 @@ TABLE = servo_model("AX-12").control_table
     [
         ("Goal Position", 512, "00 02"),
         ("Goal Position", 1023, "FF 03"),
-        ("Present Voltage", 120, "78"),
-        ("Present Position", 0, "00 00"),
+        ("LED", 1, "01"),
     ],
 )
 def test_low_byte_comes_first(name: str, value: int, data: str) -> None:
-    assert TABLE[name].bytes_of(value) == bytes.fromhex(data)
+    assert TABLE.block(name).encode(value) == bytes.fromhex(data)
 
 
 @pytest.mark.parametrize(("name", "value"), [("LED", -1), ("LED", 256), ("Goal Position", 65536)])
 def test_value_that_does_not_fit_is_refused(name: str, value: int) -> None:
     with pytest.raises(RangeError):
-        TABLE[name].bytes_of(value)
+        TABLE.block(name).encode(value)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel import (
+    Block,
     BusReading,
     BusThread,
     DynamixelPort,
@@ -100,7 +101,8 @@ def test_every_register_is_readable(simulated: SimulatedPort, register: Register
     port = DynamixelPort(simulated.port_name, reply_timeout=5.0)
     port.open()
     reply = port.read(1, register.address, register.size)
-    assert register.decode(reply.data) == simulated.use(lambda bus: bus[1].register(register.name))
+    (value,) = Block((register,)).decode(reply.data)
+    assert value == simulated.use(lambda bus: bus[1].register(register.name))
     port.close()
 
 
