@@ -41,6 +41,7 @@ from head_tracking.ros.bus_parameters import (
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
+from head_tracking.ros.head_claim import HeadClaim
 from head_tracking.ros.head_lock import HeadLock
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import OwnersOutput, sender_from
@@ -508,7 +509,14 @@ def main() -> int:
         print(error, file=sys.stderr)
         if lock.descriptors:
             return 1  # a simulated head does not end
-    return run_node(ServoBusNode)
+    return run_node(_claiming_node)
+
+
+def _claiming_node() -> ServoBusNode:
+    """Return the node of a head that is no run, and goes on whoever else is there."""
+    node = ServoBusNode()
+    HeadClaim(node, simulated=False).begin()
+    return node
 
 
 if __name__ == "__main__":

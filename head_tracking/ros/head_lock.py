@@ -30,7 +30,7 @@ _FOLDER: Final = Path("/tmp")  # not TMPDIR, which may be a user's own
 _PATIENCE: Final = 15.0  # s that a simulated head may take to end
 _PERIOD: Final = 0.05  # s
 _RETRIES: Final = (0.002, 0.005, 0.01, 0.02, 0.0)  # s
-_CURES: Final = (
+CURES: Final = (
     "give this one a ROS domain of its own (ROS_DOMAIN_ID) or names of its own "
     "(--ros-args -r __ns:=/second), or let both command one head (--allow-others)"
 )
@@ -132,7 +132,7 @@ class HeadLock:
     def _refusal(self, path: Path) -> RefusedError:
         holder = path.read_text(errors="replace") or "it has just started"
         head = f"{self._namespace.rstrip('/')}/servo_bus"
-        return RefusedError(f"another head is on this machine: {head} ({holder}); {_CURES}")
+        return RefusedError(f"another head is on this machine: {head} ({holder}); {CURES}")
 
 
 def namespace(arguments: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -10,11 +11,13 @@ from typing import Any
 
 import rclpy
 from rclpy.logging import get_logger
+from rclpy.node import Node
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros import parameter_files
+from head_tracking.ros.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.joint_owners import resume_report, stop_report
 from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
@@ -223,6 +226,25 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
     return threads.exit_code()
 
 
+def _claim(plan: Run, threads: NodeThreads, stop: StopSignal, status: StatusLine) -> HeadClaim:
+    """Claim the head before anything else is published.
+
+    Raises:
+        RefusedError: another head has it.
+        StoppedError: somebody asked to stop.
+    """
+    node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
+    claim = HeadClaim(node, simulated=plan.simulated)
+    threads.start(node)
+    if not plan.allow_others and is_heard_elsewhere(os.environ):
+        status.show(["looking for other heads"])
+        stop.wait(LOOK_TIME)
+        stop.check()
+        claim.check()
+    claim.begin()
+    return claim
+
+
 def _run(
     plan: Run,
     threads: NodeThreads,
@@ -235,6 +257,7 @@ def _run(
         if not plan.simulated:  # else they end with this process
             line.send(servos=servo_bus.servos_by_port())
 
+    claim = _claim(plan, threads, stop, status)
     others = OtherProcesses(line, stop)
     head = compose(plan, threads, resources, stop, others.start, hand_over)
     parameter_files.check(head.nodes.values())
@@ -250,6 +273,8 @@ def _run(
     )
 
     def look() -> None:
+        if not plan.allow_others:
+            claim.check()
         parts, mood = monitor.look()
         status.show([*parts, HINT] if key.works else parts, mood)
 
