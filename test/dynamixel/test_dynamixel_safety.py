@@ -10,6 +10,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
@@ -478,7 +479,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             repeated += 1
             return [answer, replace(answer, delay=answer.delay + late)]
 
-        bench = Bench(SimulatedBus([servo], line=twice))
+        bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
         bus = ServoBus(
             bench.port, [joint(1, servo_model(servo.model.name))], bench.now, monotonic=bench.now
         )
