@@ -265,7 +265,7 @@ def _run(
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(
         RunSources(
-            head=head_node.interface if head_node else None,
+            head=head_node.interface.control if head_node else None,
             bus_status=head.nodes["servo_bus"].status,
             true_position=head.true_position,
             stopped=lambda: head.loop.owners.stopped,

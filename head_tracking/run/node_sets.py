@@ -82,14 +82,14 @@ def _visual(follow: str) -> tuple[NodeSpec, ...]:
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
     kind = "nodes.fictitious_target.FictitiousTargetNode"
-    return (NodeSpec("fictitious_target", kind, ("loop",), parameters),)
+    return (NodeSpec("fictitious_target", kind, parameters=parameters),)
 
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
-    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer", "loop")),),
+    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
