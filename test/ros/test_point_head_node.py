@@ -247,6 +247,6 @@ def test_targets_go_the_same_way_whoever_listens(pointed, monkeypatch):
     monkeypatch.setattr(
         world, "publish", lambda topic, message: (published.append(topic), publish(topic, message))
     )
-    world.make(FictitiousTargetNode, {"rate": 10.0}, loop=world.loop)
+    world.make(FictitiousTargetNode, {"rate": 10.0})
     world.run(1.0)
     assert published.count("/target_point") == pytest.approx(10, abs=1)
