@@ -91,7 +91,10 @@ class Rig:
 
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
-            self.bench.pass_time(PERIOD)
+            due = self.bench.now() + round(PERIOD * 1e9)
+            while self.bus.fill(due):
+                pass
+            self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
             logged = [event for event in reading.events if not event.repeated]
             self.events += [event.text for event in logged]
@@ -379,6 +382,19 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert rig.bus.torque("j1") is Torque.ON
     assert servos[1].register("Goal Position") == before
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
+
+
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
+    servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
+    rig = Rig(*servos)
+    for phase in range(6):
+        servos[0].power_off()
+        rig.step(20 + phase)
+        assert rig.reading.lost == ("j1",)
+        servos[0].power_on()
+        rig.step(5)
+        assert set(rig.reading.states) == {"j1", "j2"}, phase
 
 
 # Who is there
