@@ -11,12 +11,12 @@ from contextlib import suppress
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
+from head_tracking.control.head_control import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
 from head_tracking.ros.diagnostics import Health, Level
 from head_tracking.ros.graph import Graph
-from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.other_parameters import OtherParameters
 from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.ros.own_thread import OwnThread
