@@ -100,7 +100,7 @@ make_environment() {
     install --no-deps -r "$root/requirements/yourdfpy.txt"
   step "linking this checkout" install --no-deps -e "$root"
   step "checking that everything loads" "$venv/bin/python" -c \
-    'import dynamixel_sdk, numpy, rclpy, sensor_msgs.msg, xacro, yaml, yourdfpy'
+    'import numpy, rclpy, sensor_msgs.msg, serial, xacro, yaml, yourdfpy'
 }
 
 # What is added later must not replace the numpy that ROS's C extensions are built on.

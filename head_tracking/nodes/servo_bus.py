@@ -101,10 +101,7 @@ class ServoBusNode(Node):
             for (name, baud_rate), joints in ports.items()
         ]
         self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
-        self._names = {
-            bus: frozenset([joint.joint_name for joint in bus.joints])
-            for bus, _ in self._buses.threads
-        }
+        self._names = {bus: frozenset([joint.joint_name for joint in bus.joints]) for bus in buses}
         self._connect(p.allow_missing)
         loop.driven, loop.period = True, 1.0 / p.update_rate
         loop.drive_by(self._write)
@@ -228,7 +225,7 @@ class ServoBusNode(Node):
         log = self.get_logger()
         connected: list[ServoBus] = []
         try:
-            for bus, _ in self._buses.threads:
+            for bus in [thread.bus for thread in self._buses.threads]:
                 summary = bus.connect(allow_missing=allow_missing) or "no servo answers"
                 connected.append(bus)
                 adapter = bus.adapter
@@ -412,14 +409,14 @@ class ServoBusNode(Node):
     def _statuses(self) -> list[BusStatus]:
         return [
             BusStatus(
-                bus.port_name,
-                bus.statistics(),
+                thread.bus.port_name,
+                thread.bus.statistics(),
                 thread.timing,
-                self._states.get(bus, {}),
+                self._states.get(thread.bus, {}),
                 int(self.get_clock().now().nanoseconds),
                 self._settings,
             )
-            for bus, thread in self._buses.threads
+            for thread in self._buses.threads
         ]
 
     def _publish_diagnostics(self) -> None:
