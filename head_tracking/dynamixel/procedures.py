@@ -103,12 +103,10 @@ class Procedures:
             yield 0.002
 
     def _stands(self, servo: Servo) -> bool:
-        block = servo.model.feedback
         try:
-            reply = self._port.read(servo.id, block.address, block.length, servo.model.protocol)
+            servo.read_feedback()
         except CommunicationError:
             return False
-        servo.take(reply, servo.stamp)
         return abs(servo.velocity) <= _STANDS
 
     # Torque off
