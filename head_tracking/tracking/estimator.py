@@ -336,7 +336,10 @@ class TargetEstimator:
             return Verdict.DOUBLED
         self._suspects = [*suspects, (stamp, sight)]
         alike = [each for each in suspects if self._angle(each[1], sight) < threshold]
-        if len(suspects) > 1 and self._angle(_line(*suspects[-2:], stamp), sight) < threshold:
+        if (
+            len(suspects) > 1
+            and self._angle(_line(suspects[-2], suspects[-1], stamp), sight) < threshold
+        ):
             alike = suspects[-2:]
         points = sorted((*alike, (stamp, sight)))
         confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
