@@ -19,6 +19,10 @@ _FEWEST = 8  # points that are kept, however old
 _NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther ones suspected
 _FAST = 2.5  # rad/s; a likely point that needs less speed than this is used
 _UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
+_FASTEST = 1.5  # rad/s; suspects that are farther apart than this do not confirm each other
+_STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
+_RETURN = 10.0  # s; within this,
+_SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
 _SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
@@ -276,6 +280,7 @@ class TargetEstimator:
         self._tilts: list[float] = []
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[tuple[float, Sight]] = []
+        self._left: tuple[float, Sight] | None = None
         self._began = 0.0
         self._estimate: TargetEstimate | None = None
 
@@ -287,6 +292,7 @@ class TargetEstimator:
     def reset(self) -> None:
         """Forget the target."""
         self._suspects.clear()
+        self._left = None
         self._cut(0)
         self._estimate = None
 
@@ -335,7 +341,11 @@ class TargetEstimator:
         if any(each[0] == stamp for each in suspects):
             return Verdict.DOUBLED
         self._suspects = [*suspects, (stamp, sight)]
-        alike = [each for each in suspects if self._angle(each[1], sight) < threshold]
+        alike = [
+            each
+            for each in suspects
+            if self._angle(each[1], sight) < max(threshold, _FASTEST * abs(stamp - each[0]))
+        ]
         if (
             len(suspects) > 1
             and self._angle(_line(suspects[-2], suspects[-1], stamp), sight) < threshold
@@ -343,7 +353,9 @@ class TargetEstimator:
             alike = suspects[-2:]
         points = sorted((*alike, (stamp, sight)))
         confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
-        if not alike or points[-1][0] - points[0][0] < confirmation:
+        if self._returns(stamp, sight):
+            points = [(stamp, sight)]
+        elif not alike or points[-1][0] - points[0][0] < confirmation:
             return Verdict.JUMP
         self._suspects.clear()
         if self._jumped(estimate, points):
@@ -352,6 +364,12 @@ class TargetEstimator:
         for point in points:
             self._insert(*point)
         return Verdict.TAKEN
+
+    def _returns(self, stamp: float, sight: Sight) -> bool:
+        """Return whether the target is where it stayed before its last jump: two take turns."""
+        if self._left is None or stamp - self._left[0] > _RETURN:
+            return False
+        return self._angle(self._left[1], sight) < _SAME * self.parameters.jump_threshold
 
     def _expected(self, before: TargetEstimate, stamp: float, sight: Sight) -> bool:
         """Return whether a point is where the target should be, as far as can be told."""
@@ -374,6 +392,8 @@ class TargetEstimator:
         index = max(bisect_right(self._stamps, points[0][0]), 1)
         before = self._snapshots[index - 1]
         later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
+        stayed = before.stamp - self._began > _STAYED
+        self._left = (before.stamp, before.sight) if stayed else None
         self._begin(points, before)
         for stamp, sight in later:
             place = bisect_right(self._stamps, stamp)

@@ -349,14 +349,14 @@ def test_how_far_a_point_is_away_depends_on_the_elevation_of_the_rays(level, ver
     assert estimator.add(2.0, Sight(0.12, 1.3, 2.0), 2.0) is verdict
 
 
-def test_of_two_persons_who_take_turns_the_second_point_is_believed():
+def test_of_two_persons_who_take_turns_the_known_one_is_believed_at_once():
     estimator, verdicts = TargetEstimator(EstimatorParameters()), []
     for k in range(6 * RATE):
         t = k / RATE
         verdict = estimator.add(t, Sight(0.5 if k // RATE % 2 else -0.5, 0.0, 2.0), t)
         verdicts.append(verdict)
-    assert all(verdicts[k * RATE] is Verdict.JUMP for k in range(1, 6))
-    assert all(verdicts[k * RATE + 1] is Verdict.NEW_TARGET for k in range(1, 6))
+    assert verdicts[RATE] is Verdict.JUMP  # (nobody was there before)
+    assert all(verdicts[k * RATE] is Verdict.NEW_TARGET for k in range(2, 6))
 
 
 def test_a_suspect_that_comes_twice_confirms_nothing():
@@ -368,7 +368,7 @@ def test_a_suspect_that_comes_twice_confirms_nothing():
     assert estimator.add(now + 0.02, seen((0.5, 2.0, 2.5)), now) is Verdict.JUMP
 
 
-def test_a_false_detection_that_recurs_is_not_believed():
+def test_a_false_detection_that_recurs_throws_the_head_once():
     estimator, thrown = TargetEstimator(EstimatorParameters()), 0
     for k in range(20 * RATE):
         t = k / RATE
@@ -376,7 +376,7 @@ def test_a_false_detection_that_recurs_is_not_believed():
         estimator.add(t, Sight(0.5 if poster else -0.5, 0.0, 2.0), t)
         pan, _ = estimator.estimate.bearing(t)
         thrown += t > 3.0 and pan > -0.4
-    assert thrown == 0
+    assert thrown <= 1
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
