@@ -336,21 +336,12 @@ class TargetEstimator:
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, sight)
             return Verdict.TAKEN
-        threshold, timeout = self.parameters.jump_threshold, self.parameters.target_timeout
+        timeout = self.parameters.target_timeout
         suspects = [each for each in self._suspects if abs(stamp - each[0]) < timeout]
         if any(each[0] == stamp for each in suspects):
             return Verdict.DOUBLED
         self._suspects = [*suspects, (stamp, sight)]
-        alike = [
-            each
-            for each in suspects
-            if self._angle(each[1], sight) < max(threshold, _FASTEST * abs(stamp - each[0]))
-        ]
-        if (
-            len(suspects) > 1
-            and self._angle(_line(suspects[-2], suspects[-1], stamp), sight) < threshold
-        ):
-            alike = suspects[-2:]
+        alike = self._confirming(suspects, stamp, sight)
         points = sorted((*alike, (stamp, sight)))
         confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
         if self._returns(stamp, sight):
@@ -364,6 +355,21 @@ class TargetEstimator:
         for point in points:
             self._insert(*point)
         return Verdict.TAKEN
+
+    def _confirming(
+        self, suspects: list[tuple[float, Sight]], stamp: float, sight: Sight
+    ) -> list[tuple[float, Sight]]:
+        """Return the suspects by which a further one is believed; empty: none."""
+        if not suspects:
+            return []
+        threshold, (before, last) = self.parameters.jump_threshold, suspects[-1]
+        if self._angle(last, sight) < max(threshold, _FASTEST * abs(stamp - before)):
+            return suspects[-1:]
+        if len(suspects) > 1:
+            line = _line(suspects[-2], suspects[-1], stamp)
+            if self._angle(line, sight) < threshold:
+                return suspects[-2:]
+        return [each for each in suspects if self._angle(each[1], sight) < threshold]
 
     def _returns(self, stamp: float, sight: Sight) -> bool:
         """Return whether the target is where it stayed before its last jump: two take turns."""
