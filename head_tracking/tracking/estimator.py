@@ -16,9 +16,7 @@ from head_tracking.tracking.multiple_model import Bearings, Motion
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FEWEST = 8  # points that are kept, however old
-_NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther ones suspected
-_FAST = 2.5  # rad/s; a likely point that needs less speed than this is used
-_UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
+_NEAR = 0.6  # of `jump_threshold`; so near the prediction a point is used, if the last one was
 _FASTEST = 1.5  # rad/s; suspects that are farther apart than this do not confirm each other
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
 _RETURN = 10.0  # s; within this,
@@ -281,7 +279,7 @@ class TargetEstimator:
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[tuple[float, Sight]] = []
         self._left: tuple[float, Sight] | None = None
-        self._began = 0.0
+        self._began = self._off = 0.0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -378,20 +376,13 @@ class TargetEstimator:
         return self._angle(self._left[1], sight) < _SAME * self.parameters.jump_threshold
 
     def _expected(self, before: TargetEstimate, stamp: float, sight: Sight) -> bool:
-        """Return whether a point is where the target should be, as far as can be told."""
+        """Return whether a point is near the prediction; one that was off widens the gate."""
         pan, tilt = before.bearing(stamp)
         away = self._angle(sight, Sight(pan, tilt, sight.distance))
-        threshold = self.parameters.jump_threshold
-        if away <= _NEAR * threshold:
-            return True
-        unlikely = math.hypot(
-            *(
-                off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
-                for joint, off in enumerate((sight.pan - pan, sight.tilt - tilt))
-            )
-        )
-        farthest = max(_FAR * threshold, _FAST * (stamp - before.stamp))
-        return unlikely <= _UNLIKELY and away <= farthest
+        expected = away <= _NEAR * self.parameters.jump_threshold + self._off
+        if expected:
+            self._off = away
+        return expected
 
     def _restart(self, points: Sequence[tuple[float, Sight]]) -> None:
         """Start anew from points that are believed, and judge later ones by them."""
@@ -428,7 +419,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing)
         )
-        self._began, self._estimate = stamp, None
+        self._began, self._off, self._estimate = stamp, 0.0, None
         self._append(stamp, sight, bearings)
         for each in others:
             self._append(*each)
