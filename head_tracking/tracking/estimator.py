@@ -34,10 +34,8 @@ _LEAST_RANGE_NOISE = 1e-3
 _FIRST_RANGE_RATE = 1.0  # 1/s
 _RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
 _RANGE_MEMORY = 1.0  # s; over which the noise is learned
-_RANGE_OUTLIER = 9.0  # variances
-_RANGE_OUTLIERS = 3  # in a row: the filter is wrong, not the points
+_RANGE_OUTLIER = 3.0  # deviations; no more of a difference is believed
 _SMALLEST_RANGE = 1e-3  # m
-_NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
 
@@ -96,50 +94,37 @@ class Range(NamedTuple):
         rate: its change [1/s].
         covariance: of both: pp, pv, vv.
         variance: of the measured logarithms.
-        outliers: points in a row that were not used because they were too far off.
     """
 
     log: float
     rate: float
     covariance: tuple[float, float, float]
     variance: float
-    outliers: int = 0
 
     @staticmethod
     def seen_once(distance: float) -> Range:
-        """After one point [m]."""
+        """Return what one point tells [m]."""
         noise = _FIRST_RANGE_NOISE**2
         log = math.log(max(distance, _SMALLEST_RANGE))
         return Range(log, 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
-    def after(self, dt: float, distance: float, turning: float) -> Range:
-        """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
+    def after(self, dt: float, distance: float) -> Range:
+        """Return what another point [m] tells, a time `dt` [s] later."""
         pp, pv, vv = self.covariance
         pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
         pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
         vv += _RANGE_ACCELERATION * dt
-        away, aside = max(1.0 + self.rate * dt, _NEAREST), turning * dt
-        square = away * away + aside * aside
-        log = self.log + 0.5 * math.log(square)
-        rate = (self.rate * away + turning * aside) / square
+        log = self.log + self.rate * dt
         off = math.log(max(distance, _SMALLEST_RANGE)) - log
         expected = pp + self.variance
-        unexpected = min(off * off / expected, _RANGE_OUTLIER)
+        off = math.copysign(min(abs(off), _RANGE_OUTLIER * math.sqrt(expected)), off)
         share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
-        variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
-        if unexpected == _RANGE_OUTLIER:
-            if self.outliers + 1 >= _RANGE_OUTLIERS:
-                return Range.seen_once(distance)
-            return Range(log, rate, (pp, pv, vv), variance, self.outliers + 1)
+        variance = self.variance * (1.0 + share * (off * off / expected - 1.0))
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
-        return Range(log + k * off, rate + by_rate * off, left, variance)
-
-    @property
-    def receding(self) -> float:
-        """The change of the logarithm [1/s] as far as it can be told from noise."""
-        square = self.rate * self.rate
-        return self.rate * max(0.0, 1.0 - self.covariance[2] / square) if square else 0.0
+        return Range(
+            log + k * off, self.rate + by_rate * off, left, max(variance, _LEAST_RANGE_NOISE**2)
+        )
 
     def distance(self, dt: float) -> float:
         """The distance [m] a time `dt` [s] later."""
@@ -444,12 +429,10 @@ class TargetEstimator:
             before = snapshots[-1]
             earlier = bisect_right(stamps, stamp - self.horizon) - 1
             judged = snapshots[min(max(earlier, 0), len(snapshots) - 1)]
-            turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
-            distance = before.range.after(stamp - before.stamp, sight.distance, turning)
+            distance = before.range.after(stamp - before.stamp, sight.distance)
             bearings = before.bearings.after(
                 stamps,
                 (self._pans, self._tilts),
-                distance.receding,
                 judged.bearings,
                 stamp - judged.stamp,
             )
