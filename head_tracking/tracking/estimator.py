@@ -16,7 +16,7 @@ from head_tracking.tracking.multiple_model import Bearings, Motion
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
 _FEWEST = 8  # points that are kept, however old
-_NEAR = 0.6  # of `jump_threshold`; so near the prediction a point is used, if the last one was
+_NEAR = 0.5  # of `jump_threshold`; so near the prediction a point is used, if the last one was
 _FASTEST = 1.5  # rad/s; suspects that are farther apart than this do not confirm each other
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
 _RETURN = 10.0  # s; within this,
