@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
 from head_tracking.recording.recording import ERRORS
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.graph import Graph
 from head_tracking.ros.images import camera_of, raw_image
 from head_tracking.ros.joint_owners import owners_from_message
@@ -231,10 +232,8 @@ class OtherTopics:
             node, colon, part = status.name.partition(":")
             if not self._graph.is_own(node):
                 continue
-            level = Level(int.from_bytes(status.level, "little"))
-            values = {pair.key: pair.value for pair in status.values}
             name = node.rpartition("/")[2] + colon + part
-            self._diagnostics[name] = Heard(now, Health(name, level, status.message, values))
+            self._diagnostics[name] = Heard(now, replace(health_from_message(status), name=name))
 
     def _on_log(self, message: Log) -> None:
         node = message.name.replace(".", "/")
