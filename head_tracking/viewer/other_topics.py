@@ -174,8 +174,14 @@ class OtherTopics:
         return tuple(f"{one.node}: {one.text}" for one in self._logged() if one.level >= _WARN)
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics by name; what is not said any more is stale."""
-        now = time.monotonic()
+        """Return the latest diagnostics by name.
+
+        A node that is there and has said nothing lately is stale. What a node that has gone said,
+        and what one says no more beside its other diagnostics, is left out.
+        """
+        now, latest = time.monotonic(), dict(self._diagnostics)
+        speaking = {_source(name) for name, heard in latest.items() if now - heard.at < _SILENT}
+        silent = set(self._graph.nodes) - speaking
         return tuple(
             heard.what
             if now - heard.at < _SILENT
@@ -185,7 +191,8 @@ class OtherTopics:
                 f"nothing heard for {now - heard.at:.0f} s; last: {heard.what.message}",
                 heard.what.values,
             )
-            for name, heard in sorted(dict(self._diagnostics).items())
+            for name, heard in sorted(latest.items())
+            if now - heard.at < _SILENT or _source(name) in silent
         )
 
     def images(self) -> tuple[str, ...]:
@@ -245,6 +252,11 @@ class OtherTopics:
     def _logged(self) -> tuple[Logged, ...]:
         with self._log_lock:
             return tuple(self._log)
+
+
+def _source(name: str) -> str:
+    """Return the node that a name in diagnostics begins with."""
+    return name.partition(":")[0]
 
 
 def _camera_infos(topic: str) -> tuple[str, ...]:

@@ -144,3 +144,23 @@ def test_no_message_ends_the_page(threads, viewer):
     wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
     assert "stop" in bus.calls
     stranger.destroy_node()
+
+
+def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(viewer):
+    nodes = {name: Node(name) for name in ("gone", "hanging", "arm")}
+    publishers = {
+        name: node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        for name, node in nodes.items()
+    }
+    for name, publisher in publishers.items():
+        assert diagnosed(publisher, viewer.robot, 0, f"{name}: first").level is Level.OK
+    nodes.pop("gone").destroy_node()
+
+    def levels() -> dict[str, Level]:
+        other = DiagnosticStatus(name="arm: second", level=DiagnosticStatus.OK)
+        publishers["arm"].publish(DiagnosticArray(status=[other]))
+        return {one.name: one.level for one in viewer.robot.health()}
+
+    wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
+    for node in nodes.values():
+        node.destroy_node()
