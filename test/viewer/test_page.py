@@ -397,6 +397,30 @@ def test_the_page_outlives_what_goes_wrong(kinectbot, show):
     wait_for(lambda: robot.seen > 60)
 
 
+def test_a_part_that_fails_is_named_and_the_others_go_on(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    servo = {"torque": "torque on", "position (rad)": "n/a"}
+    robot.health = lambda: (Health("servo_bus: pan", Level.OK, "fine", servo),)
+    robot.modes.possible = lambda: 1 // 0
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: "ZeroDivisionError" in page._status._messages.content)
+        assert "<td>n/a</td>" in page._status._bus.content
+        values = set()  # a panel after the one that fails
+        wait_for(
+            lambda: (
+                values.add(page._tuning._inputs["/head_tracker", "k_pan"].value) or len(values) > 2
+            )
+        )
+        robot.modes.possible = lambda: tuple(Mode)
+        wait_for(lambda: "ZeroDivisionError" not in page._status._messages.content)
+    finally:
+        client.close()
+    assert len(complaints) == 1
+
+
 def test_the_page_listens_on_this_machine_only(kinectbot, show):
     page = show(FakeRobot(kinectbot))
     assert page._server.get_host() == "127.0.0.1"
