@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -601,6 +602,20 @@ def test_beyond_this_machine_a_token_is_asked_for(kinectbot, show):
     assert get(page, "/head/stop", **PAGE, Cookie=cookie.partition(";")[0])[0] == 200
     with pytest.raises(InvalidStatus):
         ReadingClient(page.port)
+
+
+def test_two_pages_of_one_host_keep_a_browser_each(kinectbot, show):
+    tokens = ("one", "two", "a;b c")
+    pages = [show(FakeRobot(kinectbot), host="0.0.0.0", token=token) for token in tokens]
+    jar = {"another": '{"of": "another program"}'}  # a browser's: by host and name
+    for page in pages:
+        status, headers, _ = get(page, f"/?token={quote(page.token)}")
+        assert status == 200
+        name, _, value = headers["Set-Cookie"].partition(";")[0].partition("=")
+        jar[name] = value
+    cookies = "; ".join(f"{name}={value}" for name, value in jar.items())
+    for page in pages:
+        assert get(page, "/head/stop", **PAGE, Cookie=cookies)[0] == 200
 
 
 def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
