@@ -111,10 +111,14 @@ def _in_words(error: Exception, file: IO[bytes]) -> str:
     return f"the file is damaged ({type(error).__name__}: {error})"
 
 
-def _records(file: IO[bytes]) -> Iterator[Any]:
-    """All records from the beginning, chunk by chunk, up to the first that is not whole."""
-    file.seek(0)
-    for record in StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST).records:
+def _records(file: IO[bytes], start: int = 0) -> Iterator[Any]:
+    """All records from a place in the file on, chunk by chunk, up to the first that is not whole.
+
+    Every chunk of a file is unpacked here.
+    """
+    file.seek(start)
+    reader = StreamReader(file, skip_magic=start > 0, emit_chunks=True, record_size_limit=_LARGEST)
+    for record in reader.records:
         if isinstance(record, Chunk):
             yield from breakup_chunk(_unpacked(record), validate_crc=True)
         else:
@@ -190,14 +194,22 @@ class _Overview:
         if summary is None or summary.statistics is None or not summary.channels:
             raise EndOfFile
         topics = {
-            channel.topic
-            for channel in summary.channels.values()
+            number: channel
+            for number, channel in summary.channels.items()
             if channel.topic.endswith("/robot_description")
         }
-        for topic in topics:
-            for schema, channel, message in reader.iter_messages([topic]):
-                self._take_description(schema, channel, message, texts)
-                break
+        for index in sorted(summary.chunk_indexes, key=lambda one: one.message_start_time):
+            wanted = topics.keys() & index.message_index_offsets.keys()
+            for record in _records(file, index.chunk_start_offset) if wanted else ():
+                if not wanted:
+                    break
+                if isinstance(record, Message) and record.channel_id in wanted:
+                    wanted.discard(record.channel_id)
+                    channel = topics.pop(record.channel_id)
+                    schema = summary.schemas.get(channel.schema_id)
+                    self._take_description(schema, channel, record, texts)
+        if topics:
+            raise EndOfFile  # some are in no chunk, or the index is wrong
         self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
         self.start = summary.statistics.message_start_time
         self.end = summary.statistics.message_end_time

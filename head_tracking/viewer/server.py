@@ -223,9 +223,34 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
         refuse: is told which client was refused, and why.
     """
     handlers = server._websock_server._incoming_handlers
+    uploads = server.gui._current_file_upload_states
+
+    def start_size(message: Any) -> int:
+        return int(message.size_bytes)
+
+    def size_with_part(message: Any) -> int:
+        """With what has come of all uploads, however large their senders say that they are."""
+        held = sum(one["transferred_bytes"] for one in uploads.values())
+        return held + len(message.content) if message.transfer_uuid in uploads else 0
+
+    def checked(handler: Callable[[int, Any], Any], size: Callable[[Any], int]) -> Any:
+        def handle(client: int, message: Any) -> None:
+            if 0 <= size(message) <= _LARGEST_UPLOAD:
+                handler(client, message)
+                return
+            uploads.pop(message.transfer_uuid, None)
+            refuse(
+                client,
+                f"the file is too large for a recording: up to {_LARGEST_UPLOAD / 1e6:.0f} MB are "
+                "taken",
+            )
+
+        return handle
+
+    sizes = {"FileTransferStartUpload": start_size, "FileTransferPart": size_with_part}
     for kind, registered in handlers.items():
-        if kind.__name__ == "FileTransferStartUpload":
-            handlers[kind] = [_only_small(handler, refuse) for handler in registered]
+        if kind.__name__ in sizes:
+            handlers[kind] = [checked(one, sizes[kind.__name__]) for one in registered]
     tell_all = server._websock_server.queue_message
 
     def tell(message: Any) -> None:
@@ -238,20 +263,6 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
             client._websock_connection.queue_message(message)
 
     server._websock_server.queue_message = tell
-
-
-def _only_small(handler: Callable[[int, Any], Any], refuse: Callable[[int, str], None]) -> Any:
-    def checked(client: int, message: Any) -> Any:
-        if 0 <= message.size_bytes <= _LARGEST_UPLOAD:
-            return handler(client, message)
-        refuse(
-            client,
-            f"{message.filename} is too large for a recording: {message.size_bytes / 1e6:.0f} MB; "
-            f"up to {_LARGEST_UPLOAD / 1e6:.0f} are taken",
-        )
-        return None
-
-    return checked
 
 
 def is_loopback(host: str) -> bool:

@@ -682,11 +682,27 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_held_in_memory(kinectb
                 }
             )
 
+        def refusals() -> int:
+            return sum("too large" in str(one) for one in list(client.messages))
+
         upload(1_000_000, "small")
         states = page._server.gui._current_file_upload_states
         wait_for(lambda: "small" in states)
         upload(300_000_000, "large")
-        wait_for(lambda: any("too large" in str(one) for one in list(client.messages)))
+        wait_for(lambda: refusals() == 1)
         assert "large" not in states
+        upload(1_000_000, "also small")
+        for number in range(5):  # more than was said
+            transfer = ("small", "also small")[number % 2]
+            part = {
+                "type": "FileTransferPart",
+                "source_component_uuid": button,
+                "transfer_uuid": transfer,
+                "part_index": number,
+                "content": bytes(15_000_000),
+            }
+            client.send(part)
+        wait_for(lambda: refusals() == 2)
+        assert len(states) == 1
     finally:
         client.close()
