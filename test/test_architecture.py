@@ -32,15 +32,16 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": set(),
-    "control": {"dynamixel", "transforms", "gaze", "tracking"},
-    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"},
+    "control": {"dynamixel", "transforms", "gaze", "tracking", "parameters"},
+    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
+    | {"vision"},
     "share": set(),
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
     | {"output"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
-    | {"recording"},
+    | {"recording", "control"},
     "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
     "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "__main__": {"ros", "run", "output"},

@@ -7,6 +7,7 @@ cycles; `run` takes them at once.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -60,8 +61,6 @@ _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
 _POSITION_MODE: Final = 3
 _JOINT_MODE: Final = 2  # XL-320
 _TIME_BASED: Final = 4  # bit of Drive Mode
-_STEADY: Final = 10_000_000_000
-"""ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -175,8 +174,6 @@ class Servo:
         damaged_cycles: Cycles in a row whose replies were damaged.
         readable: Whether its feedback can be read, as far as is known; pings may be answered by
             two servos with one id.
-        unsteady: Whether it comes and goes.
-        lost_at: When it was lost last, monotonic ns.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -221,8 +218,6 @@ class Servo:
         self.interrupted = False
         self.damaged_cycles = 0
         self.readable = True
-        self.unsteady = False
-        self.lost_at: int | None = None
         self.faulted = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
@@ -499,27 +494,29 @@ class Servo:
     def require_straight_path(self, ticks: int) -> None:
         """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
 
-        With torque on, a servo turns towards higher ticks for a higher goal. One that goes all
-        round has a seam in its scale: beyond it, the way to a goal leads round the other way,
-        through what is forbidden. While it is relaxed, an X servo counts the turns; torque on
-        forgets them. An AX servo cannot measure where it is in its dead angle.
+        With torque on, a servo turns towards higher ticks for a higher goal. Its shaft goes all
+        round, and its scale has a seam: from beyond it, the way to a goal leads round the other
+        way, through what is forbidden. So a shaft that is more than half a turn from the middle of
+        its range is taken for one that was turned over the seam by hand. While it is relaxed, an X
+        servo counts the turns; torque on forgets them. In the dead angle of an AX servo its
+        position reads as an end of the scale.
 
         Raises:
             PositionError: It is such a position.
         """
         lowest, highest = self.range
         last = self.model.ticks - 1
+        turn = 2.0 * math.pi / self.model.radians_per_tick  # in ticks
+        far = abs(2 * ticks - lowest - highest) > turn
         if self.model.endless:
-            if 0 <= ticks <= last and abs(2 * ticks - lowest - highest) <= last + 1:
+            if 0 <= ticks <= last and not far:
                 return
-            why = "its way back would lead over the seam of its scale, the other way round"
-        else:
-            if not (ticks <= 0 < lowest or ticks >= last > highest):
-                return
-            why = "it may be in its dead angle, and could turn the wrong way"
+        elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
+            return
         raise PositionError(
             f"servo {self.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
-            f"{why}. Torque stays off; turn it back into its range by hand, then try again"
+            "its way back could lead over the seam of its scale or its dead angle, the other way "
+            "round. Torque stays off; turn it back into its range by hand, then try again"
         )
 
     def disarm(self) -> Steps[None]:
@@ -749,20 +746,6 @@ class Servo:
         """Leave it out of the cycle and ask it again at a time, ns."""
         self.ask_at = ask_at
         self._enter(LinkState.LOST)
-
-    def note_loss(self, now: int) -> str | None:
-        """Note that it was lost now, monotonic ns; return what to add to the report; None: none."""
-        before, self.lost_at = self.lost_at, now
-        if self.unsteady:
-            return None
-        self.unsteady = before is not None and now - before < _STEADY
-        return ". It comes and goes: told once" if self.unsteady else ""
-
-    def is_unsteady(self, now: int) -> bool:
-        """Return whether it comes and goes; `now` is monotonic, ns."""
-        if self.unsteady and now - (self.lost_at or 0) > _STEADY:
-            self.unsteady = False
-        return self.unsteady
 
     def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
         """Note a cycle without a usable reply; ask it again alone, not before a time, ns."""

@@ -106,7 +106,8 @@ class ServoBusNode(Node):
             for bus, _ in self._buses.threads
         }
         self._connect(p.allow_missing)
-        loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
+        loop.driven, loop.period = True, 1.0 / p.update_rate
+        loop.drive_by(self._write)
         self._create_topics()
         self._bus_services = BusServices(
             self,
@@ -285,6 +286,8 @@ class ServoBusNode(Node):
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
+        if event.repeated:
+            return
         if event.kind in _BAD_NEWS:
             log.error(event.text)
         elif event.kind is EventKind.ALARM:

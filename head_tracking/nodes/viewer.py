@@ -12,9 +12,9 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
+from head_tracking.control.head_control import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory

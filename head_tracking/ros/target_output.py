@@ -1,4 +1,4 @@
-"""Targets for the controllers of this process, and for others."""
+"""Targets for whoever follows them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from head_tracking.tracking import Target
 
 
 class TargetOutput:
-    """`target_point`: handed over to the controllers of this process, published for others.
-
-    If anybody outside of this process listens, all get it over the topic, and nobody gets it twice.
+    """Publishes `target_point`, unless the run of the process is held: another head would follow.
 
     Args:
         node: publishes.
-        loop: the controllers of this process; None: there are none.
+        loop: of the process; None: there is none.
     """
 
     def __init__(self, node: Node, loop: ControlLoop | None) -> None:
@@ -25,12 +23,6 @@ class TargetOutput:
         self._loop = loop
 
     def send(self, target: Target) -> None:
-        """Lets everybody have a target."""
-        if self._loop is not None and self._loop.held:
-            return  # it would be another head that moves
-        takers = self._loop.target_takers if self._loop else []
-        if takers and self.publisher.get_subscription_count() <= len(takers):
-            for take in takers:
-                take(target)
-        else:
+        """Publish a target."""
+        if self._loop is None or not self._loop.held:
             self.publisher.publish(target_message(target))

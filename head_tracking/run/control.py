@@ -360,7 +360,7 @@ def _run(
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(
         RunSources(
-            head=head_node.interface if head_node else None,
+            head=head_node.interface.control if head_node else None,
             bus_status=head.nodes["servo_bus"].status,
             true_position=head.true_position,
             held=lambda: head.loop.held,

@@ -47,18 +47,18 @@ def record(head: Composition) -> tuple[Samples, dict[str, float], tuple[float, .
     start = time.monotonic()
     while (now := time.monotonic() - start) < SECONDS:
         rclpy.spin_once(node, timeout_sec=0.01)
-        if not seen or tracker.interface.head is None:
+        if not seen or tracker.interface.control.head is None:
             continue
         message = seen[-1]
         point = (message.point.x, message.point.y, message.point.z)
         try:
             placed = head.buffer.core.transform_point(
-                point, tracker.interface.head.base_frame, message.header.frame_id
+                point, tracker.interface.control.head.base_frame, message.header.frame_id
             )
         except TransformException:
             continue
         pan, tilt = (simulated.true_position(f"head_{name}_joint") for name in ("pan", "tilt"))
-        gaze = tracker.interface.head.gaze(placed, pan, tilt)
+        gaze = tracker.interface.control.head.gaze(placed, pan, tilt)
         for key, value in zip(samples, (now, pan, tilt, gaze.pan, gaze.tilt), strict=True):
             samples[key].append(value)
         if not moment and now > 3.0 and -0.7 < pan < -0.5:
