@@ -44,10 +44,8 @@ ALLOWED: dict[str, set[str]] = {
     | {"recording", "control"},
     "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
     "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
-    "__main__": {"ros", "run", "output"},
-    "viewer_process": {"ros", "nodes"},
-    "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
-    "run": CORE | {"tf", "ros", "nodes", "share", "viewer_process", "command_line"},
+    "__main__": {"run", "ros", "output"},
+    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

@@ -352,12 +352,10 @@ class ServoBus:
         for servo in joint.servos:
             if servo.lost:
                 continue
-            block = servo.model.feedback
             try:
-                reply = self._port.read(servo.id, block.address, block.length, servo.model.protocol)
+                servo.read_feedback()
             except CommunicationError:
                 return False
-            servo.take(reply, servo.stamp)
             if abs(servo.velocity) > _STANDS:
                 return False
         return True

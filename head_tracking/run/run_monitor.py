@@ -25,14 +25,12 @@ class RunSources:
         head: what turns the head; None: there is none in this run.
         bus_status: the servo bus.
         true_position: where a joint really is [rad]; None where only encoders tell.
-        held: why nothing may move now; empty: it may.
         stopped: whether somebody has stopped the head.
     """
 
     head: HeadControl | None
     bus_status: Callable[[], BusStatus]
     true_position: Callable[[str], float | None] | None = None
-    held: Callable[[], str] = str
     stopped: Callable[[], bool] = bool
 
 
@@ -96,8 +94,6 @@ class RunMonitor:
             return ["STOPPED", *parts], Mood.BAD
         if not bus.statistics.connected:
             return parts, Mood.BAD
-        if held := self._sources.held():
-            return [f"held: {held}", *parts], Mood.WATCH
         if error is None:
             return parts, Mood.PLAIN
         return parts, Mood.GOOD if error < _ON_TARGET else Mood.WATCH

@@ -24,7 +24,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.run.control import Composition, compose, parse_arguments, ros_arguments
+from head_tracking.run.control import Composition, compose
+from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import RobotModel, TransformException
 
 SECONDS = 14.0
@@ -178,7 +179,7 @@ def main() -> None:
     """Runs the simulated head and draws what it did."""
     folder = Path(sys.argv[1])
     plan = parse_arguments(["--sim"])
-    rclpy.init(args=ros_arguments(plan))
+    rclpy.init(args=plan.ros_arguments)
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources, StopSignal())
         samples, moment, target = record(head)
