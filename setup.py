@@ -36,7 +36,7 @@ TOOLS = (
 EXECUTABLES = {
     "head_tracking": "head_tracking.__main__:main",
     "servo": "head_tracking.tools.servo.main:main",
-    "doctor": "head_tracking.tools.doctor.main:main",
+    "doctor": "head_tracking.tools.doctor.__main__:main",
     **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
     **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
 }
@@ -101,6 +101,7 @@ setup(
     install_requires=requirements("libraries") + requirements("yourdfpy"),
     extras_require={
         **{name: requirements(name) for name in ("ros", "vision", "viewer")},
+        "page": requirements("viewer"),
         "test": [line for name in ("test", "vision", "viewer") for line in requirements(name)],
     },
     cmdclass={"install_data": InstallData},

@@ -32,27 +32,20 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": set(),
-    "control": {"dynamixel", "transforms", "gaze", "tracking"},
-    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"},
+    "control": {"dynamixel", "transforms", "gaze", "tracking", "parameters"},
+    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
+    | {"vision"},
     "share": set(),
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
     | {"output"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
-    | {"recording"},
-    "nodes": CORE | {"tf", "share", "recording", "viewer", "ros", "status_line"},
-    "tools": CORE | {"output", "status_line", "tf", "share", "ros", "command_line"},
-    "status_line": set(),
-    "stop_key": set(),
-    "run_monitor": {"ros", "tracking", "status_line"},
-    "node_sets": set(),
-    "__main__": {"ros", "runner", "output"},
-    "viewer_process": {"ros", "nodes"},
-    "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
-    "runner": CORE
-    | {"tf", "ros", "nodes", "share", "node_sets", "viewer_process", "command_line"}
-    | {"status_line", "stop_key", "run_monitor"},
+    | {"recording", "control"},
+    "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
+    "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
+    "__main__": {"run", "ros", "output"},
+    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

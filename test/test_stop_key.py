@@ -12,7 +12,7 @@ from terminal import Terminal
 from waiting import eventually
 
 from head_tracking.ros.stop_signal import ENDING
-from head_tracking.stop_key import StopKey
+from head_tracking.run.stop_key import StopKey
 
 PROGRAM = Path(__file__).parent / "support" / "stop_key_program.py"
 

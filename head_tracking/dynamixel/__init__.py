@@ -10,7 +10,7 @@ from head_tracking.dynamixel.configuration import (
     check_configuration,
     fastest_speed,
 )
-from head_tracking.dynamixel.control_table import Access, Block, ControlTable, Memory, Register
+from head_tracking.dynamixel.control_table import Block, ControlTable, Register
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -64,10 +64,9 @@ from head_tracking.dynamixel.state import (
     Symptom,
     Torque,
 )
-from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming, CycleSchedule
+from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming
 
 __all__ = [
-    "Access",
     "Adapter",
     "Block",
     "BusEvent",
@@ -83,7 +82,6 @@ __all__ = [
     "ConfigurationError",
     "ControlTable",
     "CorruptReplyError",
-    "CycleSchedule",
     "DynamixelError",
     "DynamixelPort",
     "EepromSettings",
@@ -97,7 +95,6 @@ __all__ = [
     "Instruction",
     "JointConfiguration",
     "LineBusyError",
-    "Memory",
     "NotConnectedError",
     "PortBusyError",
     "PortError",

@@ -16,6 +16,7 @@ from head_tracking.dynamixel.configuration import (
     check_configuration,
 )
 from head_tracking.dynamixel.cycle import Cycle
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -27,7 +28,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import Events, Procedures
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (
@@ -96,7 +97,7 @@ class ServoBus:
         self._port = port
         self._monotonic = monotonic
         self._pause = pause
-        changes, events = Changes(), Events()
+        changes, events = Changes(), Events(monotonic)
         self._joints = {
             joint.joint_name: Joint(joint, port, settings.watchdog, changes)
             for joint in check_configuration(joints)
@@ -155,7 +156,7 @@ class ServoBus:
             epoch = self.requests.epoch.value
         else:
             self.requests.check(epoch)
-        incomplete = self._cycle.incomplete
+        _, incomplete = self._cycle.absent
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
@@ -351,12 +352,10 @@ class ServoBus:
         for servo in joint.servos:
             if servo.lost:
                 continue
-            block = servo.model.feedback
             try:
-                reply = self._port.read(servo.id, block.address, block.length, servo.model.protocol)
+                servo.read_feedback()
             except CommunicationError:
                 return False
-            servo.take(reply, servo.stamp)
             if abs(servo.velocity) > _STANDS:
                 return False
         return True
@@ -407,31 +406,38 @@ class ServoBus:
         """
         return self._cycle.write() if self._connected else ()
 
+    def fill(self, until: int) -> bool:
+        """Take a step of what is under way between two cycles, if there is time for it.
+
+        Args:
+            until: When the next cycle is due, monotonic ns.
+
+        Returns:
+            Whether a step was taken.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
+        return self._connected and self._cycle.fill(until)
+
     # Owner's thread: what takes longer than one transaction
 
-    def submit(
-        self,
-        steps: Steps[_T],
-        future: Future[_T] | None = None,
-        *,
-        despite_stop: bool = False,
-    ) -> Future[_T]:
+    def submit(self, steps: Steps[_T], *, despite_stop: bool = False) -> Future[_T]:
         """Take steps, the first one now and the others between the work of the next cycles.
 
         Args:
-            steps: The steps.
-            future: Gets what comes of them; if it is cancelled, no further step is taken.
+            steps: The steps; cancelling the future ends them.
             despite_stop: Whether they go on after a STOP; see `Request`.
         """
-        request = self.requests.start(steps, future=future, despite_stop=despite_stop)
-        self._cycle.advance(request)
+        request = self.requests.start(steps, despite_stop=despite_stop)
+        self.requests.advance(request)
         return request.future
 
     def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
         """Take steps at once, after those that are under way; raises what they raise."""
         under_way = self.requests.under_way
         while under_way:
-            self._cycle.advance(under_way[0])
+            self.requests.advance(under_way[0])
             under_way.rotate(-1)
         return run(steps, pause)
 

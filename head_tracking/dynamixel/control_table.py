@@ -26,10 +26,9 @@ def encode_sign_magnitude(value: int) -> int:
     Raises:
         RangeError: The magnitude needs more bits.
     """
-    magnitude = abs(value)
-    if magnitude > _LARGEST:
+    if abs(value) > _LARGEST:
         raise RangeError(f"{value} does not fit; allowed are {-_LARGEST} to {_LARGEST}")
-    return magnitude | 1 << SIGN_BIT if value < 0 else magnitude
+    return -value | 1 << SIGN_BIT if value < 0 else value
 
 
 def decode_sign_magnitude(raw: int) -> int:
@@ -44,20 +43,6 @@ def decode_sign_magnitude(raw: int) -> int:
             f"allowed are 0 to {(2 << SIGN_BIT) - 1}"
         )
     return -(raw & _LARGEST) if raw >> SIGN_BIT else raw
-
-
-class Access(Enum):
-    """What a packet may do with a register."""
-
-    READ = "R"
-    READ_WRITE = "RW"
-
-
-class Memory(Enum):
-    """Where a register lives: EEPROM survives power-off, RAM does not."""
-
-    EEPROM = "EEPROM"
-    RAM = "RAM"
 
 
 class Sign(Enum):
@@ -94,8 +79,8 @@ class Register:
         name: The vendor's name.
         address: First byte.
         size: Bytes, low byte first.
-        access: Whether it can be written.
-        memory: EEPROM or RAM.
+        writable: Whether a packet may write it.
+        eeprom: Whether its value survives power-off; if not, it is in RAM.
         initial: Factory value (EEPROM) or value at power-on (RAM); None where the vendor gives none
             or it is taken from elsewhere.
         minimum: Lowest value a write may carry; None for read-only registers.
@@ -107,8 +92,8 @@ class Register:
     name: str
     address: int
     size: int
-    access: Access
-    memory: Memory
+    writable: bool
+    eeprom: bool
     initial: int | None = None
     minimum: int | None = None
     maximum: int | None = None
@@ -120,50 +105,10 @@ class Register:
         """Address of the first byte after the register."""
         return self.address + self.size
 
-    @property
-    def writable(self) -> bool:
-        """Whether a packet may write it."""
-        return self.access is Access.READ_WRITE
-
     def admits(self, value: int) -> bool:
         """Return whether a write may carry this value."""
-        lowest, highest = self.minimum, self.maximum  # None for read-only registers
+        lowest, highest = self.minimum, self.maximum
         return lowest is not None and highest is not None and lowest <= value <= highest
-
-    def encode(self, value: int) -> bytes:
-        """Return the bytes that write `value`.
-
-        Raises:
-            RangeError: The register is read-only or the value is outside its range.
-        """
-        if not self.admits(value):
-            allowed = f"{self.minimum} to {self.maximum}" if self.writable else "none, read only"
-            raise RangeError(f"{self.name} cannot be {value}; allowed: {allowed}")
-        return self.bytes_of(value)
-
-    def bytes_of(self, value: int) -> bytes:
-        """Return the bytes of a value, whether a packet may write it or not.
-
-        Raises:
-            RangeError: The value does not fit into the register's bytes.
-        """
-        signed = self.sign is Sign.TWOS_COMPLEMENT and value < 0
-        try:
-            return value.to_bytes(self.size, "little", signed=signed)
-        except OverflowError:
-            raise RangeError(
-                f"{self.name} cannot be {value}, which does not fit into {self.size} byte(s)"
-            ) from None
-
-    def decode(self, data: bytes) -> int:
-        """Return the value in exactly this register's bytes; sign and magnitude stay together.
-
-        Raises:
-            RangeError: The number of bytes is wrong.
-        """
-        if len(data) != self.size:
-            raise RangeError(f"{self.name} has {self.size} byte(s), not {len(data)}")
-        return int.from_bytes(data, "little", signed=self.sign is Sign.TWOS_COMPLEMENT)
 
     def in_unit(self, value: int) -> float:
         """Return a value that was read in the register's unit.
@@ -185,7 +130,9 @@ _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Several registers that one packet reads or writes.
+    """One register or several that one packet reads or writes.
+
+    Values of sign-magnitude registers are not decoded: sign and magnitude stay together.
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
@@ -194,11 +141,10 @@ class Block:
 
     registers: tuple[Register, ...]
     layout: struct.Struct = field(init=False, repr=False, compare=False)
-    _gapless: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         form = "<"
-        position = self.registers[0].address
+        position = self.address
         for register in self.registers:
             if register.address < position:
                 raise RangeError(f"{register.name} must stand before its predecessor in the block")
@@ -208,8 +154,6 @@ class Block:
             form += f"{register.address - position}x{code}"
             position = register.end
         object.__setattr__(self, "layout", struct.Struct(form))
-        occupied = sum(register.size for register in self.registers)
-        object.__setattr__(self, "_gapless", occupied == self.layout.size)
 
     @property
     def address(self) -> int:
@@ -227,8 +171,8 @@ class Block:
         Raises:
             RangeError: The number of bytes is wrong.
         """
-        if len(data) != self.layout.size:
-            raise RangeError(f"the block has {self.layout.size} bytes, not {len(data)}")
+        if len(data) != self.length:
+            raise RangeError(f"the block has {self.length} bytes, not {len(data)}")
         return self.layout.unpack(data)
 
     def encode(self, *values: int) -> bytes:
@@ -241,8 +185,11 @@ class Block:
             raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
         for register, value in zip(self.registers, values, strict=True):
             if not register.admits(value):
-                register.encode(value)  # raises
-        if not self._gapless:
+                allowed = f"{register.minimum} to {register.maximum}"
+                if not register.writable:
+                    allowed = "none, read only"
+                raise RangeError(f"{register.name} cannot be {value}; allowed: {allowed}")
+        if sum(register.size for register in self.registers) != self.length:
             raise RangeError("the block has gaps, so it can be read but not written")
         return self.layout.pack(*values)
 

@@ -18,10 +18,9 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from head_tracking.dynamixel.control_table import (
-    Access,
+    NUMBER,
     Block,
     ControlTable,
-    Memory,
     Register,
     Sign,
     Unit,
@@ -45,16 +44,6 @@ _ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
     "status": ErrorBits, "hardware": HardwareErrors, "xl320": XL320Errors
 }  # fmt: skip
 _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
-_FACTS: Final = frozenset(
-    ("name", "aliases", "protocol", "ticks", "endless", "speed_maximum", "load_maximum",
-     "no_load_rpm", "nominal_voltage", "error_bits", "bulk_read",
-     "position_limits", "fast_sync_read", "watchdog", "feedback", "goal", "baud_rates", "units",
-     "registers")
-)  # fmt: skip
-_ROW: Final = frozenset(
-    ("address", "size", "access", "memory", "initial", "initial_step", "range", "unit", "sign")
-)
-_OWN: Final = ("name", "aliases")  # is never taken over from another model
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,63 +170,52 @@ def _document(path: Path) -> dict[str, Any]:
     if "like" not in own:
         return own
     base = _document(path.with_name(_file_name(own.pop("like"))))
-    inherited = {key: value for key, value in base.items() if key not in _OWN}
     absent = own.pop("absent", ())
     registers = {name: row for name, row in base["registers"].items() if name not in absent}
-    for name, row in own.pop("registers", {}).items():
+    for name, row in own.get("registers", {}).items():
         registers[name] = registers.get(name, {}) | row
-    baud_rates = own.pop("baud_rates", base["baud_rates"])
     for key in ("feedback", "goal", "units"):
         own[key] = base[key] | own.get(key, {})
-    return {**inherited, **own, "registers": registers, "baud_rates": baud_rates}
+    return {**base, "aliases": (), **own, "registers": registers}
 
 
-def _model(facts: Mapping[str, Any]) -> ServoModel:
-    _check_keys(facts, _FACTS)
-    name, units = facts["name"], {key: _unit(**row) for key, row in facts["units"].items()}
-    rows = facts["registers"].items()
-    registers = [register for key, row in rows for register in _registers(key, row, units)]
-    table = ControlTable(name, tuple(registers))
+def _model(document: Mapping[str, Any]) -> ServoModel:
+    facts = dict(document)  # what is left of them are attributes of the model
+    units = {key: _unit(**row) for key, row in facts.pop("units").items()}
+    rows = facts.pop("registers").items()
+    table = ControlTable(
+        facts["name"], tuple(each for key, row in rows for each in _registers(key, row, units))
+    )
     number = table["Model Number"].initial
     if number is None:
         raise ValueError("Model Number has no initial value")
-    feedback = [facts["feedback"][key] for key in _FEEDBACK]
-    block = sorted(feedback, key=lambda register: table[register].address)
-    goal = sorted(facts["goal"].values(), key=lambda register: table[register].address)
-    a, b, c, d, e = map(block.index, feedback)
-    lowest, highest = facts["position_limits"]
+    feedback, goal = facts.pop("feedback"), facts.pop("goal")
+    wanted = [feedback[key] for key in _FEEDBACK]
+    read = sorted(wanted, key=lambda name: table[name].address)
+    written = sorted(goal.values(), key=lambda name: table[name].address)
+    a, b, c, d, e = map(read.index, wanted)
+    lowest, highest = facts.pop("position_limits")
+    baud_rates = {int(code): rate for code, rate in facts.pop("baud_rates").items()}
     return ServoModel(
-        name=name,
         model_number=number,
-        protocol=facts["protocol"],
         control_table=table,
-        feedback=table.block(*block),
+        feedback=table.block(*read),
         feedback_order=(a, b, c, d, e),
-        goal=table.block(*goal),
-        position_first=goal[0] == facts["goal"]["position"],
+        goal=table.block(*written),
+        position_first=written[0] == goal["position"],
         position_limits=(lowest, highest),
-        ticks=facts["ticks"],
-        endless=facts["endless"],
         center=int(units["position"].zero),
         radians_per_tick=units["position"].scale,
         speed_unit=units["speed"].scale,
-        speed_maximum=facts["speed_maximum"],
-        load_maximum=facts["load_maximum"],
-        no_load_speed=facts["no_load_rpm"] * _RPM,
-        nominal_voltage=facts["nominal_voltage"],
-        baud_rates=MappingProxyType({int(k): v for k, v in facts["baud_rates"].items()}),
-        errors=_ERROR_BITS[facts["error_bits"]],
-        sign_magnitude=table[facts["feedback"]["speed"]].sign is Sign.MAGNITUDE,
-        bulk_read=facts["bulk_read"],
-        fast_sync_read=facts.get("fast_sync_read") or None,
-        watchdog=facts.get("watchdog") or None,
-        aliases=tuple(facts.get("aliases", ())),
+        no_load_speed=facts.pop("no_load_rpm") * _RPM,
+        baud_rates=MappingProxyType(baud_rates),
+        errors=_ERROR_BITS[facts.pop("error_bits")],
+        sign_magnitude=table[feedback["speed"]].sign is Sign.MAGNITUDE,
+        fast_sync_read=facts.pop("fast_sync_read", None) or None,
+        watchdog=facts.pop("watchdog", None) or None,
+        aliases=tuple(facts.pop("aliases", ())),
+        **facts,
     )
-
-
-def _check_keys(row: Mapping[str, Any], allowed: frozenset[str]) -> None:
-    if unknown := row.keys() - allowed:
-        raise ValueError(f"unknown {sorted(unknown)}; allowed are {sorted(allowed)}")
 
 
 def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:
@@ -247,25 +225,18 @@ def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:
 
 def _registers(name: str, row: Mapping[str, Any], units: Mapping[str, Unit]) -> Iterator[Register]:
     """Yield the register of a row, or those of a numbered row, such as "Indirect Data 1-28"."""
-    _check_keys(row, _ROW)
+    facts = dict(row)  # what is left of them are attributes of the register
+    address, initial = facts.pop("address"), facts.pop("initial", None)
+    step = facts.pop("initial_step", 0)
+    facts["writable"] = {"R": False, "RW": True}[facts.pop("access")]
+    facts["eeprom"] = {"EEPROM": True, "RAM": False}[facts.pop("memory")]
+    facts["minimum"], facts["maximum"] = facts.pop("range", (None, None))
+    facts["unit"] = units[facts["unit"]] if "unit" in facts else NUMBER
+    facts["sign"] = Sign(facts.get("sign", "none"))
     numbers = re.fullmatch(r"(.* )(\d+)-(\d+)", name)
     names = [name]
     if numbers:
         names = [f"{numbers[1]}{n}" for n in range(int(numbers[2]), int(numbers[3]) + 1)]
-    lowest, highest = row.get("range", (None, None))
     for index, each in enumerate(names):
-        initial = row.get("initial")
-        if initial is not None:
-            initial += index * row.get("initial_step", 0)
-        yield Register(
-            each,
-            row["address"] + index * row["size"],
-            row["size"],
-            Access(row["access"]),
-            Memory(row["memory"]),
-            initial,
-            lowest,
-            highest,
-            units[row["unit"]] if "unit" in row else Unit(),
-            Sign(row.get("sign", "none")),
-        )
+        first = None if initial is None else initial + index * step
+        yield Register(each, address + index * facts["size"], initial=first, **facts)

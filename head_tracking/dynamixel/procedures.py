@@ -11,6 +11,7 @@ from contextlib import suppress
 from typing import Any, Final, TypeVar
 
 from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -25,35 +26,11 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.relaxing import confirming, release
 from head_tracking.dynamixel.requests import RequestQueue, Steps
 from head_tracking.dynamixel.servo import Servo
-from head_tracking.dynamixel.state import BusEvent, EventKind
+from head_tracking.dynamixel.state import EventKind
 
 _T = TypeVar("_T")
 _CONVINCED: Final = 3  # times that a servo must seem unusable
 _GONE: Final = (PortLostError, NotConnectedError)
-
-
-class Events:
-    """What has happened since somebody asked last."""
-
-    def __init__(self) -> None:
-        self.waiting: list[BusEvent] = []
-
-    def note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
-        """Note what happened to a joint; `stuck`: it cannot go where it is sent."""
-        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
-        stuck = stuck or kind in (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
-        self.waiting.append(BusEvent(kind, joint.name, text, stuck))
-
-    def note_port(self, kind: EventKind, text: str) -> None:
-        """Note what happened to the port."""
-        self.waiting.append(BusEvent(kind, "", text))
-
-    def take(self) -> tuple[BusEvent, ...]:
-        """Return them, and forget them."""
-        if not self.waiting:
-            return ()
-        events, self.waiting = tuple(self.waiting), []
-        return events
 
 
 class Procedures:
@@ -90,9 +67,17 @@ class Procedures:
         self._monotonic, self._pause = monotonic, pause
         self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
-    def begin(self, steps: Steps[Any], on_end: Callable[[], object] | None = None) -> None:
-        """Take steps between the work of the next cycles, unless STOP comes before."""
-        self._requests.start(steps, on_end=on_end)
+    def begin(self, steps: Steps[Any], joint: Joint | None = None) -> None:
+        """Take steps between the work of the next cycles, unless STOP comes before.
+
+        Args:
+            steps: The steps.
+            joint: That is busy from now on until they end.
+        """
+        if joint is None:
+            self._requests.start(steps)
+        else:
+            self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
 
     def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while nobody else takes any for this joint."""
@@ -100,6 +85,7 @@ class Procedures:
             yield 0.002
         joint.busy = True
         try:
+            yield 0.0
             return (yield from steps)
         finally:
             joint.busy = False
@@ -157,12 +143,10 @@ class Procedures:
 
     def cut(self, joint: Joint) -> None:
         """Relax a joint at once, and make sure of it in the next cycles."""
-        steps = self.relax([joint])
-        next(steps)
-        self._requests.start(self._confirming(joint, steps), despite_stop=True)
+        self._requests.advance(self._requests.start(self._cutting(joint), despite_stop=True))
 
-    def _confirming(self, joint: Joint, steps: Steps[dict[str, str]]) -> Steps[None]:
-        problem = (yield from steps)[joint.name]
+    def _cutting(self, joint: Joint) -> Steps[None]:
+        problem = (yield from self.relax([joint]))[joint.name]
         if problem:
             self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
 
@@ -210,27 +194,20 @@ class Procedures:
 
     def switch_on_for_goal(self, joint: Joint) -> None:
         """Switch the torque of a joint on, because there is a goal for it; or drop the goal."""
-
-        def end() -> None:
-            joint.awaited = False
-
-        joint.awaited = True
-        self.begin(self.exclusively(joint, self._switching_on_for_goal(joint)), end)
+        self.begin(self._switching_on_for_goal(joint), joint)
 
     def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
         problem = yield from joint.switch_on()
         if problem:
             self._requests.drop_goals(joint.name)
-            if problem != joint.told_problem:  # commands keep coming
-                self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
         else:
             self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
-        joint.told_problem = problem
 
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint where it is, with the watchdogs of its servos armed anew."""
         if not joint.busy:
-            self.begin(self.exclusively(joint, self._holding(joint, why)))
+            self.begin(self._holding(joint, why), joint)
 
     def _holding(self, joint: Joint, why: str) -> Steps[None]:
         problem = yield from joint.pin(powered=True)
@@ -305,12 +282,7 @@ class Procedures:
 
     def return_servo(self, joint: Joint, servo: Servo) -> None:
         """Take a servo that answers again back, in the next cycles."""
-
-        def end() -> None:
-            joint.busy = False
-
-        joint.busy = True
-        self.begin(self._returning(joint, servo), end)
+        self.begin(self._returning(joint, servo), joint)
 
     def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
         try:
@@ -325,9 +297,8 @@ class Procedures:
                     self._note(EventKind.UNUSABLE, joint, str(cause))
             return
         self._unusable.pop(servo.id, None)
-        if not servo.is_unsteady(self._monotonic()):
-            self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
-            self.note_shortcomings(joint, servo)
+        self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
+        self.note_shortcomings(joint, servo)
 
     def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
         """Note what a servo that was found lacks."""

@@ -7,13 +7,14 @@ cycles; `run` takes them at once.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
 from itertools import pairwise
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.control_table import SIGN_BIT, Block, ControlTable, Register
@@ -57,11 +58,12 @@ _MAGNITUDES: Final = 2 << SIGN_BIT
 _SIGN: Final = 1 << SIGN_BIT
 _LONGEST_READ: Final = 64  # bytes
 _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
-_POSITION_MODE: Final = 3
-_JOINT_MODE: Final = 2  # XL-320
-_TIME_BASED: Final = 4  # bit of Drive Mode
-_STEADY: Final = 10_000_000_000
-"""ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
+_MODES: Final = (
+    ("Operating Mode", 0xFF, 3, "is not in position control"),
+    ("Drive Mode", 0x04, 0, "takes its profile velocity as a time"),
+    ("Control Mode", 0xFF, 2, "is in wheel mode and has no positions"),
+)
+"""Registers that must have a value in some bits (mask, value), and what is wrong otherwise."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -104,20 +106,6 @@ class Counters:
     retries: int = 0
     timeouts: int = 0
     corrupt: int = 0
-
-
-class Feedback(NamedTuple):
-    """One reading, in register values.
-
-    The error is the error byte: bits of state in protocol 1.0, in protocol 2.0 the alert bit.
-    """
-
-    ticks: int
-    speed: int
-    load: int
-    voltage: int
-    temperature: int
-    error: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,8 +163,6 @@ class Servo:
         damaged_cycles: Cycles in a row whose replies were damaged.
         readable: Whether its feedback can be read, as far as is known; pings may be answered by
             two servos with one id.
-        unsteady: Whether it comes and goes.
-        lost_at: When it was lost last, monotonic ns.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -221,8 +207,6 @@ class Servo:
         self.interrupted = False
         self.damaged_cycles = 0
         self.readable = True
-        self.unsteady = False
-        self.lost_at: int | None = None
         self.faulted = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
@@ -262,15 +246,10 @@ class Servo:
 
     def read(self, block: Block, tries: int = _TRIES) -> tuple[int, ...]:
         """Read registers and return one value for each."""
-        return block.decode(self._read(block.address, block.length, tries))
-
-    def _read_surely(self, block: Block) -> tuple[int, ...]:
-        """Read registers of a servo that has answered a ping; a busy machine may miss answers."""
-        try:
-            return self.read(block)
-        except ReplyTimeoutError:
-            self.ping(_TRIES)
-            return self.read(block)
+        address, length = block.address, block.length
+        read = self._port.read
+        reply = self._try(tries, lambda: read(self.id, address, length, self._protocol))
+        return block.decode(reply.data)
 
     def get(self, name: str, tries: int = _TRIES) -> int:
         """Read one register."""
@@ -284,8 +263,8 @@ class Servo:
             for register, value in zip(block.registers, self.read(block), strict=True)
         ]
 
-    def read_feedback(self, tries: int = 1) -> Feedback:
-        """Read position, speed, load, voltage and temperature in one transaction."""
+    def read_feedback(self, tries: int = 1) -> None:
+        """Read position, speed, load, voltage and temperature, and record them."""
         block = self.model.feedback
 
         def attempt() -> Reply:
@@ -294,10 +273,7 @@ class Servo:
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
             return reply
 
-        reply = self._try(tries, attempt)
-        values = block.decode(reply.data)
-        a, b, c, d, e = self._order
-        return Feedback(values[a], values[b], values[c], values[d], values[e], reply.error)
+        self.take(self._try(tries, attempt), self.stamp)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
@@ -312,15 +288,13 @@ class Servo:
         error = self._try(
             _TRIES, lambda: self._port.write(self.id, address, data, protocol=self._protocol)
         )
-        if self._protocol == 1:
-            refusals = ErrorBits(error & REFUSALS)
-            refusal = describe_errors(refusals) if refusals else ""
-        else:
-            refusal = describe_status(error & ~ALERT) if error & ~ALERT else ""
+        refusal = error & (REFUSALS if self._protocol == 1 else ~ALERT)
         if refusal:
             pairs = zip(block.registers, values, strict=True)
             names = ", ".join(f"{register.name} = {value}" for register, value in pairs)
-            raise RegisterRefusedError(f"servo {self.id} refused {names}: {refusal}")
+            one = self._protocol == 1
+            why = describe_errors(ErrorBits(refusal)) if one else describe_status(refusal)
+            raise RegisterRefusedError(f"servo {self.id} refused {names}: {why}")
 
     def set(self, name: str, value: int) -> None:
         """Write one register and make sure of it; raises as `verify` does."""
@@ -329,16 +303,6 @@ class Servo:
     def set_torque(self, on: bool) -> None:
         """Switch torque and make sure of it; raises as `verify` does."""
         self.set("Torque Enable", int(on))
-
-    def release(self) -> None:
-        """Write torque off once and wait for nothing."""
-        block = self.model.control_table.block("Torque Enable")
-        self._port.write(self.id, block.address, b"\0", acknowledged=False, protocol=self._protocol)
-
-    def _read(self, address: int, length: int, tries: int = _TRIES) -> bytes:
-        return self._try(
-            tries, lambda: self._port.read(self.id, address, length, self._protocol)
-        ).data
 
     def _try(self, tries: int, transaction: Callable[[], _T]) -> _T:
         counters = self.counters
@@ -404,7 +368,7 @@ class Servo:
         joint_name, model = self.calibration.joint_name, self.model
         for span in _spans(model.control_table, model.position_limits):
             try:
-                values = self._read_surely(span)
+                values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoModeError(
@@ -437,13 +401,13 @@ class Servo:
             _has_shut_down(memory, shutdown),
         )
         problem: ServoError | ConfigurationError | None = None
+        known, self.identity = self.identity, identity
         try:
             _check_mode(self, memory, lower, upper)
-            self._admit(self._narrowed(self.calibration, identity), self.calibration)
+            self.recalibrate(self.calibration)
         except (ServoError, ConfigurationError) as cause:
-            problem = cause
+            problem, self.identity = cause, known
         else:  # it can be read from now on
-            self.identity = identity
             self.faulted = identity.faulted
             self.interrupted = False
             self.failed_cycles = self.ask_at = 0
@@ -499,27 +463,29 @@ class Servo:
     def require_straight_path(self, ticks: int) -> None:
         """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
 
-        With torque on, a servo turns towards higher ticks for a higher goal. One that goes all
-        round has a seam in its scale: beyond it, the way to a goal leads round the other way,
-        through what is forbidden. While it is relaxed, an X servo counts the turns; torque on
-        forgets them. An AX servo cannot measure where it is in its dead angle.
+        With torque on, a servo turns towards higher ticks for a higher goal. Its shaft goes all
+        round, and its scale has a seam: from beyond it, the way to a goal leads round the other
+        way, through what is forbidden. So a shaft that is more than half a turn from the middle of
+        its range is taken for one that was turned over the seam by hand. While it is relaxed, an X
+        servo counts the turns; torque on forgets them. In the dead angle of an AX servo its
+        position reads as an end of the scale.
 
         Raises:
             PositionError: It is such a position.
         """
         lowest, highest = self.range
         last = self.model.ticks - 1
+        turn = 2.0 * math.pi / self.model.radians_per_tick  # in ticks
+        far = abs(2 * ticks - lowest - highest) > turn
         if self.model.endless:
-            if 0 <= ticks <= last and abs(2 * ticks - lowest - highest) <= last + 1:
+            if 0 <= ticks <= last and not far:
                 return
-            why = "its way back would lead over the seam of its scale, the other way round"
-        else:
-            if not (ticks <= 0 < lowest or ticks >= last > highest):
-                return
-            why = "it may be in its dead angle, and could turn the wrong way"
+        elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
+            return
         raise PositionError(
             f"servo {self.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
-            f"{why}. Torque stays off; turn it back into its range by hand, then try again"
+            "its way back could lead over the seam of its scale or its dead angle, the other way "
+            "round. Torque stays off; turn it back into its range by hand, then try again"
         )
 
     def disarm(self) -> Steps[None]:
@@ -596,18 +562,14 @@ class Servo:
             changed[name] = (before, value)
         return changed
 
-    def look_at_errors(self) -> IntFlag:
+    def read_errors(self) -> IntFlag:
         """Return the error state that goes with the last error byte.
 
         Protocol 2.0 tells only that there is one: its register is read.
         """
-        return self.state_of(self.error)
-
-    def state_of(self, error: int) -> IntFlag:
-        """Return the error state that goes with an error byte; reads a register if needed."""
         if self._protocol == 1:
-            return ErrorBits(error & 0x7F)
-        if not error & ALERT:
+            return ErrorBits(self.error & 0x7F)
+        if not self.error & ALERT:
             return self.model.errors(0)
         return self.model.errors(self.get("Hardware Error Status") & sum(self.model.errors))
 
@@ -670,20 +632,8 @@ class Servo:
         self.stamp = stamp
 
     def recalibrate(self, calibration: ServoCalibration) -> None:
-        """Take over other limits; raises ConfigurationError if the servo's own leave nothing."""
-        self._admit(self.check_calibration(calibration), calibration)
-
-    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
-        """Return the range, in ticks, that a calibration and the servo allow.
-
-        Raises:
-            ConfigurationError: They have nothing in common.
-        """
-        if self.identity is None:
-            return calibration.tick_range
-        return self._narrowed(calibration, self.identity)
-
-    def _admit(self, ticks: tuple[int, int], calibration: ServoCalibration) -> None:
+        """Use other limits; raises ConfigurationError if the servo's own leave nothing."""
+        self.range = self.check_calibration(calibration)
         self.calibration = calibration
         sign = -1 if calibration.reversed else 1
         model = self.model
@@ -693,12 +643,19 @@ class Servo:
         self._load_scale = sign / model.load_maximum
         self._turn = model.ticks if model.endless else 0
         self._lowest = calibration.lowest_turn
-        self.range = ticks
-        lower, upper = sorted(calibration.position(tick) for tick in ticks)
+        lower, upper = sorted(map(calibration.position, self.range))
         self.limits = (lower, upper)
 
-    def _narrowed(self, calibration: ServoCalibration, identity: ServoIdentity) -> tuple[int, int]:
-        (low, high), (lower, upper) = calibration.tick_range, identity.own_range
+    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
+        """Return the range, in ticks, that a calibration and the servo allow.
+
+        Raises:
+            ConfigurationError: They have nothing in common.
+        """
+        low, high = calibration.tick_range
+        if self.identity is None:
+            return low, high
+        lower, upper = self.identity.own_range
         lowest, highest = max(low, lower), min(high, upper)
         if lowest >= highest:
             raise ConfigurationError(
@@ -749,20 +706,6 @@ class Servo:
         """Leave it out of the cycle and ask it again at a time, ns."""
         self.ask_at = ask_at
         self._enter(LinkState.LOST)
-
-    def note_loss(self, now: int) -> str | None:
-        """Note that it was lost now, monotonic ns; return what to add to the report; None: none."""
-        before, self.lost_at = self.lost_at, now
-        if self.unsteady:
-            return None
-        self.unsteady = before is not None and now - before < _STEADY
-        return ". It comes and goes: told once" if self.unsteady else ""
-
-    def is_unsteady(self, now: int) -> bool:
-        """Return whether it comes and goes; `now` is monotonic, ns."""
-        if self.unsteady and now - (self.lost_at or 0) > _STEADY:
-            self.unsteady = False
-        return self.unsteady
 
     def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
         """Note a cycle without a usable reply; ask it again alone, not before a time, ns."""
@@ -883,31 +826,20 @@ def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
 
 def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int) -> None:
     """Refuse a servo that does not go to positions, or counts speeds in another way."""
-    table = servo.model.control_table
-    calibration = servo.calibration
-    who = f"servo {servo.id} ({calibration.joint_name})"
-    how = f"for example with `servo set {servo.id} REGISTER VALUE`"
-    if "Operating Mode" in table:
-        mode = memory["Operating Mode"]
-        if mode != _POSITION_MODE:
+    who = f"servo {servo.id} ({servo.calibration.joint_name})"
+    for name, mask, wanted, what in _MODES:
+        value = memory.get(name, wanted)
+        if value & mask != wanted:
+            address, right = servo.model.control_table[name].address, value & ~mask | wanted
             raise ServoModeError(
-                f"{who} is in operating mode {mode}; set Operating Mode (register "
-                f"{table['Operating Mode'].address}) to {_POSITION_MODE}, position control, {how}"
+                f"{who} {what}: {name} (register {address}) is {value}; set it to {right}, for "
+                f"example with `servo set {servo.id} '{name}' {right}`"
             )
-        if memory["Drive Mode"] & _TIME_BASED:
-            raise ServoModeError(
-                f"{who} takes its profile velocity as a time; clear bit 2 of Drive Mode (register "
-                f"{table['Drive Mode'].address}), {how}"
-            )
-    elif memory.get("Control Mode", _JOINT_MODE) != _JOINT_MODE:
-        raise ServoModeError(
-            f"{who} is in wheel mode and has no positions; set Control Mode (register "
-            f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
-        )
-    elif lower == upper:
+    if servo.model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
+        low, high = servo.calibration.tick_range
         raise ServoModeError(
             f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
-            "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
-            f"{calibration.tick_range[0]} and {calibration.tick_range[1]}, {how}"
+            f"turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to {low} and "
+            f"{high} with `servo set {servo.id} REGISTER VALUE`"
         )

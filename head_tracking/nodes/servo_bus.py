@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
@@ -28,6 +29,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     Torque,
 )
+from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_parameters import (
     ControllerParameters,
     EepromParameters,
@@ -39,11 +41,15 @@ from head_tracking.ros.bus_parameters import (
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
+from head_tracking.ros.head_claim import HeadClaim
+from head_tracking.ros.head_lock import HeadLock
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.stop_signal import StoppedError as StoppedBeforeStartError
+from head_tracking.ros.stop_signal import StopSignal
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -60,7 +66,7 @@ _SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
-    """Publishes what the servos measure and takes commands for them.
+    """Publishes what the servos measure and takes commands for them: a `JointBackend`.
 
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
@@ -73,6 +79,7 @@ class ServoBusNode(Node):
 
     Attributes:
         failure: what has ended a bus; None as long as all run.
+        period: of a cycle [s].
     """
 
     def __init__(
@@ -101,19 +108,22 @@ class ServoBusNode(Node):
             for (name, baud_rate), joints in ports.items()
         ]
         self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
+        self._baud_rates = [baud_rate for _, baud_rate in ports]
         self._names = {
             bus: frozenset([joint.joint_name for joint in bus.joints])
             for bus, _ in self._buses.threads
         }
         self._connect(p.allow_missing)
-        loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
+        self.period = 1.0 / p.update_rate
+        loop.attach(self)
+        loop.drive()
         self._create_topics()
         self._bus_services = BusServices(
             self,
             self._buses,
             loop.owners,
             lambda: self._eeprom.value.settings,
-            self.stop,
+            loop.stop,
             self.resume,
             short_names=p.short_names,
         )
@@ -128,19 +138,31 @@ class ServoBusNode(Node):
         """The joints and the servos that drive them."""
         return self._buses.joints
 
+    def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
+        """Return port, baud rate and, by id, the models of the servos that were found on it."""
+        return [
+            (bus.port_name, baud_rate, {servo.id: servo.model for servo in bus.servos})
+            for (bus, _), baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
+        ]
+
     def status(self) -> BusStatus:
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
 
-    def stop(self) -> dict[str, str]:
-        """STOP: relax all servos, and refuse everything until `resume`; for any thread.
+    def stop(self) -> Mapping[str, str]:
+        """STOP, for any thread; see `ControlLoop`. Whatever else hangs, it does not wait for it."""
+        return self._loop.stop()
 
-        Whatever else hangs, this does not wait for it.
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`."""
+        return self._buses.relax_at_once()
 
-        Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
-        """
-        return self._loop.owners.stop(self._buses.relax_at_once)
+    def claim(self) -> None:
+        """See `JointBackend`; the owners of this process are the servo bus's."""
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """See `JointBackend`."""
+        self._write(owner, goals, epoch)
 
     def resume(self) -> tuple[str, ...]:
         """End a STOP: hold what was not relaxed on request; return the controllers that go on.
@@ -285,6 +307,8 @@ class ServoBusNode(Node):
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
+        if event.repeated:
+            return
         if event.kind in _BAD_NEWS:
             log.error(event.text)
         elif event.kind is EventKind.ALARM:
@@ -482,8 +506,25 @@ def goals_from_message(message: JointState) -> dict[str, Goal]:
 
 
 def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(ServoBusNode)
+    """Runs the node until it is interrupted; simulated heads with its names end before."""
+    lock = HeadLock(sys.argv, simulated=False)
+    try:
+        with StopSignal() as stop:
+            lock.acquire(stop.wait, shared=True)
+    except StoppedBeforeStartError:
+        return 0
+    except RefusedError as error:
+        print(error, file=sys.stderr)
+        if lock.descriptors:
+            return 1  # a simulated head does not end
+    return run_node(_claiming_node)
+
+
+def _claiming_node() -> ServoBusNode:
+    """Return the node of a head that is no run, and goes on whoever else is there."""
+    node = ServoBusNode()
+    HeadClaim(node, simulated=False).begin()
+    return node
 
 
 if __name__ == "__main__":

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
+from head_tracking.control.head_control import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
-
-MISSING = (
-    "the viewer needs viser and mcap-ros2-support, which are not installed here: "
-    "`ros2 run head_tracking head_setup viewer` in a workspace, "
-    "pip install 'head_tracking[viewer]' elsewhere"
-)
+from head_tracking.viewer import MISSING, installed
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +62,31 @@ class ViewerNode(Node):
             raise
         self._say_where(page.host, local=is_loopback(page.host))
 
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., object], *others: Any, **options: Any
+    ) -> Any:
+        """Create a subscription; an error in its callback costs the message only."""
+        callback = self._surviving(callback)
+        return super().create_subscription(kind, topic, callback, *others, **options)
+
+    def create_timer(
+        self, period: float, callback: Callable[..., object], *others: Any, **options: Any
+    ) -> Any:
+        """Create a timer; an error in its callback costs that call only."""
+        return super().create_timer(period, self._surviving(callback), *others, **options)
+
+    def _surviving(self, callback: Callable[..., object]) -> Callable[..., object]:
+        """Return the callback with its errors logged: STOP must stay, whatever comes in."""
+
+        @wraps(callback)
+        def surviving(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:
+                self._complain(f"{type(error).__name__}: {error}")
+
+        return surviving
+
     def destroy_node(self) -> None:
         """Ends the page; the robot goes on as it is."""
         self.page.close()
@@ -83,11 +104,6 @@ class ViewerNode(Node):
                 f"the page listens on {host}: everybody who reaches this machine there and knows "
                 "the token can steer the robot; what goes there is not encrypted"
             )
-
-
-def installed() -> bool:
-    """Whether the libraries that only the viewer needs are there."""
-    return all(find_spec(name) is not None for name in ("viser", "mcap_ros2"))
 
 
 def find_package(name: str) -> Path | None:

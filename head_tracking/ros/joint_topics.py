@@ -1,4 +1,4 @@
-"""A head whose servo bus is in another process."""
+"""Joints whose servo bus is in another process."""
 
 from __future__ import annotations
 
@@ -15,20 +15,18 @@ from head_tracking.tf.qos import LATCHED
 
 
 class JointTopics:
-    """Publishes goals on `joint_commands`, and follows the owners and STOP of `joint_control`.
+    """A `JointBackend`: publishes `joint_commands`, and follows the STOP and owners of a servo bus.
 
     Args:
         node: turns the head.
         name: the owner that it is.
         joints: pan and tilt.
         loop: of the process.
-
-    Attributes:
-        owner: who owns the joints at the servo bus; empty: nobody.
     """
 
+    period = 0.0
+
     def __init__(self, node: Node, name: str, joints: Sequence[str], loop: ControlLoop) -> None:
-        self.owner = ""
         self._node = node
         self._name = name
         self._joints = tuple(joints)
@@ -36,7 +34,7 @@ class JointTopics:
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
-        loop.write = self.write
+        loop.attach(self)
 
     def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""
@@ -50,10 +48,14 @@ class JointTopics:
         self._commands.publish(message)
 
     def claim(self) -> None:
-        """Take the joints over, whoever owns them."""
+        """See `JointBackend`."""
         message = JointState(name=list(self._joints))
         message.header.frame_id = sender(self._name, self._loop.owners.epoch.value)
         self._claims.publish(message)
+
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`; only the servo bus can do that."""
+        return dict.fromkeys(self._joints, "the servo bus is another process: call its `stop`")
 
     def _on_control(self, message: DiagnosticStatus) -> None:
         try:
@@ -63,8 +65,4 @@ class JointTopics:
                 f"joint_control is not used: {error}", throttle_duration_sec=1.0
             )
             return
-        self._loop.owners.follow(control.stopped, control.epoch)
-        owner = control.owners.get(self._joints[0], "")
-        lost, self.owner = self.owner == self._name != owner, owner
-        if lost and owner and not control.stopped:
-            self._loop.owners.take_over(owner, self._joints)
+        self._loop.owners.follow(control.stopped, control.epoch, control.owners)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 from head_tracking.control import ControlLoop
 from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf.qos import MEASUREMENT
+
+_RELIABLE = QoSProfile(depth=10)
 
 
 def listen_for(loop: ControlLoop, buffer: Buffer, node: Node) -> TransformListener:
@@ -22,14 +27,46 @@ def listen_for(loop: ControlLoop, buffer: Buffer, node: Node) -> TransformListen
     return TransformListener(buffer, node, on_joints=lambda message: loop.heard(message.name))
 
 
-def unheard(node: Node, kind: type[Any], topic: str, qos: QoSProfile) -> str:
-    """Return which publishers a subscription cannot hear, and why; empty: it hears all.
+class TopicListener:
+    """Hears all publishers of a topic, those with BEST_EFFORT, too.
+
+    A BEST_EFFORT subscription would hear all of them, but loses the only message of a publisher
+    that has just begun (`ros2 topic pub --once`: every fifth). So it asks for RELIABLE until a
+    publisher offers less.
+
+    Args:
+        node: listens.
+        kind: of messages.
+        topic: its name.
+        callback: is given each message.
+    """
+
+    def __init__(
+        self, node: Node, kind: type[Any], topic: str, callback: Callable[[Any], object]
+    ) -> None:
+        self._node = node
+        self._what = kind, topic, callback
+        events = SubscriptionEventCallbacks(incompatible_qos=lambda _: self._ask_for_less())
+        self._subscription = node.create_subscription(
+            *self._what, _RELIABLE, event_callbacks=events
+        )
+
+    def _ask_for_less(self) -> None:
+        self.close()
+        self._subscription = self._node.create_subscription(*self._what, MEASUREMENT)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._node.destroy_subscription(self._subscription)
+
+
+def unheard(node: Node, kind: type[Any], topic: str) -> str:
+    """Return which publishers a `TopicListener` cannot hear, and why; empty: it hears all.
 
     Args:
         node: listens.
         kind: of messages that it listens for.
         topic: its name.
-        qos: of the subscription.
     """
     topic = node.resolve_topic_name(topic)
     accepted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
@@ -39,7 +76,7 @@ def unheard(node: Node, kind: type[Any], topic: str, qos: QoSProfile) -> str:
         if publisher.topic_type != accepted:
             why = f"it publishes {publisher.topic_type}; {accepted} is accepted"
         else:
-            verdict, reason = qos_check_compatible(publisher.qos_profile, qos)
+            verdict, reason = qos_check_compatible(publisher.qos_profile, MEASUREMENT)
             if verdict is QoSCompatibility.ERROR:
                 why = reason
         if why:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
+from head_tracking.ros.listening import TopicListener
 from head_tracking.ros.messages import target_from_message
-from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import TransformBuffer, Vector3
 
@@ -48,13 +48,11 @@ class NewestTarget:
         self._buffer = buffer
         self._placer: TargetPlacer | None = None
         self._newest: PlacedTarget | None = None
-        self._subscription = node.create_subscription(
-            PointStamped, "target_point", self._on_target, MEASUREMENT
-        )
+        self._listener = TopicListener(node, PointStamped, "target_point", self._on_target)
 
     def close(self) -> None:
-        """Listens no more."""
-        self._node.destroy_subscription(self._subscription)
+        """Stop listening."""
+        self._listener.close()
 
     def place_in(self, frame: str) -> None:
         """Places targets in this frame from now on."""

@@ -1,5 +1,6 @@
 """A small moving scene, drawn for a simulated camera."""
 
+from head_tracking.scene.film import film
 from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing, Wall
 from head_tracking.scene.render import Renderer, Rendering
 from head_tracking.scene.scenes import SCENES, TARGET, make_scene, with_target
@@ -18,6 +19,7 @@ __all__ = [
     "Swing",
     "Thing",
     "Wall",
+    "film",
     "make_scene",
     "with_target",
 ]

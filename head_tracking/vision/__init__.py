@@ -5,6 +5,7 @@ from typing import Any
 
 from head_tracking.vision.annotation import annotated, depth_picture
 from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
+from head_tracking.vision.camera_follower import CameraFollower, NoPictureError, pictures
 from head_tracking.vision.candidate import Candidate, Detector, Frame, GivenDetector
 from head_tracking.vision.colour import ColourDetector, ColourParameters
 from head_tracking.vision.faces import FaceDetector, FaceParameters
@@ -14,6 +15,7 @@ from head_tracking.vision.images import (
     DepthImage,
     ImageError,
     Picture,
+    Pixels,
     RawImage,
     decode_compressed_depth,
     decode_compressed_picture,
@@ -35,11 +37,30 @@ DETECTORS: Mapping[str, tuple[Callable[[Any], Detector], type[Any]]] = {
 }
 """What can be followed: the detector and its parameters."""
 
+
+def find_detector(name: str) -> Detector:
+    """Return a detector with its usual parameters, working in one thread.
+
+    Args:
+        name: face, colour or marker; the others need a person who selects, or depths.
+
+    Raises:
+        OpenCVMissingError: OpenCV is not installed.
+        ValueError: there is no such detector.
+    """
+    if name not in ("face", "colour", "marker"):
+        raise ValueError(f"there is no detector {name!r}; there are face, colour and marker")
+    require_opencv()
+    make, parameters = DETECTORS[name]
+    return make(parameters())
+
+
 __all__ = [
     "DETECTORS",
     "Box",
     "Camera",
     "CameraError",
+    "CameraFollower",
     "Candidate",
     "ColourDetector",
     "ColourParameters",
@@ -60,9 +81,11 @@ __all__ = [
     "MarkerParameters",
     "NearestDetector",
     "NearestParameters",
+    "NoPictureError",
     "OpenCVMissingError",
     "Pairing",
     "Picture",
+    "Pixels",
     "RawImage",
     "Sighting",
     "Track",
@@ -74,5 +97,7 @@ __all__ = [
     "decode_depth",
     "decode_picture",
     "depth_picture",
+    "find_detector",
+    "pictures",
     "require_opencv",
 ]

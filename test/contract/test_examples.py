@@ -46,6 +46,12 @@ def test_following(name):
     assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
 
 
+def test_follow_face():
+    *_, last = run("follow_face.py", "--sim").splitlines()
+    assert last.startswith("tracking")
+    assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
+
+
 def test_two_heads():
     assert run("two_heads.py", "--sim", "--sim").count("arrived") == 2
 

@@ -9,9 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pytest
+from answer_hook import OnAnswers
 from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel import (
+    Block,
     BusReading,
     BusThread,
     DynamixelPort,
@@ -100,7 +102,8 @@ def test_every_register_is_readable(simulated: SimulatedPort, register: Register
     port = DynamixelPort(simulated.port_name, reply_timeout=5.0)
     port.open()
     reply = port.read(1, register.address, register.size)
-    assert register.decode(reply.data) == simulated.use(lambda bus: bus[1].register(register.name))
+    (value,) = Block((register,)).decode(reply.data)
+    assert value == simulated.use(lambda bus: bus[1].register(register.name))
     port.close()
 
 
@@ -276,7 +279,9 @@ def test_silent_servo_is_lost_and_comes_back() -> None:
     def line(answer: Answer) -> Iterable[Answer]:
         return () if silent.is_set() and answer.data[2] == 1 else (answer,)
 
-    with SimulatedPort(SimulatedBus([SimulatedServo(1), SimulatedServo(2)], line)) as simulated:
+    with SimulatedPort(
+        SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=OnAnswers(line))
+    ) as simulated:
         head = Head(simulated)
         head.bus.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), 0.2))
@@ -302,7 +307,9 @@ def test_corrupt_answers_are_repeated_and_counted() -> None:
             return (answer,)
         return (Answer(answer.data[:-1] + bytes((answer.data[-1] ^ 0x55,)), answer.delay),)
 
-    with SimulatedPort(SimulatedBus([SimulatedServo(1), SimulatedServo(2)], line)) as simulated:
+    with SimulatedPort(
+        SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=OnAnswers(line))
+    ) as simulated:
         head = Head(simulated)
         head.bus.command({"head_pan_joint": Goal(0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), 0.2))

@@ -10,6 +10,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
@@ -90,10 +91,14 @@ class Rig:
 
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
-            self.bench.pass_time(PERIOD)
+            due = self.bench.now() + round(PERIOD * 1e9)
+            while self.bus.fill(due):
+                pass
+            self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
-            self.events += [event.text for event in reading.events]
-            self.kinds += [event.kind for event in reading.events]
+            logged = [event for event in reading.events if not event.repeated]
+            self.events += [event.text for event in logged]
+            self.kinds += [event.kind for event in logged]
         return self.reading
 
     def go(self, position: float, count: int = 60, speed: float = 3.0) -> BusReading:
@@ -379,6 +384,19 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
+    servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
+    rig = Rig(*servos)
+    for phase in range(6):
+        servos[0].power_off()
+        rig.step(20 + phase)
+        assert rig.reading.lost == ("j1",)
+        servos[0].power_on()
+        rig.step(5)
+        assert set(rig.reading.states) == {"j1", "j2"}, phase
+
+
 # Who is there
 
 
@@ -411,6 +429,33 @@ def test_two_servos_with_one_id_are_reported_once(turned: float) -> None:
     assert "j2" in rig.step().states
 
 
+def test_what_two_servos_with_one_id_do_to_the_log_does_not_go_on() -> None:
+    def noisy(number: int) -> SimulatedServo:
+        return SimulatedServo(1, position_noise=1.0, random=Random(number))
+
+    rig = Rig(noisy(5), SimulatedServo(2))
+    rig.bench.bus._servos += (noisy(6),)  # somebody plugs a second servo in; often both agree
+    for _ in range(3000):  # 60 s
+        with suppress(GoalError):
+            rig.bus.command({"j1": Goal(0.1)})
+        rig.step()
+    assert rig.bus.statistics().servos[0].corrupt > 100
+    assert len(rig.events) < 25, rig.events
+
+
+def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None:
+    rig = Rig(SimulatedServo(1), SimulatedServo(2))
+    for _ in range(5):
+        for switch in (rig.servos[0].power_off, rig.servos[0].power_on):
+            switch()
+            rig.step(50)  # 1 s
+    assert rig.kinds.count(EventKind.LOST) == rig.kinds.count(EventKind.RETURNED) == 2
+    rig.step(2000)  # 40 s
+    rig.servos[0].power_off()
+    rig.step(50)
+    assert rig.kinds.count(EventKind.LOST) == 3
+
+
 def test_the_echo_of_a_request_is_nobody() -> None:
     bench = Bench(SimulatedBus([SimulatedServo(1)], echo=True))
     bench.port.open()
@@ -434,7 +479,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             repeated += 1
             return [answer, replace(answer, delay=answer.delay + late)]
 
-        bench = Bench(SimulatedBus([servo], line=twice))
+        bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
         bus = ServoBus(
             bench.port, [joint(1, servo_model(servo.model.name))], bench.now, monotonic=bench.now
         )

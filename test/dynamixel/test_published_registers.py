@@ -30,7 +30,7 @@ def test_registers_are_those_of_the_vendor(name: str) -> None:
         ours = {
             "address": register.address,
             "size": register.size,
-            "access": register.access.value,
+            "access": "RW" if register.writable else "R",
             "initial": register.initial,
             "lowest": register.minimum,
             "highest": register.maximum,

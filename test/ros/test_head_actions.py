@@ -31,14 +31,14 @@ def running(make_module_robot):
 @pytest.fixture
 def robot(running):
     """Awake, and looking about straight on."""
-    interface = running.composition.nodes["point_head"].interface
+    interface = running.composition.nodes["point_head"].interface.control
     if interface.off:
         running.call("resume")
         running.call("point_head/enable", True)
         wait_for(lambda: not interface.off)
         assert running.call("torque_enable", True).success
-        interface.slow = False
-    if abs(running.pan) > 0.1 or running.composition.nodes["point_head"].actions.task is not None:
+        interface.is_cautious = False
+    if abs(running.pan) > 0.1 or interface.task is not None:
         assert running.client.send(goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
     running.forget_log()
     return running
@@ -121,6 +121,7 @@ def test_a_shaft_that_is_blocked_aborts_with_what_the_servo_bus_says(robot):
 def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot):
     for wrong, words in (
         (goal(math.nan, 0, 0), "not finite"),
+        (goal(1e308, 0, 0), "too far away"),
         (goal(1, 0, 0, "nowhere"), "'nowhere' does not exist"),
         (goal(1, 0, 0, ""), "no frame name"),
         (goal(1, 0, 0, pointing="torso_link"), "not carried by"),

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.nodes.node_starter import NodeStarterNode
+from head_tracking.run.node_starter import NodeStarterNode
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from head_tracking.status_line import Mood, StatusLine
+from head_tracking.run.status_line import Mood, StatusLine
 
 PARTS = ("error  0.6°", "pan  +33.4° tilt   -2.6°", "target (0.75, 0.5, 0.4) in a", "bus 50 Hz")
 

@@ -1,6 +1,8 @@
 """Targets are heard whatever their publishers promise; who is not heard is named."""
 
-from contextlib import closing
+import subprocess
+import sys
+from contextlib import ExitStack, closing
 from itertools import product
 
 import pytest
@@ -14,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from robot_under_test import wait_for
 from std_msgs.msg import String
 
+from head_tracking.ros.listening import TopicListener
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.tf.qos import LATCHED
 
@@ -49,7 +52,7 @@ def test_a_target_is_heard_from_any_publisher(robot, number, topic):
 
     def heard() -> bool:
         publisher.publish(message)
-        target = interface.newest_target
+        target = interface.control.target
         return target is not None and target.point[0] == pytest.approx(away)
 
     try:
@@ -57,6 +60,52 @@ def test_a_target_is_heard_from_any_publisher(robot, number, topic):
         assert not interface.unheard
     finally:
         robot.node.destroy_publisher(publisher)
+
+
+# Publishes one message on each topic, as soon as somebody listens, and stays for their delivery.
+PERSON = """
+import sys, time, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("person")
+for topic in sys.argv[1:]:
+    publisher = node.create_publisher(String, topic, 10)
+    while not publisher.get_subscription_count():
+        time.sleep(0.001)
+    publisher.publish(String(data=topic))
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def hear(domain, monkeypatch):
+    """What is heard by a node of the topics on which a new process publishes once."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain), signal_handler_options=NO_SIGNALS)
+    node = Node("head", context=context)
+    with ExitStack() as stack:
+        stack.callback(context.try_shutdown)
+        stack.enter_context(closing(NodeThreads())).start(node)
+
+        def hear(*topics: str) -> list[str]:
+            heard: list[str] = []
+            for topic in topics:
+                TopicListener(node, String, topic, lambda message: heard.append(message.data))
+            person = subprocess.Popen(
+                [sys.executable, "-c", PERSON, *topics], stdin=subprocess.PIPE
+            )
+            stack.callback(person.communicate)
+            return heard
+
+        yield hear
+
+
+def test_the_only_message_of_a_new_publisher_is_heard(hear):
+    topics = [f"topic_{number}" for number in range(60)]
+    heard = hear(*topics)
+    wait_for(lambda: sorted(heard) == sorted(topics))
 
 
 @pytest.mark.parametrize("name", ["head_tracker", "point_head"])

@@ -15,7 +15,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
-from head_tracking.runner import parse_arguments
+from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.head_modes import Mode
 from head_tracking.viewer.path import Path
@@ -277,16 +277,6 @@ def test_a_state_that_is_published_is_shown(robot, seen):
     )
 
 
-def test_diagnostics_that_fall_silent_are_stale(seen):
-    wait_for(lambda: len(seen.health()) >= 3)
-    assert {one.name for one in seen.health()} >= {"servo_bus: head_pan_joint"}
-    seen.topics._diagnostics["gone"] = seen.topics._diagnostics[
-        "servo_bus: head_pan_joint"
-    ]._replace(at=-10.0)
-    (gone,) = [one for one in seen.health() if "nothing heard" in one.message]
-    assert gone.level == 3
-
-
 def test_without_hardware_the_page_says_where_the_joints_are():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -310,7 +300,7 @@ def test_without_hardware_the_page_says_where_the_joints_are():
 
 
 def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
-    monkeypatch.setattr("head_tracking.runner.installed", lambda: False)
+    monkeypatch.setattr("head_tracking.run.options.installed", lambda: False)
     with pytest.raises(SystemExit) as ended:
         parse_arguments(["--sim", "--viewer"])
     assert ended.value.code == 2

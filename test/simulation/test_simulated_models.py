@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking.dynamixel.control_table import Register
+from head_tracking.dynamixel.control_table import Block, Register
 from head_tracking.dynamixel.models import ServoModel, all_models
 from head_tracking.dynamixel.protocol import REFUSALS, StatusCode
 from head_tracking.simulation import SimulatedServo
@@ -60,7 +60,7 @@ def test_every_register_reads_what_the_vendor_says(model: ServoModel) -> None:
             expected = register.initial
             if register.name == "Goal Velocity":
                 expected = servo.register("Velocity Limit")
-            assert register.decode(status.data) == expected, register
+            assert Block((register,)).decode(status.data) == (expected,), register
 
 
 @MODEL

@@ -5,7 +5,7 @@ import sys
 import time
 
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.stop_key import StopKey
+from head_tracking.run.stop_key import StopKey
 
 
 def said(words: str) -> list[str]:

@@ -20,7 +20,7 @@ def run(code):
 
 
 def test_everything_loads_without_it():
-    done = run("import head_tracking.vision, head_tracking.scene, head_tracking.node_sets")
+    done = run("import head_tracking.vision, head_tracking.scene, head_tracking.run.node_sets")
     assert done.returncode == 0, done.stderr
 
 
@@ -36,6 +36,6 @@ def test_a_program_that_needs_it_says_how_to_get_it():
 
 
 def test_it_is_not_loaded_before_it_is_used():
-    code = "import sys, head_tracking.node_sets; sys.exit('cv2' in sys.modules)"
+    code = "import sys, head_tracking.run.node_sets; sys.exit('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=False)
     assert done.returncode == 0

@@ -1,1 +1,1 @@
-"""The tool `doctor`: looks at everything that a head needs, and says what to do."""
+"""The tool `doctor`: checks what a head needs, and reports what is missing or wrong."""

@@ -1,4 +1,4 @@
-"""doctor looks at parameter files and the robot's model, without ROS."""
+"""doctor checks parameter files and the robot's model, without ROS."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     check_configuration,
 )
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.parameters import checked, parameter_info
 from head_tracking.ros.bus_parameters import (
@@ -30,7 +31,7 @@ from head_tracking.ros.bus_parameters import (
 )
 from head_tracking.share import robot_file
 from head_tracking.tools.doctor.findings import Finding, Level
-from head_tracking.transforms import RobotModelError, load_robot_model
+from head_tracking.transforms import load_robot_model
 
 P = TypeVar("P")
 
@@ -39,7 +40,7 @@ _SLACK: Final = 0.02  # rad
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredBus:
-    """The servos on one port, as a person has stated them.
+    """The servos that are configured on one port.
 
     Attributes:
         port_name: Device.
@@ -56,80 +57,66 @@ class ConfiguredBus:
     settings: BusSettings
 
 
-class UnusableError(Exception):
-    """A parameter file cannot be used; says which and why."""
-
-
-def parameters_of(node: str, files: Sequence[Path]) -> dict[str, Any]:
-    """What parameter files say of a node, whatever its namespace; later ones win.
-
-    Raises:
-        UnusableError: A file is no YAML, or no parameter file.
-    """
-    found: dict[str, Any] = {}
-    for file in files:
-        try:
-            content = yaml.safe_load(file.read_text())
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise UnusableError(f"{file}: {' '.join(str(error).split())}") from error
-        if content is not None and not isinstance(content, dict):
-            raise UnusableError(f"{file}: it must hold nodes and their ros__parameters")
-        for values in _sections(content or {}, node, "**"):
-            found.update(_flat(values))
-    return found
-
-
-def _sections(content: Mapping[Any, Any], node: str, name: str) -> Iterator[Mapping[Any, Any]]:
-    for key, value in content.items():
-        if not isinstance(value, dict):
-            continue
-        if key == "ros__parameters":
-            if name in (node, "*", "**"):
-                yield value
-        else:
-            yield from _sections(value, node, str(key).rpartition("/")[2])
-
-
-def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _read(
-    kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
-) -> P:
-    """One of the node's parameter classes; raises ValueError, as the node would."""
-    made = {}
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        default = defaults.get(field.name, field.default)
-        name = f"{prefix}{field.name}"
-        made[field.name] = (
-            checked(name, parameter_info(field), default, values[name])
-            if name in values
-            else default
-        )
-    return kind(**made)
-
-
-def configured_buses(
+def check_configured(
     files: Sequence[Path], port_name: str = "", baud_rate: int = 0
-) -> tuple[ConfiguredBus, ...]:
-    """The buses that servo_bus would open.
+) -> tuple[Finding, tuple[ConfiguredBus, ...]]:
+    """Check that servo_bus can use the parameter files, and return the buses that it would open.
 
     Args:
         files: Parameter files; later ones win.
-        port_name: In the place of the configured port, unless empty.
-        baud_rate: In the place of the configured one, unless 0.
-
-    Raises:
-        UnusableError: A file cannot be used.
-        ValueError: A parameter is not allowed.
-        ConfigurationError: A servo cannot do what is configured.
+        port_name: Replaces the configured port, unless empty.
+        baud_rate: Replaces the configured one, unless 0.
     """
-    values = parameters_of("servo_bus", files)
+    try:
+        buses = _configured_buses(files, port_name, baud_rate)
+    except (OSError, ValueError, yaml.YAMLError, ConfigurationError) as error:
+        reason = " ".join(str(error).split())
+        text = f"{reason}; correct it in {', '.join(map(str, files))}"
+        return Finding("configuration", Level.RED, text), ()
+    servos = "; ".join(
+        f"{joint.joint_name} {'/'.join(str(each.id) for each in joint.calibrations)}, "
+        f"{joint.model.name}"
+        for bus in buses
+        for joint in bus.joints
+    )
+    return Finding("configuration", Level.GREEN, f"joints and ids: {servos}"), buses
+
+
+def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
+    """Check that the robot's model can be read, has a pan/tilt head, and fits the servos."""
+    values = {
+        "head_pan_joint": "head_pan_joint",
+        "head_tilt_joint": "head_tilt_joint",
+        "camera_link": "camera_link",
+    } | _parameters_of("head_tracker", files)
+    try:
+        model = load_robot_model(robot_file(robot))
+        names = (values["head_pan_joint"], values["head_tilt_joint"], values["camera_link"])
+        PanTiltHead(model, *names)
+    except HeadTrackingError as error:
+        return Finding("model", Level.RED, str(error))
+    problems, level = [], Level.GREEN
+    for joint in (joint for bus in buses for joint in bus.joints):
+        in_model = model.joints.get(joint.joint_name)
+        if in_model is None:
+            problems.append(f"it has no joint {joint.joint_name}; it has {', '.join(model.joints)}")
+            level = Level.RED
+            continue
+        lower, upper = in_model.limits.lower, in_model.limits.upper
+        if joint.lower < lower - _SLACK or joint.upper > upper + _SLACK:
+            problems.append(
+                f"the limits of {joint.joint_name}, {lower:.2f} to {upper:.2f} rad, are narrower "
+                f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
+            )
+            level = max(level, Level.AMBER)
+    text = "; ".join(problems) or f"{values['camera_link']} can be pointed"
+    return Finding("model", level, f"{robot}: {text}")
+
+
+def _configured_buses(
+    files: Sequence[Path], port_name: str, baud_rate: int
+) -> tuple[ConfiguredBus, ...]:
+    values = _parameters_of("servo_bus", files)
     if port_name:
         values["port_name"] = port_name
     if baud_rate:
@@ -150,75 +137,44 @@ def configured_buses(
     )
 
 
-def look_at_configuration(
-    files: Sequence[Path], port_name: str = "", baud_rate: int = 0
-) -> tuple[Finding, tuple[ConfiguredBus, ...]]:
-    """Whether the parameter files can be used, and what they say."""
-    names = ", ".join(str(file) for file in files)
-    try:
-        buses = configured_buses(files, port_name, baud_rate)
-    except (UnusableError, ValueError, ConfigurationError) as error:
-        cure = f"correct it in {names}; config/head.yaml is an example that works"
-        return Finding("configuration", Level.RED, str(error), cure), ()
-    joints = [joint for bus in buses for joint in bus.joints]
-    told = "; ".join(
-        f"{joint.joint_name} {'/'.join(str(each.id) for each in joint.calibrations)}, "
-        f"{joint.model.name}"
-        for joint in joints
-    )
-    return Finding("configuration", Level.GREEN, f"joints and ids: {told}"), buses
+def _read(
+    kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
+) -> P:
+    """Return a parameter class as the node makes it; raise ValueError where the node refuses."""
+    made = {}
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        default = defaults.get(field.name, field.default)
+        name = f"{prefix}{field.name}"
+        value = values.get(name, default)
+        made[field.name] = checked(name, parameter_info(field), default, value)
+    return kind(**made)
 
 
-def look_at_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
-    """Whether the robot's model can be read, is a pan/tilt head, and fits the servos."""
-    check = "model"
-    cure = "check_model FILE tells more; --robot names another one"
-    try:
-        model = load_robot_model(robot_file(robot))
-    except (RobotModelError, FileNotFoundError) as error:
-        return Finding(check, Level.RED, str(error), cure)
-    values = parameters_of("head_tracker", files)
-    names = {
-        key: str(values.get(key, default))
-        for key, default in (
-            ("head_pan_joint", "head_pan_joint"),
-            ("head_tilt_joint", "head_tilt_joint"),
-            ("camera_link", "camera_link"),
-        )
-    }
-    try:
-        PanTiltHead(
-            model,
-            pan_joint=names["head_pan_joint"],
-            tilt_joint=names["head_tilt_joint"],
-            pointing_frame=names["camera_link"],
-        )
-    except RobotModelError as error:
-        return Finding(check, Level.RED, f"{robot}: {error}", cure)
-    limits = {name: joint.limits for name, joint in model.joints.items()}
-    strangers, narrow = [], []
-    for joint in (joint for bus in buses for joint in bus.joints):
-        if joint.joint_name not in limits:
-            strangers.append(joint.joint_name)
+def _parameters_of(node: str, files: Sequence[Path]) -> dict[str, Any]:
+    """Return the parameters of a node in files, whatever its namespace; later files win."""
+    found: dict[str, Any] = {}
+    for file in files:
+        content = yaml.safe_load(file.read_text())
+        if not isinstance(content or {}, dict):
+            raise ValueError(f"{file}: it must hold nodes and their ros__parameters")
+        for values in _sections(content or {}, node, "**"):
+            found.update(_flat(values))
+    return found
+
+
+def _sections(content: Mapping[Any, Any], node: str, name: str) -> Iterator[Mapping[Any, Any]]:
+    for key, value in content.items():
+        if not isinstance(value, dict):
             continue
-        allowed = limits[joint.joint_name]
-        if joint.lower < allowed.lower - _SLACK or joint.upper > allowed.upper + _SLACK:
-            narrow.append(
-                f"{joint.joint_name}: servo {joint.lower:.2f} to {joint.upper:.2f} rad, model "
-                f"{allowed.lower:.2f} to {allowed.upper:.2f}"
-            )
-    if strangers:
-        return Finding(
-            check,
-            Level.RED,
-            f"{robot} has no joint {', '.join(strangers)}, which a servo is to turn",
-            f"set X_controller.joint_name to one of {', '.join(sorted(limits))}",
-        )
-    if narrow:
-        return Finding(
-            check,
-            Level.AMBER,
-            f"a servo may go farther than the model: {'; '.join(narrow)}",
-            "narrow motor.min and motor.max, or widen the model's limits",
-        )
-    return Finding(check, Level.GREEN, f"{robot}: {names['camera_link']} can be pointed")
+        if key != "ros__parameters":
+            yield from _sections(value, node, str(key).rpartition("/")[2])
+        elif name in (node, "*", "**"):
+            yield value
+
+
+def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

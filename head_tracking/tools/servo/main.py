@@ -1,4 +1,4 @@
-"""servo: looks at Dynamixel servos, sets them up, and calibrates a head."""
+"""servo: shows what Dynamixel servos measure, sets them up, and calibrates a head."""
 
 from __future__ import annotations
 
@@ -6,34 +6,33 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
-from head_tracking.command_line import between, read_by, servo_id
+from head_tracking.command_line import between, named_id, read_by, servo_id, writable_file
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
 from head_tracking.tools.servo.calibrate import Wanted, calibrate
-from head_tracking.tools.servo.changes import relax, set_baud_rate, set_id, set_register
+from head_tracking.tools.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.tools.servo.looks import USUAL_BAUD_RATES, info, monitor, scan
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 
 DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
-"""Exit codes; 2 is argparse's, for a command line that makes no sense."""
+"""Exit codes; 2 is argparse's, for a wrong command line."""
 
 _EPILOG = """\
 exit codes: 0 done; 1 failed (no port, no answer, no such register); 2 wrong command line;
-3 refused, because it could do harm or nobody said yes; 130 stopped by Ctrl-C
+3 refused, because it could do harm or was not confirmed; 130 stopped by Ctrl-C
 """
 
 
 def main(
     arguments: Sequence[str] | None = None, workshop: Callable[..., Workshop] = Workshop
 ) -> int:
-    """Carries out a command; returns the exit code."""
+    """Carry out a command; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args([_as_value(word) for word in words])
-    terminal = Terminal(sys.stdout, sys.stderr, sys.stdin, assume_yes=options.yes)
+    terminal = Terminal(assume_yes=options.yes)
     try:
         code: int = options.run(
             workshop(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE), options
@@ -50,12 +49,12 @@ def main(
 
 
 def _as_value(word: str) -> str:
-    """Return a word of the command line so that argparse takes -30deg for a value, no option."""
+    """Return a word such that argparse takes -30deg as a value, not as an option."""
     return f" {word}" if re.match(r"-\.?\d", word) else word
 
 
 def _common() -> argparse.ArgumentParser:
-    """The options that may stand before the command and after it."""
+    """Return the options that are allowed before the command and after it."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
@@ -72,7 +71,7 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Looks at Dynamixel servos, sets them up, and calibrates a head.",
+        description="Shows what Dynamixel servos measure, sets them up, and calibrates a head.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],
@@ -117,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     command = add_command("set-id", "give a servo another id")
     command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("new_id", type=servo_id, metavar="NEW")
-    command.set_defaults(run=lambda w, o: set_id(w, o.id, o.new_id, o.model))
+    command.set_defaults(run=lambda w, o: set_register(w, o.id, "ID", str(o.new_id), o.model))
 
     command = add_command("set-baud", "give a servo another baud rate")
     command.add_argument("id", type=servo_id, metavar="ID")
@@ -134,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
         "--rate", type=between(0.1, 100.0, "Hz"), default=10.0, metavar="HZ", help="(%(default)s)"
     )
     command.add_argument(
-        "--count", type=between(1, 1e9, "looks", int), metavar="N", help="stop after so many looks"
+        "--count", type=between(1, 1e9, "times", int), metavar="N", help="stop after N times"
     )
     command.set_defaults(
         run=lambda w, o: monitor(w, _once(o.ids), o.model, rate=o.rate, count=o.count)
@@ -145,7 +144,9 @@ def _parser() -> argparse.ArgumentParser:
         "servos", type=_wanted, nargs="+", metavar="NAME:ID",
         help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
     )  # fmt: skip
-    command.add_argument("--output", type=Path, metavar="FILE", help="YAML to write (stdout)")
+    command.add_argument(
+        "--output", type=writable_file, metavar="FILE", help="YAML to write (stdout)"
+    )
     command.add_argument(
         "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
         help="how far to stay away from both ends (%(default)s)",
@@ -164,15 +165,15 @@ def _ids(text: str) -> range:
     first, dash, last = text.partition("-")
     ids = range(servo_id(first), servo_id(last if dash else first) + 1)
     if not ids:
-        raise argparse.ArgumentTypeError(f"{text!r} is no range of ids, such as 10-20")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a range of ids, such as 10-20")
     return ids
 
 
 def _wanted(text: str) -> Wanted:
-    name, colon, number = text.rpartition(":")
-    if not colon or not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"{text!r} is no NAME:ID, such as head_pan:1")
-    return Wanted(name, servo_id(number))
+    name, number = named_id(text)
+    if not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
+    return Wanted(name, number)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""Which processes and nodes make up a run, and its terminal."""

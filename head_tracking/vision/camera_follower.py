@@ -1,0 +1,126 @@
+"""A head that follows what a detector finds in a camera's pictures."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.transforms import Transform, Vector3
+from head_tracking.vision.camera import Camera, camera_with_view
+from head_tracking.vision.candidate import Detector, Frame
+from head_tracking.vision.identity import IdentityParameters
+from head_tracking.vision.images import ImageError, Picture, Pixels
+from head_tracking.vision.opencv import cv2
+from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
+
+DEFAULT_VIEW = math.radians(60.0)
+"""Horizontal field of view of many webcams [rad]."""
+
+
+class NoPictureError(HeadTrackingError):
+    """A camera cannot be opened, or gives no more pictures.
+
+    Attributes:
+        camera: its number or name.
+    """
+
+    def __init__(self, camera: int | str) -> None:
+        super().__init__(
+            f"the camera {camera!r} gives no picture; allowed are a number (0: the first camera), "
+            "the name of a device or a file, and a URL; no other program may use the device"
+        )
+        self.camera = camera
+
+
+def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
+    """Yield the pictures of a camera with the times at which they arrived [s, as time.time()].
+
+    Args:
+        camera: number, device, file or URL, as OpenCV's VideoCapture has it.
+
+    Raises:
+        NoPictureError: the camera gives none, or no more.
+        OpenCVMissingError: OpenCV is not installed.
+    """
+    capture = cv2.VideoCapture(camera)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, where the driver can do that
+    try:
+        while capture.grab():
+            stamp = time.time()
+            good, picture = capture.retrieve()
+            if good:
+                yield stamp, picture
+    finally:
+        capture.release()
+    raise NoPictureError(camera)
+
+
+class CameraFollower:
+    """Leads a head to what is seen, in a thread of its own that `start` begins.
+
+    Args:
+        detector: finds it.
+        source: pictures (blue, green, red; shape (height, width, 3)), with the times at which they
+            were taken [s, as time.time()].
+        follow: is given each point in the camera's optical frame [m], and its time.
+        pose: returns `T_fixed_optical` at a time; may wait for it.
+        camera: that takes the pictures; None: one with `DEFAULT_VIEW`.
+        distances: how far away things may be; None: 2 m where nothing tells it.
+
+    Attributes:
+        sighting: what was seen last; None: the last picture did not show it.
+        error: why it has ended; None: it has not, was closed, or there are no more pictures.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        source: Iterable[tuple[float, Pixels]],
+        follow: Callable[[Vector3, float], object],
+        pose: Callable[[float], Transform],
+        camera: Camera | None = None,
+        distances: DistanceParameters | None = None,
+    ) -> None:
+        self.sighting: Sighting | None = None
+        self.error: Exception | None = None
+        self._tracker = VisualTracker(
+            detector, distances or DistanceParameters(distance=2.0), IdentityParameters()
+        )
+        self._source, self._follow, self._pose, self._camera = source, follow, pose, camera
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it has ended, or for a time [s]; return whether it has ended."""
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def close(self) -> None:
+        """End with the picture that is looked at now; the head goes on as after `Head.follow`."""
+        self._ending = True
+
+    def _run(self) -> None:
+        try:
+            for stamp, picture in self._source:
+                if self._ending:
+                    return
+                self._look(stamp, picture)
+        except Exception as error:  # a source or a detector may raise anything
+            self.error = error
+
+    def _look(self, stamp: float, picture: Pixels) -> None:
+        height, width, _ = picture.shape
+        if not picture.size:
+            raise ImageError("the picture is empty")
+        camera = self._camera or camera_with_view(width, height, DEFAULT_VIEW)
+        frame = Frame(round(stamp * 1e9), camera, Picture(picture), None)
+        self.sighting = self._tracker.step(frame, self._pose(stamp))
+        if self.sighting is not None and not self._ending:
+            self._follow(self.sighting.point, stamp)

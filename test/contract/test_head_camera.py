@@ -1,0 +1,136 @@
+"""`Head.follow_camera`: what a camera sees is followed until the next command."""
+
+import time
+from contextlib import closing
+from functools import partial
+
+import numpy as np
+import pytest
+from rig import DEGREE, Servos
+from waiting import wait_for
+
+from head_tracking import (
+    FrameError,
+    Head,
+    HeadState,
+    RefusedCommandError,
+    SupersededError,
+    TargetState,
+)
+from head_tracking.vision import NoPictureError
+
+pytest.importorskip("cv2")
+
+
+@pytest.fixture
+def servos(tmp_path):
+    with closing(Servos(tmp_path / "servos")) as servos:
+        yield servos
+
+
+@pytest.fixture
+def head(servos, kinectbot):
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        yield head
+    assert servos.torque == [0, 0]
+
+
+@pytest.fixture
+def follow(head):
+    """Follow the face of a drawn room."""
+    from head_tracking.scene import film
+
+    where = partial(head.pose, "camera_optical_frame", "base_link")
+    return lambda: head.follow_camera("face", film("face", lambda t: where(stamp=t)))
+
+
+def follows(head):
+    return head.state is TargetState.TRACKING and head.error < 2 * DEGREE
+
+
+def test_a_face_is_followed(head, follow):
+    camera = follow()
+    wait_for(lambda: follows(head))
+    assert camera.sighting.confidence > 0.0
+    camera.close()
+    assert camera.wait(10.0)
+    assert camera.error is None
+
+
+def test_stop_ends_it_and_resume_does_not_go_on(head, servos, follow):
+    camera = follow()
+    wait_for(lambda: follows(head))
+    assert not any(head.stop().values())
+    head.resume()
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, RefusedCommandError)
+    rest = servos.at_rest()
+    time.sleep(0.5)
+    assert servos.true == pytest.approx(rest, abs=0.01)
+    assert head.state is HeadState.HOLDING
+    follow()
+    wait_for(lambda: follows(head))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda head: head.hold(),
+        lambda head: head.look_at((1.0, -1.0, 0.6)),
+        lambda head: head.follow((1.0, -1.0, 0.6)),
+        lambda head: (head.relax(), head.resume()),
+    ],
+)
+def test_another_command_takes_over(head, follow, command):
+    camera = follow()
+    wait_for(lambda: follows(head))
+    command(head)
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, SupersededError)
+
+
+def test_the_second_camera_takes_over_from_the_first(head, follow):
+    first, second = follow(), follow()
+    assert first.wait(10.0)
+    assert isinstance(first.error, SupersededError)
+    wait_for(lambda: follows(head))
+    assert second.error is None
+
+
+def test_a_camera_that_shows_nothing_moves_nothing(head, servos):
+    grey = np.full((240, 320, 3), 128, np.uint8)
+    camera = head.follow_camera("face", ((time.time(), grey) for _ in range(5)))
+    assert camera.wait(10.0)
+    assert (camera.sighting, camera.error) == (None, None)
+    assert servos.true == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_what_cannot_be_followed_is_refused(head, tmp_path):
+    with pytest.raises(ValueError):
+        head.follow_camera("cat")
+    with pytest.raises(FrameError):
+        head.follow_camera("face", frame="nowhere")
+    camera = head.follow_camera("face", str(tmp_path / "none.mp4"))
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, NoPictureError)
+    head.stop()
+    with pytest.raises(RefusedCommandError):
+        head.follow_camera("face")
+
+
+@pytest.mark.parametrize("picture", [np.zeros((0, 0, 3), np.uint8), np.zeros(5, np.uint8), "text"])
+def test_what_is_no_picture_ends_it_with_an_error(head, picture):
+    camera = head.follow_camera("face", iter([(time.time(), picture)]))
+    assert camera.wait(10.0)
+    assert camera.error is not None
+    assert head.look_at((1.0, 0.2, 0.6)).arrived
+
+
+def test_a_camera_that_fails_ends_it_with_its_error(head):
+    def fail():
+        raise OSError("the cable is out")
+        yield
+
+    camera = head.follow_camera("face", fail())
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, OSError)
