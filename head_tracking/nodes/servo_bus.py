@@ -66,7 +66,7 @@ _SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
-    """Publishes what the servos measure and takes commands for them.
+    """Publishes what the servos measure and takes commands for them: a `JointBackend`.
 
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
@@ -79,6 +79,7 @@ class ServoBusNode(Node):
 
     Attributes:
         failure: what has ended a bus; None as long as all run.
+        period: of a cycle [s].
     """
 
     def __init__(
@@ -113,15 +114,16 @@ class ServoBusNode(Node):
             for bus, _ in self._buses.threads
         }
         self._connect(p.allow_missing)
-        loop.driven, loop.period = True, 1.0 / p.update_rate
-        loop.drive_by(self._write)
+        self.period = 1.0 / p.update_rate
+        loop.attach(self)
+        loop.drive()
         self._create_topics()
         self._bus_services = BusServices(
             self,
             self._buses,
             loop.owners,
             lambda: self._eeprom.value.settings,
-            self.stop,
+            loop.stop,
             self.resume,
             short_names=p.short_names,
         )
@@ -147,15 +149,20 @@ class ServoBusNode(Node):
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
 
-    def stop(self) -> dict[str, str]:
-        """STOP: relax all servos, and refuse everything until `resume`; for any thread.
+    def stop(self) -> Mapping[str, str]:
+        """STOP, for any thread; see `ControlLoop`. Whatever else hangs, it does not wait for it."""
+        return self._loop.stop()
 
-        Whatever else hangs, this does not wait for it.
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`."""
+        return self._buses.relax_at_once()
 
-        Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
-        """
-        return self._loop.owners.stop(self._buses.relax_at_once)
+    def claim(self) -> None:
+        """See `JointBackend`; the owners of this process are the servo bus's."""
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """See `JointBackend`."""
+        self._write(owner, goals, epoch)
 
     def resume(self) -> tuple[str, ...]:
         """End a STOP: hold what was not relaxed on request; return the controllers that go on.
