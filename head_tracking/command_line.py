@@ -6,6 +6,7 @@ import math
 import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 Value = TypeVar("Value")
@@ -70,6 +71,21 @@ def servo_id(text: str) -> int:
     if not text.isdigit() or int(text) > 253:
         raise ArgumentTypeError(f"{text!r} is no servo id; ids are 0 to 253")
     return int(text)
+
+
+def writable_file(text: str) -> Path:
+    """Return a path that can be written, tried without a change to what is there."""
+    path = Path(text)
+    try:
+        was_there = path.exists()
+        path.open("a").close()
+        if not was_there:
+            path.unlink()
+    except OSError as error:
+        raise ArgumentTypeError(
+            f"{text!r} cannot be written ({error.strerror}); give a file in a folder that can"
+        ) from None
+    return path
 
 
 def read_by(read: Callable[[str], Value], error: type[Exception]) -> Callable[[str], Value]:

@@ -16,6 +16,7 @@ from head_tracking.dynamixel.configuration import (
     check_configuration,
 )
 from head_tracking.dynamixel.cycle import Cycle
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -27,7 +28,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import Events, Procedures
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (
@@ -96,7 +97,7 @@ class ServoBus:
         self._port = port
         self._monotonic = monotonic
         self._pause = pause
-        changes, events = Changes(), Events()
+        changes, events = Changes(), Events(monotonic)
         self._joints = {
             joint.joint_name: Joint(joint, port, settings.watchdog, changes)
             for joint in check_configuration(joints)

@@ -18,13 +18,14 @@ from typing import Final, NamedTuple
 
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.diagnosis import Diagnosis
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.procedures import Events, Procedures
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply, Retried
+from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.requests import Request, RequestQueue
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
@@ -181,7 +182,7 @@ class Cycle:
             asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
             replies = port.read_group(part.group, part.retries)
             for (joint, servo), reply in zip(part.members, replies, strict=True):
-                if type(reply) is Reply and servo.link is LinkState.PRESENT:
+                if type(reply) is Reply and servo.link is LinkState.PRESENT and not reply.causes:
                     servo.counters.replies += 1
                     servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
                     states[joint.name] = state = joint.state()
@@ -203,14 +204,14 @@ class Cycle:
     def _take_unusual(
         self,
         servo: Servo,
-        outcome: Reply | Retried | Failed,
+        outcome: Reply | Failed,
         stamp: int,
         begin: float,
         asked_at: float,
     ) -> None:
         """Take note of a reply that took several tries, or did not come, or came at last."""
         counters = servo.counters
-        causes = () if isinstance(outcome, Reply) else outcome.causes
+        causes = outcome.causes
         for cause in causes:
             servo.count(cause)
         if isinstance(outcome, Failed):
@@ -223,8 +224,7 @@ class Cycle:
             return
         counters.retries += len(causes)
         counters.replies += 1
-        reply = outcome.reply if isinstance(outcome, Retried) else outcome
-        servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
+        servo.take(outcome, stamp + int((outcome.stamp - begin) * 1e9))
         servo.note_answer()
 
     def _settle(self, states: dict[str, ServoState], now: int) -> tuple[str, ...]:
@@ -247,7 +247,6 @@ class Cycle:
                 if there:
                     failed.append(joint.name)
             for servo in there:
-                servo.is_unsteady(now)
                 if servo.failed_cycles >= self._settings.lost_after:
                     self._lose(joint, servo)
         return tuple(failed)
@@ -380,9 +379,7 @@ class Cycle:
             )
             servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
-        before = servo.note_loss(now)
-        if before is not None:
-            self._events.note(EventKind.LOST, joint, text + before)
+        self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
         self._note_lost()

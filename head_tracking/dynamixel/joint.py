@@ -62,7 +62,6 @@ class Joint:
         busy: Whether steps are being taken that others must wait for.
         writing: Whether the memory of its servos is being written.
         awaited: Whether its torque is about to come on for a goal.
-        told_problem: Why its torque did not come on for a goal, when that was told.
         confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
@@ -89,7 +88,6 @@ class Joint:
         self.share: tuple[bytes, ...] = ()
         self.stale = False
         self.busy = self.awaited = self.confirmed = self.writing = False
-        self.told_problem = ""
         self._limit_speed()
         self._port = port
         self._overtaken = 0  # counts who relaxed or stopped it

@@ -52,7 +52,6 @@ from head_tracking.dynamixel.reading import (
     ReadMethod,
     Reply,
     Request,
-    Retried,
     request_for,
     single_read_group,
 )
@@ -184,12 +183,12 @@ class DynamixelPort:
 
     # Reading
 
-    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Retried | Failed]:
+    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Failed]:
         """Read the same registers of several servos; return what became of each, in their order.
 
         Args:
             group: What to read.
-            retries: How often a servo is asked again whose reply cannot be used.
+            retries: How often a servo is asked again, alone, whose reply cannot be used.
 
         Raises:
             PortLostError: The device has gone.
@@ -198,9 +197,14 @@ class DynamixelPort:
         try:
             if not (self._late.due or self._suspect_until):
                 line.discard_input()
-            if group.alone and group.requests:
-                return self._read_together(group, retries)
-            return [self._read_alone(each, retries) for each in group.alone or (group,)]
+            outcomes: list[Reply | Failed] = []
+            for part in (group,) if group.requests else group.alone:
+                for each, outcome in zip(part.alone, self._ask(part), strict=True):
+                    if isinstance(outcome, CommunicationError):
+                        outcomes.append(self._insist(each, outcome, retries))
+                    else:
+                        outcomes.append(outcome)
+            return outcomes
         except _LOST as cause:
             raise self._lost(cause) from cause
 
@@ -212,66 +216,49 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
-        outcome = self.read_group(group)[0]
+        (outcome,) = self.read_group(group)
         if isinstance(outcome, Failed):
             raise outcome.causes[0]
-        return outcome.reply if isinstance(outcome, Retried) else outcome
+        return outcome
 
-    def _read_alone(
-        self, group: ReadGroup, retries: int, *causes: CommunicationError
-    ) -> Reply | Retried | Failed:
-        """Ask one servo, again and again; `causes` are why that failed before."""
+    def _insist(self, group: ReadGroup, cause: CommunicationError, retries: int) -> Reply | Failed:
+        """Ask one servo again after a failure."""
+        causes: tuple[CommunicationError, ...] = (cause,)
         while len(causes) <= retries:
-            try:
-                asked = group
-                if self._buffer or self._suspect_until or self._late.due:
-                    asked = self._prepare(group)
-                request = asked.requests[0]
-                stamp = self._send(request.packet)
-                reply = self._reply(group, asked, self._receive(request), stamp)
-            except CommunicationError as cause:
-                causes += (cause,)
-            else:
-                return Retried(reply, causes) if causes else reply
+            (outcome,) = self._ask(group)
+            if isinstance(outcome, Reply):
+                return outcome._replace(causes=causes)
+            causes += (outcome,)
         return Failed(causes)
 
-    def _read_together(self, group: ReadGroup, retries: int) -> list[Reply | Retried | Failed]:
-        """Ask several servos with one packet, which they answer one after the other, or in one.
+    def _ask(self, group: ReadGroup) -> list[Reply | CommunicationError]:
+        """Send the packet of a group once; return the reply of each servo, or why there is none.
 
-        Behind a silent one the others may wait for ever, so that they count as silent too. Who did
-        not answer is asked alone once the line is quiet.
+        Behind a silent servo the others may wait for ever, so that they count as silent too.
         """
-        outcomes: list[Status | CommunicationError] = []
-        asked, stamp = group, 0.0
+        found: list[Reply | CommunicationError] = []
+        requests: tuple[Request, ...] = ()
         try:
+            asked = group
             if self._buffer or self._suspect_until or self._late.due:
-                asked = self._prepare(group)
+                self._clear()
+                asked = self._late.distinct(group)
             stamp = self._send(asked.requests[0].packet)
-            for request in asked.requests:
+            requests = asked.requests
+            for request in requests:
                 try:
-                    outcomes.append(self._receive(request))
+                    status = self._receive(request)
+                    for each in _split(asked, status) if request.id == BROADCAST_ID else (status,):
+                        found.append(self._reply(group, asked, each, stamp))
                 except CorruptReplyError as cause:
-                    outcomes.append(cause)
-            if group.method is ReadMethod.FAST_SYNC:
-                outcomes = _split(asked, outcomes[0])
+                    if request.id == BROADCAST_ID:
+                        raise
+                    found.append(cause)
         except CommunicationError as cause:
-            for request in asked.requests[len(outcomes) + 1 :]:
+            for request in requests[len(found) + 1 :]:
                 self._late.add(request, self._wire_free)
-            outcomes += [cause] * (len(group.ids) - len(outcomes))
-        replies: list[Reply | Retried | Failed] = []
-        for each, outcome in zip(group.alone, outcomes, strict=True):
-            try:
-                if isinstance(outcome, CommunicationError):
-                    raise outcome
-                replies.append(self._reply(group, asked, outcome, stamp))
-            except CommunicationError as cause:
-                replies.append(self._read_alone(each, retries, cause))
-        return replies
-
-    def _prepare(self, group: ReadGroup) -> ReadGroup:
-        """Wait until the line is free; return what to read, so that no late reply is ambiguous."""
-        self._clear()
-        return self._late.distinct(group) if self._late.due else group
+            found += [cause] * (len(group.ids) - len(found))
+        return found
 
     def _reply(self, group: ReadGroup, asked: ReadGroup, status: Status, stamp: float) -> Reply:
         """Return the bytes that were wanted, of those that were asked for."""
@@ -428,25 +415,20 @@ class DynamixelPort:
         """Wait for the reply of a servo."""
         line = self._line
         assert line is not None
-        size = request.size
+        size, prefix = request.size, request.prefix
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        prefix = request.prefix
-        buffer = self._buffer or line.read(_CHUNK, deadline)
+        packet = buffer = self._buffer or line.read(_CHUNK, deadline)
         while 0 < len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
             if not data:
                 break
-            buffer += data
-        packet = buffer[:size]
-        if (
-            packet.startswith(prefix)
-            and len(packet) == size
-            and packet not in self._sent
-            and not (self._late.due and self._late.resembles(request))
-        ):
+            packet = buffer = buffer + data
+        if len(packet) > size:
+            packet = packet[:size]
+        if packet.startswith(prefix) and len(packet) == size and not self._late.due:
             status = decode_status(request.protocol, packet)
-            if status is not None:
+            if status is not None and packet not in self._sent:
                 self._buffer = buffer[size:]
                 now = self._wire_free = self.clock()
                 self._timeout.learn(now - due)
@@ -608,16 +590,12 @@ class DynamixelPort:
         return PortLostError(self.name, cause)
 
 
-def _split(
-    group: ReadGroup, joint: Status | CommunicationError
-) -> list[Status | CommunicationError]:
+def _split(group: ReadGroup, joint: Status) -> list[Status]:
     """Return the reply of each servo in the joint reply to a fast sync read."""
-    if isinstance(joint, CommunicationError):
-        raise joint
     shares = split_joint_status(joint, group.length, len(group.ids))
     if tuple(share.id for share in shares) != group.ids:
         raise CorruptReplyError(f"damaged reply to a fast sync read of {group.ids}")
-    return list(shares)
+    return shares
 
 
 def _refuses(protocol: int, status: Status) -> bool:

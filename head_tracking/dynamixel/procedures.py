@@ -11,6 +11,7 @@ from contextlib import suppress
 from typing import Any, Final, TypeVar
 
 from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -25,35 +26,11 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.relaxing import confirming, release
 from head_tracking.dynamixel.requests import RequestQueue, Steps
 from head_tracking.dynamixel.servo import Servo
-from head_tracking.dynamixel.state import BusEvent, EventKind
+from head_tracking.dynamixel.state import EventKind
 
 _T = TypeVar("_T")
 _CONVINCED: Final = 3  # times that a servo must seem unusable
 _GONE: Final = (PortLostError, NotConnectedError)
-
-
-class Events:
-    """What has happened since somebody asked last."""
-
-    def __init__(self) -> None:
-        self.waiting: list[BusEvent] = []
-
-    def note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
-        """Note what happened to a joint; `stuck`: it cannot go where it is sent."""
-        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
-        stuck = stuck or kind in (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
-        self.waiting.append(BusEvent(kind, joint.name, text, stuck))
-
-    def note_port(self, kind: EventKind, text: str) -> None:
-        """Note what happened to the port."""
-        self.waiting.append(BusEvent(kind, "", text))
-
-    def take(self) -> tuple[BusEvent, ...]:
-        """Return them, and forget them."""
-        if not self.waiting:
-            return ()
-        events, self.waiting = tuple(self.waiting), []
-        return events
 
 
 class Procedures:
@@ -221,11 +198,9 @@ class Procedures:
         problem = yield from joint.switch_on()
         if problem:
             self._requests.drop_goals(joint.name)
-            if problem != joint.told_problem:  # commands keep coming
-                self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
+            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
         else:
             self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
-        joint.told_problem = problem
 
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint where it is, with the watchdogs of its servos armed anew."""
@@ -325,9 +300,8 @@ class Procedures:
                     self._note(EventKind.UNUSABLE, joint, str(cause))
             return
         self._unusable.pop(servo.id, None)
-        if not servo.is_unsteady(self._monotonic()):
-            self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
-            self.note_shortcomings(joint, servo)
+        self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
+        self.note_shortcomings(joint, servo)
 
     def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
         """Note what a servo that was found lacks."""

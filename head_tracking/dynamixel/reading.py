@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
@@ -28,11 +28,13 @@ class Reply(NamedTuple):
         error: The error byte of the status packet. In protocol 1.0 its bits are the servo's state
             (`ErrorBits`), in protocol 2.0 only the alert bit is; the data are valid all the same.
         stamp: When the servo had received the request, on the port's clock, s.
+        causes: Why there was no usable reply before, once for each try.
     """
 
     data: bytes
     error: int
     stamp: float = 0.0
+    causes: tuple[CommunicationError, ...] = ()
 
 
 class Failed(NamedTuple):
@@ -42,18 +44,6 @@ class Failed(NamedTuple):
         causes: Why, once for each try.
     """
 
-    causes: tuple[CommunicationError, ...]
-
-
-class Retried(NamedTuple):
-    """A read that was successful in the end.
-
-    Attributes:
-        reply: What was read.
-        causes: Why it failed before, once for each try.
-    """
-
-    reply: Reply
     causes: tuple[CommunicationError, ...]
 
 
@@ -110,7 +100,7 @@ class ReadGroup:
         plausible: Returns whether a servo can have sent these bytes. The checksum of protocol 1.0
             is weak: two damaged bits can cancel each other out.
         requests: The replies to the packet that reads all of them; none if each is asked alone.
-        alone: The groups that read each of several servos alone.
+        alone: The groups that read each servo alone.
     """
 
     method: ReadMethod
@@ -123,20 +113,16 @@ class ReadGroup:
     alone: tuple[ReadGroup, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        ids, alone = self.ids, tuple(map(self._one, self.ids)) if len(self.ids) > 1 else ()
-        object.__setattr__(self, "alone", alone)
-        object.__setattr__(self, "requests", tuple(self._requests(ids)))
-
-    def _one(self, servo_id: int) -> ReadGroup:
-        each = ReadMethod.EACH
-        return ReadGroup(
-            each, self.protocol, self.address, self.length, (servo_id,), self.plausible
-        )
+        alone = [self]
+        if len(self.ids) > 1:
+            alone = [replace(self, method=ReadMethod.EACH, ids=(each,)) for each in self.ids]
+        object.__setattr__(self, "alone", tuple(alone))
+        object.__setattr__(self, "requests", tuple(self._requests(self.ids)))
 
     def _requests(self, ids: tuple[int, ...]) -> Iterator[Request]:
         protocol, address, length, method = self.protocol, self.address, self.length, self.method
         what = f"read of {length} byte(s) at {address}"
-        if not self.alone:
+        if len(ids) == 1:
             for servo_id in ids:
                 packet = read_packet(protocol, servo_id, address, length)
                 yield request_for(packet, protocol, servo_id, length, what)

@@ -60,8 +60,6 @@ _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
 _POSITION_MODE: Final = 3
 _JOINT_MODE: Final = 2  # XL-320
 _TIME_BASED: Final = 4  # bit of Drive Mode
-_STEADY: Final = 10_000_000_000
-"""ns. A servo that is lost twice within this time is reported once, until it stays for so long."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -175,8 +173,6 @@ class Servo:
         damaged_cycles: Cycles in a row whose replies were damaged.
         readable: Whether its feedback can be read, as far as is known; pings may be answered by
             two servos with one id.
-        unsteady: Whether it comes and goes.
-        lost_at: When it was lost last, monotonic ns.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -221,8 +217,6 @@ class Servo:
         self.interrupted = False
         self.damaged_cycles = 0
         self.readable = True
-        self.unsteady = False
-        self.lost_at: int | None = None
         self.faulted = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
@@ -749,20 +743,6 @@ class Servo:
         """Leave it out of the cycle and ask it again at a time, ns."""
         self.ask_at = ask_at
         self._enter(LinkState.LOST)
-
-    def note_loss(self, now: int) -> str | None:
-        """Note that it was lost now, monotonic ns; return what to add to the report; None: none."""
-        before, self.lost_at = self.lost_at, now
-        if self.unsteady:
-            return None
-        self.unsteady = before is not None and now - before < _STEADY
-        return ". It comes and goes: told once" if self.unsteady else ""
-
-    def is_unsteady(self, now: int) -> bool:
-        """Return whether it comes and goes; `now` is monotonic, ns."""
-        if self.unsteady and now - (self.lost_at or 0) > _STEADY:
-            self.unsteady = False
-        return self.unsteady
 
     def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
         """Note a cycle without a usable reply; ask it again alone, not before a time, ns."""

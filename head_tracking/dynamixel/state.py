@@ -190,12 +190,14 @@ class BusEvent:
         joint_name: The joint it happened to; empty for what happened to the port.
         text: One sentence for a log.
         stuck: Whether the joint cannot go where it is told any more.
+        repeated: Whether it has happened twice before in a short time; a log leaves it out.
     """
 
     kind: EventKind
     joint_name: str
     text: str
     stuck: bool = False
+    repeated: bool = False
 
 
 class BusReading(NamedTuple):

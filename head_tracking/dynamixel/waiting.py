@@ -97,6 +97,8 @@ class LateReplies:
         Raises:
             ReplyTimeoutError: There is none, after many failures in a second.
         """
+        if not self.due:
+            return group
         self.forget()
         for extra in range(_MOST_EXTRA + 1):
             longer = group.longer(extra) if extra else group

@@ -285,6 +285,8 @@ class ServoBusNode(Node):
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()
+        if event.repeated:
+            return
         if event.kind in _BAD_NEWS:
             log.error(event.text)
         elif event.kind is EventKind.ALARM:

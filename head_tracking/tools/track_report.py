@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -18,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from head_tracking.command_line import seconds
+from head_tracking.command_line import seconds, writable_file
 from head_tracking.gaze import PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.ros.head_interface import HeadParameters
@@ -175,21 +174,6 @@ def _fail(reason: str) -> int:
     return 1
 
 
-def _writable(text: str) -> Path:
-    """A file that can be written, tried before anything is recorded; it is left as it is."""
-    path = Path(text)
-    try:
-        was_there = path.exists()
-        path.open("a").close()
-        if not was_there:
-            path.unlink()
-    except OSError as error:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} cannot be written ({error.strerror}); give a file in a folder that can"
-        ) from None
-    return path
-
-
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="track_report",
@@ -202,7 +186,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--output",
-        type=_writable,
+        type=writable_file,
         default="track_report.svg",
         metavar="FILE",
         help="the picture (default: %(default)s)",

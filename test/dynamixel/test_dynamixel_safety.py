@@ -92,8 +92,9 @@ class Rig:
         for _ in range(count):
             self.bench.pass_time(PERIOD)
             self.reading = reading = self.bus.step()
-            self.events += [event.text for event in reading.events]
-            self.kinds += [event.kind for event in reading.events]
+            logged = [event for event in reading.events if not event.repeated]
+            self.events += [event.text for event in logged]
+            self.kinds += [event.kind for event in logged]
         return self.reading
 
     def go(self, position: float, count: int = 60, speed: float = 3.0) -> BusReading:
@@ -409,6 +410,33 @@ def test_two_servos_with_one_id_are_reported_once(turned: float) -> None:
     assert 1 <= len(told) <= 2, told  # the second says that it comes and goes
     assert rig.kinds.count(EventKind.TORQUE_ON) <= 2
     assert "j2" in rig.step().states
+
+
+def test_what_two_servos_with_one_id_do_to_the_log_does_not_go_on() -> None:
+    def noisy(number: int) -> SimulatedServo:
+        return SimulatedServo(1, position_noise=1.0, random=Random(number))
+
+    rig = Rig(noisy(5), SimulatedServo(2))
+    rig.bench.bus._servos += (noisy(6),)  # somebody plugs a second servo in; often both agree
+    for _ in range(3000):  # 60 s
+        with suppress(GoalError):
+            rig.bus.command({"j1": Goal(0.1)})
+        rig.step()
+    assert rig.bus.statistics().servos[0].corrupt > 100
+    assert len(rig.events) < 25, rig.events
+
+
+def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None:
+    rig = Rig(SimulatedServo(1), SimulatedServo(2))
+    for _ in range(5):
+        for switch in (rig.servos[0].power_off, rig.servos[0].power_on):
+            switch()
+            rig.step(50)  # 1 s
+    assert rig.kinds.count(EventKind.LOST) == rig.kinds.count(EventKind.RETURNED) == 2
+    rig.step(2000)  # 40 s
+    rig.servos[0].power_off()
+    rig.step(50)
+    assert rig.kinds.count(EventKind.LOST) == 3
 
 
 def test_the_echo_of_a_request_is_nobody() -> None:

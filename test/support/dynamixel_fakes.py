@@ -19,7 +19,7 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.reading import Failed, Retried
+from head_tracking.dynamixel.reading import Failed
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
@@ -134,11 +134,11 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return Reply(bytes(servo.bytes[address : address + length]), servo.error)
 
-    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Retried | Failed]:
+    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Failed]:
         self.methods.append((group.method, group.ids))
         return [self._ask(group, each, retries) for each in group.ids]
 
-    def _ask(self, group: ReadGroup, servo_id: int, retries: int) -> Reply | Retried | Failed:
+    def _ask(self, group: ReadGroup, servo_id: int, retries: int) -> Reply | Failed:
         causes: list[CommunicationError] = []
         while len(causes) <= retries:
             try:
@@ -148,7 +148,7 @@ class FakePort:
             except CommunicationError as failure:
                 causes.append(failure)
             else:
-                return Retried(reply, tuple(causes)) if causes else reply
+                return reply._replace(causes=tuple(causes))
         return Failed(tuple(causes))
 
     def write(

@@ -1,11 +1,12 @@
-"""servo scan, info, monitor: what is there, what it is set to, what it measures."""
+"""servo scan, info, monitor: which servos there are, their registers, what they measure."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Final
+from collections import Counter
+from collections.abc import Sequence
+from itertools import count as count_from
+from typing import Final, NamedTuple
 
 from rich.table import Table
 from rich.text import Text
@@ -24,12 +25,11 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Feedback, Servo, model_name
 from head_tracking.tools.servo.bench import (
-    MODEL_NUMBER,
     ToolError,
     Workshop,
     find_servo,
+    model_number,
     protocol_of,
-    read_model_number,
 )
 from head_tracking.tools.servo.registers import in_words
 
@@ -37,43 +37,53 @@ USUAL_BAUD_RATES: Final = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_0
 """The factory's and those that people change to; the first ones find the most."""
 
 _FEW: Final = 30  # up to so many ids are asked one by one, which is quicker than all at once
+_NEAR: Final = 0.1  # of a baud rate: servos and ports round theirs
+_FIRST_IDS: Final = range(0, 30)
+_COLUMNS: Final = (
+    "id", "model", "torque", "ticks", "rad", "deg", "rad/s", "load", "V", "°C", "failed", "errors",
+)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
+class Found(NamedTuple):
     """A servo that answered.
 
     Attributes:
-        baud_rate: Bits per second at which it was asked.
-        protocol: 1 or 2.
+        baud_rate: Bits per second that its own register holds; where it cannot be read, those at
+            which it was asked.
         id: Its id.
-        model_number: Its Model Number; None if it answers no reads.
-        set_to: The baud rate that its own register tells; None: nobody knows.
-        garbled: Whether its answers are damaged, though it is there.
+        protocol: 1 or 2.
+        model: Name of its model, or why it is not known.
+        is_damaged: Whether its answers are damaged.
     """
 
     baud_rate: int
-    protocol: int
     id: int
-    model_number: int | None
-    set_to: int | None = None
-    garbled: bool = False
+    protocol: int
+    model: str
+    is_damaged: bool
 
 
 def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> int:
     """Look for servos, show them, and return the exit code: 1 if there are none."""
     found: list[Found] = []
     terminal = workshop.terminal
-    with terminal.progress(len(baud_rates) * len(ids)) as advance:
-        for rate in baud_rates:
-            try:
-                with workshop.port(rate) as port:
-                    found += _scan_port(port, ids, advance)
-            except (PortMissingError, PortBusyError, PortPermissionError):
-                raise
-            except (ConfigurationError, PortError) as error:
-                terminal.say(f"{rate} baud left out: {error}")
-                advance("", len(ids))
+    for rate in baud_rates:
+        try:
+            with workshop.port(rate) as port:
+                second = set(ids) if len(ids) <= _FEW else set(port.find_all())
+                for servo_id in terminal.track(ids, f"{rate} baud"):
+                    protocols = (1, 2) if servo_id in second else (1,)
+                    found += [each for p in protocols if (each := _found(port, servo_id, p))]
+        except (PortMissingError, PortBusyError, PortPermissionError):
+            raise
+        except (ConfigurationError, PortError) as error:
+            terminal.say(f"{rate} baud left out: {error}")
+        if any(abs(servo.baud_rate - rate) > _NEAR * rate for servo in found[-len(ids) * 2 :]):
+            terminal.say(
+                f"{workshop.port_name} reaches servos whatever the baud rate, as some USB adapters "
+                "and simulated buses do: each is shown once, at the rate it is set to"
+            )
+            break
     if not found:
         rates = ", ".join(map(str, baud_rates))
         terminal.say(
@@ -81,97 +91,47 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
             "name other baud rates with --bauds"
         )
         return 1
-    if any(servo.set_to not in (None, servo.baud_rate) for servo in found):
-        terminal.say(
-            f"{workshop.port_name} reaches servos whatever the baud rate, as some USB adapters and "
-            "simulated buses do: each is shown once, at the rate it is set to"
-        )
-        found = _each_once(found)
     order = {rate: number for number, rate in enumerate(baud_rates)}
     found.sort(key=lambda servo: (order.get(servo.baud_rate, len(order)), servo.id))
-    terminal.show(_found_table(found))
-    _warn_of_twins(workshop, found)
-    return 0
-
-
-def _scan_port(
-    port: DynamixelPort, ids: Sequence[int], advance: Callable[[str, int], None]
-) -> Iterator[Found]:
-    what = f"{port.baud_rate} baud"
-    second: set[int] = set()
-    if len(ids) > _FEW:
-        for servo_id, (model_number, _) in sorted(port.find_all().items()):
-            if servo_id in ids:
-                second.add(servo_id)
-                yield _found(port, 2, servo_id, model_number)
-    for servo_id in ids:
-        for protocol in (1, 2):
-            known = protocol == 2 and (servo_id in second or len(ids) > _FEW or servo_id > 252)
-            if not known and _answers(port, servo_id, protocol):
-                number = read_model_number(port, servo_id, protocol)
-                yield _found(port, protocol, servo_id, number)
-        advance(f"{what}, id {servo_id}", 1)
-
-
-def _found(port: DynamixelPort, protocol: int, servo_id: int, number: int | None) -> Found:
-    """Return what can be told of a servo that answers pings."""
-    rate, garbled = None, False
-    try:
-        if number is None:
-            port.read(servo_id, *MODEL_NUMBER, protocol)
-        else:
-            link = Servo(port, servo_id, servo_model_by_number(number))
-            rate = link.model.baud_rates.get(link.get("Baud Rate"))
-            link.read_feedback(3)
-    except CorruptReplyError:
-        garbled = True
-    except (CommunicationError, ConfigurationError):
-        pass  # it answers no reads, or nobody knows the model
-    return Found(port.baud_rate, protocol, servo_id, number, rate, garbled)
-
-
-def _each_once(found: Sequence[Found]) -> list[Found]:
-    """Return each servo once, though it answers at several baud rates."""
-    once: dict[tuple[int, int, int | None, int | None], Found] = {}
-    for servo in found:
-        key = (servo.protocol, servo.id, servo.model_number, servo.set_to)
-        once.setdefault(key, replace(servo, baud_rate=servo.set_to or servo.baud_rate))
-    return list(once.values())
-
-
-def _answers(port: DynamixelPort, servo_id: int, protocol: int) -> bool:
-    try:
-        port.ping(servo_id, protocol)
-    except CommunicationError:
-        return False
-    return True
-
-
-def _found_table(found: Sequence[Found]) -> Table:
     table = Table("baud rate", "id", "model", "protocol", box=None)
     for servo in found:
-        silent = "damaged answers" if servo.garbled else "answers no reads"
-        name = silent if servo.model_number is None else model_name(servo.model_number)
-        table.add_row(str(servo.baud_rate), str(servo.id), name, f"{servo.protocol}.0")
-    return table
-
-
-def _warn_of_twins(workshop: Workshop, found: Sequence[Found]) -> None:
-    """Tell which ids are taken twice: servos with the same id talk at the same time."""
-    places: dict[int, list[Found]] = {}
-    for servo in found:
-        places.setdefault(servo.id, []).append(servo)
-    for servo_id, twins in places.items():
-        if len(twins) > 1:
-            taken = f"is taken {len(twins)} times"
-        elif twins[0].garbled:
-            taken = "is probably taken twice, for what it answers is damaged"
+        table.add_row(str(servo.baud_rate), str(servo.id), servo.model, f"{servo.protocol}.0")
+    terminal.show(table)
+    for servo_id, times in Counter(servo.id for servo in found).items():
+        if times > 1:
+            taken = f"is taken {times} times"
+        elif any(servo.is_damaged and servo.id == servo_id for servo in found):
+            taken = "is probably taken twice, for its answers are damaged"
         else:
             continue
-        workshop.terminal.say(
+        terminal.say(
             f"id {servo_id} {taken}; on one bus each servo needs its own: connect one of them "
             "alone and use `servo set-id`"
         )
+    return 0
+
+
+def _found(port: DynamixelPort, servo_id: int, protocol: int) -> Found | None:
+    """Return what can be read of a servo; None if it answers no ping."""
+    if protocol == 2 and servo_id > 252:
+        return None
+    try:
+        port.ping(servo_id, protocol)
+    except CommunicationError:
+        return None
+    rate, model, is_damaged = port.baud_rate, "answers no reads", False
+    try:
+        number = model_number(port, servo_id, protocol)
+        model = model_name(number)
+        link = Servo(port, servo_id, servo_model_by_number(number))
+        rate = link.model.baud_rates.get(link.get("Baud Rate"), rate)
+        link.read_feedback(3)
+    except CorruptReplyError:
+        is_damaged = True
+        model = "damaged answers" if model == "answers no reads" else model
+    except (CommunicationError, ConfigurationError):
+        pass
+    return Found(rate, servo_id, protocol, model, is_damaged)
 
 
 def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_them: bool) -> int:
@@ -185,33 +145,12 @@ def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_
     for register, value in registers:
         if register.name.startswith("Indirect") and not all_of_them:
             continue
-        table.add_row(
-            str(register.address),
-            register.name,
-            str(value),
-            in_words(link.model, register, value),
-            "EEPROM" if register.eeprom else "RAM",
-            "RW" if register.writable else "R",
-        )
+        meaning = in_words(link.model, register, value)
+        kept = "EEPROM" if register.eeprom else "RAM"
+        access = "RW" if register.writable else "R"
+        table.add_row(str(register.address), register.name, str(value), meaning, kept, access)
     workshop.terminal.show(table)
     return 0
-
-
-_COLUMNS = (
-    "id", "model", "torque", "ticks", "rad", "deg", "rad/s", "load", "V", "°C", "failed", "errors",
-)  # fmt: skip
-_FIRST_IDS = range(0, 30)
-
-
-@dataclass(slots=True)
-class Watched:
-    """A servo and the last that was heard of it."""
-
-    link: Servo
-    feedback: Feedback | None = None
-    torque: bool = False
-    errors: str = ""
-    failed: bool = field(default=False)
 
 
 def monitor(
@@ -224,73 +163,55 @@ def monitor(
 ) -> int:
     """Show what servos measure until Ctrl-C, or `count` times; return the exit code."""
     with workshop.port() as port:
-        servos = [Watched(find_servo(port, i, model)) for i in ids or _present(port)]
-        if not servos:
+        present = ids or [i for i in _FIRST_IDS if protocol_of(port, i, attempts=1) is not None]
+        links = [find_servo(port, servo_id, model) for servo_id in present]
+        if not links:
             raise ToolError(
                 f"no servo with an id up to {_FIRST_IDS[-1]} answers at {workshop.baud_rate} baud; "
                 "name the ids, or look for servos with `servo scan`"
             )
-        with workshop.terminal.screen() as screen:
-            shown = 0
-            while count is None or shown < count:
-                next_look = workshop.clock() + 1.0 / rate
-                for servo in servos:
-                    _look(servo)
-                screen.update(_monitor_table(servos))
-                shown += 1
-                if shown != count:
-                    workshop.pause(max(0.0, next_look - workshop.clock()))
+        measured = {link.id: [""] * 8 for link in links}
+        with workshop.terminal.screen() as update:
+            for shown in count_from(1):
+                due = workshop.clock() + 1.0 / rate
+                table = Table(box=None, padding=(0, 1, 0, 0))
+                for name in _COLUMNS:
+                    left = name in ("model", "torque", "errors")
+                    table.add_column(
+                        name, justify="left" if left else "right", no_wrap=name != "errors"
+                    )
+                for link in links:
+                    _add_row(table, link, measured)
+                update(table)
+                if shown == count:
+                    break
+                workshop.pause(max(0.0, due - workshop.clock()))
     return 0
 
 
-def _present(port: DynamixelPort) -> list[int]:
-    return [i for i in _FIRST_IDS if protocol_of(port, i, attempts=1) is not None]
-
-
-def _look(servo: Watched) -> None:
+def _add_row(table: Table, link: Servo, measured: dict[int, list[str]]) -> None:
+    """Read a servo and add what is known of it; what is old is dim."""
     try:
-        feedback = servo.link.read_feedback()
-        servo.torque = bool(servo.link.get("Torque Enable"))
-        servo.errors = describe_errors(servo.link.state_of(feedback.error))
-    except CommunicationError as failure:
-        servo.failed = True
-        damaged = isinstance(failure, CorruptReplyError)
-        servo.errors = "damaged answer" if damaged else "no answer"
-    else:
-        servo.feedback, servo.failed = feedback, False
+        feedback, torque = link.read_feedback(), link.get("Torque Enable")
+        errors = describe_errors(link.state_of(feedback.error))
+        measured[link.id] = _measured(link.model, feedback, torque)
+        style = "red" if errors != "none" else ""
+    except CommunicationError as error:
+        errors = "damaged answer" if isinstance(error, CorruptReplyError) else "no answer"
+        style = "dim"
+    failures = link.counters.timeouts + link.counters.corrupt
+    failed = f"{failures}/{failures + link.counters.replies}"
+    cells = (str(link.id), link.model.name, *measured[link.id], failed, errors)
+    table.add_row(*map(Text, cells), style=style)
 
 
-def _monitor_table(servos: Sequence[Watched]) -> Table:
-    """Return what is known of the servos; what is old is dim."""
-    shown = Table(box=None, padding=(0, 1, 0, 0))
-    for name in _COLUMNS:
-        left = name in ("model", "torque", "errors")
-        shown.add_column(name, justify="left" if left else "right", no_wrap=name != "errors")
-    for servo in servos:
-        counters = servo.link.counters
-        failures = counters.timeouts + counters.corrupt
-        cells = [
-            str(servo.link.id),
-            servo.link.model.name,
-            *_measured(servo),
-            f"{failures}/{failures + counters.replies}",
-            servo.errors,
-        ]
-        style = "dim" if servo.failed else "red" if servo.errors != "none" else ""
-        shown.add_row(*(Text(cell) for cell in cells), style=style)
-    return shown
-
-
-def _measured(servo: Watched) -> list[str]:
-    feedback, model = servo.feedback, servo.link.model
-    if feedback is None:
-        return [""] * 8
+def _measured(model: ServoModel, feedback: Feedback, torque: int) -> list[str]:
     registers = [model.feedback.registers[place] for place in model.feedback_order]
     position, speed, load, volts, celsius = (
         register.in_unit(value) for register, value in zip(registers, feedback[:5], strict=True)
     )
     return [
-        "on" if servo.torque else "off",
+        "on" if torque else "off",
         str(feedback.ticks),
         f"{position:+.3f}",
         f"{math.degrees(position):+.1f}",

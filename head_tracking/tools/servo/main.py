@@ -6,14 +6,13 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
-from head_tracking.command_line import between, read_by, servo_id
+from head_tracking.command_line import between, read_by, servo_id, writable_file
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
 from head_tracking.tools.servo.calibrate import Wanted, calibrate
-from head_tracking.tools.servo.changes import relax, set_baud_rate, set_id, set_register
+from head_tracking.tools.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.tools.servo.looks import USUAL_BAUD_RATES, info, monitor, scan
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
@@ -33,7 +32,7 @@ def main(
     """Carries out a command; returns the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args([_as_value(word) for word in words])
-    terminal = Terminal(sys.stdout, sys.stderr, sys.stdin, assume_yes=options.yes)
+    terminal = Terminal(assume_yes=options.yes)
     try:
         code: int = options.run(
             workshop(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE), options
@@ -117,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     command = add_command("set-id", "give a servo another id")
     command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("new_id", type=servo_id, metavar="NEW")
-    command.set_defaults(run=lambda w, o: set_id(w, o.id, o.new_id, o.model))
+    command.set_defaults(run=lambda w, o: set_register(w, o.id, "ID", str(o.new_id), o.model))
 
     command = add_command("set-baud", "give a servo another baud rate")
     command.add_argument("id", type=servo_id, metavar="ID")
@@ -145,7 +144,9 @@ def _parser() -> argparse.ArgumentParser:
         "servos", type=_wanted, nargs="+", metavar="NAME:ID",
         help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
     )  # fmt: skip
-    command.add_argument("--output", type=Path, metavar="FILE", help="YAML to write (stdout)")
+    command.add_argument(
+        "--output", type=writable_file, metavar="FILE", help="YAML to write (stdout)"
+    )
     command.add_argument(
         "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
         help="how far to stay away from both ends (%(default)s)",
