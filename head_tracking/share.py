@@ -60,6 +60,17 @@ def robot_file(name_or_path: str) -> Path:
     return path
 
 
+def robot_parameters(name_or_path: str) -> list[Path]:
+    """Return the parameter file of a robot: config/NAME.yaml, or the one beside its model file.
+
+    There is none where the head is that of the tutorials and nothing else needs to be said.
+    """
+    model = Path(name_or_path)
+    beside = model.with_name(model.name.removesuffix(".xacro").removesuffix(".urdf") + ".yaml")
+    own = [share_directory() / "config" / f"{name_or_path}.yaml", beside]
+    return list(filter(Path.is_file, own))[:1]
+
+
 def _ament_index() -> list[Path]:
     try:
         from ament_index_python.packages import get_package_share_directory

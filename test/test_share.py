@@ -7,7 +7,7 @@ from head_tracking.share import robot_file, share_directory
 
 def test_the_share_directory_holds_models_and_configuration():
     assert (share_directory() / "urdf" / "kinectbot.urdf.xacro").is_file()
-    assert (share_directory() / "config" / "head.yaml").is_file()
+    assert (share_directory() / "config" / "kinectbot.yaml").is_file()
 
 
 def test_a_robot_is_found_by_name_and_by_path():

@@ -28,7 +28,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     Torque,
 )
-from head_tracking.ros.bus_parameters import (
+from head_tracking.dynamixel.bus_parameters import (
     ControllerParameters,
     EepromParameters,
     MotorParameters,

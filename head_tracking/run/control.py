@@ -46,7 +46,7 @@ from head_tracking.run.node_sets import (
 from head_tracking.run.run_monitor import RunMonitor, RunSources
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, StopKey
-from head_tracking.share import share_directory
+from head_tracking.share import robot_parameters
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer
 from head_tracking.viewer_process import viewer_process
@@ -194,7 +194,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         tuple(nodes),
         "" if head.name in left_out else head.name,
         options.sim,
-        (*_robot_parameters(options.robot), *options.params),
+        (*robot_parameters(options.robot), *options.params),
         options.duration,
         options.viewer,
         tuple(arguments),
@@ -435,9 +435,3 @@ def _existing_file(text: str) -> Path:
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"there is no file {text}")
     return path
-
-
-def _robot_parameters(robot: str) -> list[Path]:
-    """The head's parameters, and those of the robot if it has its own."""
-    config = share_directory() / "config"
-    return [config / "head.yaml", *filter(Path.is_file, [config / f"{robot}.yaml"])]

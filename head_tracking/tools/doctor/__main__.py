@@ -76,17 +76,15 @@ def _check(
 
 
 def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
-    from head_tracking.share import NotInstalledError, share_directory
+    from head_tracking.share import NotInstalledError, robot_parameters
     from head_tracking.tools.doctor.configuration import check_configured, check_model
     from head_tracking.tools.doctor.servos import check_bus
 
     try:
-        config = share_directory() / "config"
+        files = [*robot_parameters(options.robot), *options.params]
     except NotInstalledError as error:
         yield Finding("configuration", Level.RED, str(error))
         return
-    own = config / f"{options.robot}.yaml"
-    files = [config / "head.yaml", *([own] if own.is_file() else []), *options.params]
     finding, buses = check_configured(files, options.port, options.baud)
     yield finding
     if buses:
