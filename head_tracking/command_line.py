@@ -73,6 +73,14 @@ def servo_id(text: str) -> int:
     return int(text)
 
 
+def named_id(text: str) -> tuple[str, int]:
+    """Return the name and the id of a servo, such as XM430-W350:1 or head_pan:1."""
+    name, _, number = text.rpartition(":")
+    if not name:
+        raise ArgumentTypeError(f"{text!r} is not NAME:ID, such as XM430-W350:1 or head_pan:1")
+    return name, servo_id(number)
+
+
 def writable_file(text: str) -> Path:
     """Return a path that can be written, tried without a change to what is there."""
     path = Path(text)

@@ -7,6 +7,7 @@ cycles; `run` takes them at once.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -493,27 +494,29 @@ class Servo:
     def require_straight_path(self, ticks: int) -> None:
         """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
 
-        With torque on, a servo turns towards higher ticks for a higher goal. One that goes all
-        round has a seam in its scale: beyond it, the way to a goal leads round the other way,
-        through what is forbidden. While it is relaxed, an X servo counts the turns; torque on
-        forgets them. An AX servo cannot measure where it is in its dead angle.
+        With torque on, a servo turns towards higher ticks for a higher goal. Its shaft goes all
+        round, and its scale has a seam: from beyond it, the way to a goal leads round the other
+        way, through what is forbidden. So a shaft that is more than half a turn from the middle of
+        its range is taken for one that was turned over the seam by hand. While it is relaxed, an X
+        servo counts the turns; torque on forgets them. In the dead angle of an AX servo its
+        position reads as an end of the scale.
 
         Raises:
             PositionError: It is such a position.
         """
         lowest, highest = self.range
         last = self.model.ticks - 1
+        turn = 2.0 * math.pi / self.model.radians_per_tick  # in ticks
+        far = abs(2 * ticks - lowest - highest) > turn
         if self.model.endless:
-            if 0 <= ticks <= last and abs(2 * ticks - lowest - highest) <= last + 1:
+            if 0 <= ticks <= last and not far:
                 return
-            why = "its way back would lead over the seam of its scale, the other way round"
-        else:
-            if not (ticks <= 0 < lowest or ticks >= last > highest):
-                return
-            why = "it may be in its dead angle, and could turn the wrong way"
+        elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
+            return
         raise PositionError(
             f"servo {self.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
-            f"{why}. Torque stays off; turn it back into its range by hand, then try again"
+            "its way back could lead over the seam of its scale or its dead angle, the other way "
+            "round. Torque stays off; turn it back into its range by hand, then try again"
         )
 
     def disarm(self) -> Steps[None]:

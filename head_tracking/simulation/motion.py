@@ -120,7 +120,7 @@ class DriveSettings(NamedTuple):
         goal: Goal angle, rad; or speed, rad/s; or drive, -1 to 1.
         profile: How fast a goal is approached.
         law: How an error becomes drive.
-        round: Whether the angle goes round at half a turn either way.
+        single_turn: Whether the encoder goes round: it does not count turns.
         governed: Whether drive is taken away above the profile's velocity.
     """
 
@@ -129,7 +129,7 @@ class DriveSettings(NamedTuple):
     goal: float
     profile: Profile
     law: ControlLaw
-    round: bool = False
+    single_turn: bool = False
     governed: bool = False
 
     @property
@@ -149,8 +149,7 @@ class Mechanics:
         inertia: kg m^2.
         stiction: Torque up to which a standing shaft does not move, N m.
         sliding: Friction of the moving shaft, N m.
-        lowest: Lower end stop, rad; -inf if it turns all round.
-        highest: Upper end stop, rad; inf if it turns all round.
+        scale_end: Half the angle that the encoder measures, rad; the rest of a turn is dead.
     """
 
     stall_torque: float
@@ -158,23 +157,19 @@ class Mechanics:
     inertia: float
     stiction: float
     sliding: float
-    lowest: float
-    highest: float
+    scale_end: float
 
     @classmethod
     def of(cls, model: SimulatedModel) -> Mechanics:
         """Return the constants that give a model its no-load speed and stall torque."""
         stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
-        lowest = -model.center * model.radians_per_tick
-        highest = (model.ticks - model.center) * model.radians_per_tick
         return cls(
             stall_torque=model.stall_torque,
             free_speed=model.no_load_speed / (1.0 - _SLIDING),
             inertia=_TIME_CONSTANT * model.stall_torque / model.no_load_speed,
             stiction=stiction * model.stall_torque,
             sliding=_SLIDING * model.stall_torque,
-            lowest=-math.inf if model.endless else lowest,
-            highest=math.inf if model.endless else highest,
+            scale_end=model.center * model.radians_per_tick,
         )
 
 
@@ -277,7 +272,8 @@ class Drive:
         start_delay: Time from a new goal to the begin of the motion, ns.
 
     Attributes:
-        angle: Of the shaft, rad, counter-clockwise; 0 at the middle of the servo's range.
+        angle: Of the shaft, rad, counter-clockwise; 0 at the middle of the servo's range. No end
+            stop keeps a servo's shaft from turning all round.
         speed: Of the shaft, rad/s.
         reference: Where the shaft should be, rad.
         reference_speed: How fast it should move, rad/s.
@@ -331,6 +327,18 @@ class Drive:
             sliding=max(built.sliding, friction),
         )
         self.at_rest = False
+
+    @property
+    def measured(self) -> float:
+        """Angle of the shaft as the encoder sees it, rad."""
+        return self._measure(self.angle)
+
+    def _measure(self, angle: float) -> float:
+        """Return what the encoder sees: in the dead angle, the nearer end of its scale."""
+        if not self._settings.single_turn:
+            return angle
+        end = self._mechanics.scale_end
+        return max(-end, min(end, math.remainder(angle, 2.0 * math.pi)))
 
     def configure(self, settings: DriveSettings) -> None:
         """Use other settings from now on, or from when the servo reacts to a new goal."""
@@ -386,7 +394,7 @@ class Drive:
             return False
         if settings.control is not Control.POSITION:
             return self.speed != 0.0
-        way = settings.goal - self.angle
+        way = settings.goal - self.measured
         return abs(way) > (settings.law.ccw_margin if way > 0.0 else settings.law.cw_margin)
 
     def advance(self, now: int, voltage: float) -> None:
@@ -425,14 +433,14 @@ class Drive:
         Returns:
             How many steps, and the sum of the squares of the current.
         """
-        torque_on, control, goal, _, law, turns_round, governed = self._settings
+        torque_on, control, goal, _, law, single_turn, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
         velocity, acceleration, _, _ = self._profile
         mechanics, hand, pushed = self._mechanics, self._hand, self._pushed + self._pulled
         stall, free_speed, stiction = (
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
-        lowest, highest = mechanics.lowest, mechanics.highest
+        scale_end = mechanics.scale_end if single_turn else math.inf
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia
@@ -445,6 +453,7 @@ class Drive:
         output, current, strain, heat, done = 0.0, 0.0, self.strain, 0.0, 0
         while done < steps:
             angle_before, speed_before, reference_before = angle, speed, reference
+            measured = angle if -scale_end <= angle <= scale_end else self._measure(angle)
             torque = pushed
             if hand is not None:
                 if hand.holds(time + done * STEP):
@@ -452,10 +461,10 @@ class Drive:
                 else:
                     self._hand = hand = None
             if not powered:
-                reference, pace = angle, 0.0
+                reference, pace = measured, 0.0
             else:
                 if not (by_position or by_velocity):
-                    reference, pace = angle, 0.0
+                    reference, pace = measured, 0.0
                     output = max(-limit, min(limit, goal))
                 else:
                     if by_position and velocity <= 0.0:
@@ -477,10 +486,10 @@ class Drive:
                             reference, pace = goal, 0.0
                         else:
                             reference += step
-                        lead = ccw_margin + ccw_slope if goal > angle else cw_margin + cw_slope
-                        if not -lead <= reference - angle <= lead:
-                            reference = max(angle - lead, min(angle + lead, reference))
-                    error = reference - angle
+                        lead = ccw_margin + ccw_slope if goal > measured else cw_margin + cw_slope
+                        if not -lead <= reference - measured <= lead:
+                            reference = max(measured - lead, min(measured + lead, reference))
+                    error = reference - measured
                     if error > 0.0:
                         excess, slope = error - ccw_margin, ccw_slope
                     else:
@@ -505,11 +514,6 @@ class Drive:
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
                 angle += speed * _DT
-                if turns_round:
-                    angle = math.remainder(angle, 2.0 * math.pi)
-                elif not lowest <= angle <= highest:
-                    angle = max(lowest, min(highest, angle))
-                    speed = 0.0
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0

@@ -282,7 +282,7 @@ class JointRegisters(Registers):
             goal=goal,
             profile=Profile((speed & _HIGHEST) * model.speed_unit, ramp),
             law=self._law(),
-            round=wheel or (model.endless and not self._is_multi_turn),
+            single_turn=not self._is_multi_turn,
             governed=True,
         )
 
@@ -311,7 +311,7 @@ class JointRegisters(Registers):
         """See `Registers`."""
         model, sign = self.model, self._direction
         speed = round(sign * drive.speed / model.speed_unit)
-        self["Present Position"] = self._in_range(self.ticks(drive.angle) + noise)
+        self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
         self["Present Speed"] = encode_sign_magnitude(max(-_HIGHEST, min(_HIGHEST, speed)))
         self["Present Load"] = encode_sign_magnitude(
             round(sign * drive.output * model.load_maximum)

@@ -366,7 +366,7 @@ class SimulatedServo:
         registers = self._registers
         registers.load_initial_values(eeprom=False)
         registers.fold(self._drive)
-        registers.start(self.true_ticks)
+        registers.start(registers.ticks(self._drive.measured))
         self._waiting = None
         self._drive.strain = 0
         self.alarms.clear()

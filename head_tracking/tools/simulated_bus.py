@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from random import Random
 from typing import NamedTuple
 
-from head_tracking.command_line import between, read_by, servo_id
+from head_tracking.command_line import between, named_id, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation import (
@@ -169,10 +169,8 @@ def _summary(servos: Sequence[ServoOption], baud_rate: int | None) -> str:
 
 
 def _servo_option(text: str) -> ServoOption:
-    model, colon, number = text.rpartition(":")
-    if not colon:
-        raise argparse.ArgumentTypeError(f"{text!r} is no MODEL:ID, such as XL430-W250:3")
-    return ServoOption(_model(model), servo_id(number))
+    name, number = named_id(text)
+    return ServoOption(_model(name), number)
 
 
 def _fault(text: str) -> Fault:

@@ -28,11 +28,11 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     servo.advance(0)
     goal = servo.model.center + 200
     write(servo, "Goal Position", goal)
-    servo.push(-20.0)
+    servo.impede(1.0)
     servo.advance(3 * SECOND)
     assert servo.register("Torque Limit") == 0
     assert servo.register("Torque Enable") == 1
-    servo.push(0.0)
+    servo.impede(0.0)
     servo.advance(60 * SECOND)
     now = 60 * SECOND
     status = servo.execute(Packet.read(1, 36, 2), now)
@@ -50,9 +50,9 @@ def test_short_blockade_is_borne() -> None:
     servo = SimulatedServo(1)
     servo.advance(0)
     write(servo, "Goal Position", 700)
-    servo.push(-20.0)
+    servo.impede(1.0)
     servo.advance(800 * MS)
-    servo.push(0.0)
+    servo.impede(0.0)
     servo.advance(3 * SECOND)
     assert servo.register("Torque Limit") == 1023
     assert servo.true_ticks == pytest.approx(700, abs=2)
@@ -63,10 +63,10 @@ def test_overload_without_its_shutdown_bit_lasts_as_long_as_its_cause() -> None:
     servo.set_register("Shutdown", 0)
     servo.advance(0)
     write(servo, "Goal Position", 700)
-    servo.push(-20.0)
+    servo.impede(1.0)
     servo.advance(2 * SECOND)
     assert write(servo, "LED", 1, 2 * SECOND) == ErrorBits.OVERLOAD
-    servo.push(0.0)
+    servo.impede(0.0)
     servo.advance(5 * SECOND)
     assert write(servo, "LED", 0, 5 * SECOND) == 0
 

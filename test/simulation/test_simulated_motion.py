@@ -289,16 +289,30 @@ def test_small_push_does_not_overcome_friction() -> None:
     assert set(b.run(0.5, ticks)) == {512.0}
 
 
-def test_push_turns_a_relaxed_shaft_to_the_end_stop() -> None:
+@pytest.mark.parametrize("model", ["AX-12", "XL-320"])
+def test_the_dead_angle_reads_as_the_nearer_end_of_the_scale(model: str) -> None:
+    b = Bench(SimulatedServo(1, model))
+    read: dict[int, set[int]] = {}
+    for torque in (0.3, -0.3):
+        b.servo.push(torque)
+        for _ in range(200):
+            b.run(0.01)
+            degrees = math.degrees(b.servo.true_position) % 360.0
+            read.setdefault(int(degrees // 30.0), set()).add(b.servo.register("Present Position"))
+    assert read[5] == {1023}  # 150 to 180 degrees
+    assert read[6] == {0}
+    assert len(read[0]) > 10
+
+
+def test_a_servo_led_through_its_dead_angle_goes_on_the_same_way() -> None:
     b = bench()
-    b.servo.push(0.3)
-    b.run(3.0)
-    assert b.servo.true_position == pytest.approx(math.radians(150))
-    assert b.servo.register("Present Position") == 1023
-    b.servo.push(-0.3)
-    b.run(3.0)
-    assert b.servo.true_position == pytest.approx(-math.radians(150))
+    b.servo.lead(1200, 1.0)
+    b.run(1.3)
     assert b.servo.register("Present Position") == 0
+    b.write("Goal Position", 100)
+    b.run(3.0)
+    assert b.servo.register("Present Position") == pytest.approx(100, abs=3)
+    assert b.servo.true_ticks == pytest.approx(1024 * 1.2 + 100, abs=3)
 
 
 def test_wheel_mode_turns_without_end() -> None:

@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 
-from head_tracking.command_line import between, read_by, servo_id, writable_file
+from head_tracking.command_line import between, named_id, read_by, servo_id, writable_file
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
@@ -170,10 +170,10 @@ def _ids(text: str) -> range:
 
 
 def _wanted(text: str) -> Wanted:
-    name, colon, number = text.rpartition(":")
-    if not colon or not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"{text!r} is no NAME:ID, such as head_pan:1")
-    return Wanted(name, servo_id(number))
+    name, number = named_id(text)
+    if not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
+    return Wanted(name, number)
 
 
 if __name__ == "__main__":
