@@ -41,21 +41,25 @@ def share_directory() -> Path:
     )
 
 
+def robot_names() -> list[str]:
+    """Return the names of the robots that come with the package."""
+    files = (share_directory() / "urdf").glob("*.urdf.xacro")
+    return sorted(file.name.removesuffix(".urdf.xacro") for file in files)
+
+
 def robot_file(name_or_path: str) -> Path:
     """The model file of a robot given by its name (`kinectbot`) or by a path.
 
     Raises:
         NotInstalledError: there is neither; lists the names.
     """
-    robots = {
-        file.name.removesuffix(".urdf.xacro"): file
-        for file in (share_directory() / "urdf").glob("*.urdf.xacro")
-    }
-    path = robots.get(name_or_path, Path(name_or_path))
+    names = robot_names()
+    model = share_directory() / "urdf" / f"{name_or_path}.urdf.xacro"
+    path = model if name_or_path in names else Path(name_or_path)
     if not path.is_file():
         raise NotInstalledError(
-            f"there is no robot {name_or_path!r}: give one of {', '.join(sorted(robots))} or the "
-            "path of a URDF or xacro file"
+            f"there is no robot {name_or_path!r}: give one of {', '.join(names)} or the path of a "
+            "URDF or xacro file"
         )
     return path
 

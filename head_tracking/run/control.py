@@ -105,7 +105,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "--robot",
         default="kinectbot",
         metavar="NAME|FILE",
-        help="kinectbot, turtlebot, or a URDF or xacro file (default: %(default)s)",
+        help="its name, or a URDF or xacro file (default: %(default)s)",
     )
     parser.add_argument(
         "--mode",

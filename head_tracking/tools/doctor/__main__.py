@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--baud", type=int, default=0, metavar="RATE", help="its baud rate (as configured)")
     add(
         "--robot", default="kinectbot", metavar="NAME|FILE",
-        help="kinectbot, turtlebot, or a URDF or xacro file (%(default)s)",
+        help="its name, or a URDF or xacro file (%(default)s)",
     )  # fmt: skip
     add(
         "--params", action="append", type=Path, default=[], metavar="FILE",
