@@ -1,23 +1,35 @@
-"""The program head_tracking; see head_tracking.run."""
+"""The program head_tracking: the supervisor of a run; see head_tracking.run."""
 
 from __future__ import annotations
 
-import gc
+import os
 import sys
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.stop_signal import StoppedError
+from head_tracking.run.options import parse_arguments
+from head_tracking.run.status_line import StatusLine
+from head_tracking.run.supervisor import Supervisor
+
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 def main() -> int:
-    """Runs the head until Ctrl-C; returns the exit code."""
-    with output_may_get_lost(), StopSignal() as stop:
-        with stop.while_importing():
-            from head_tracking.run.control import main as run_head
-
-        code = run_head(sys.argv[1:], stop)
-    gc.freeze()  # or Python looks through all that is left once more: 0.1 s of processor time
-    return code
+    """Run the head until a signal; return the exit code."""
+    with output_may_get_lost():
+        plan = parse_arguments(sys.argv[1:])
+        # A colleague's head is not this run's to turn, and ROS's own setup.bash says SUBNET.
+        if plan.keeps_to_itself and os.environ.get(_RANGE, "SUBNET") in ("", "SUBNET"):
+            os.environ[_RANGE] = "LOCALHOST"
+        StatusLine().prepare_logging()
+        try:
+            return Supervisor(plan).run()
+        except StoppedError:
+            return 0
+        except HeadTrackingError as error:
+            print(f"head_tracking: {error}", file=sys.stderr)
+            return 1
 
 
 if __name__ == "__main__":

@@ -8,8 +8,10 @@ print(result.arrived, result.miss)
 from __future__ import annotations
 
 import atexit
+import logging
 import math
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -19,8 +21,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from head_tracking.configuration import ConfiguredHead, configured_head
-from head_tracking.control import JointOwners
-from head_tracking.control.motion import HeadMotion
+from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control.head_control import HeadControl, HeadParameters
+from head_tracking.control.modes import Following
+from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (
     Buses,
     BusReading,
@@ -32,6 +36,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     StoppedError,
+    Torque,
 )
 from head_tracking.exceptions import (
     FrameError,
@@ -40,9 +45,9 @@ from head_tracking.exceptions import (
     SupersededError,
     UnreachableError,
 )
-from head_tracking.gaze import HeadCommand, PanTiltHead, PointingResult
+from head_tracking.gaze import PanTiltHead, PointingResult
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.tracking import Target, TargetState
+from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker, Turn
 from head_tracking.transforms import (
     LATEST,
     RobotModel,
@@ -77,6 +82,8 @@ AX_12_PAIR = (
 
 _RATE = 50.0  # cycles per second
 _PATIENCE = 2.0  # s
+_THRESHOLD = 0.02  # rad: largest miss that counts as arrived
+_SETTLE_TIME = 0.4  # s
 _SIMULATED_REPLY = 0.1  # s: simulated servos share a process with the driver
 _T = TypeVar("_T")
 
@@ -130,17 +137,32 @@ class Head:
         self.frames = TransformBuffer()
         self.frames.set_model(model)
         self._pan, self._tilt = pan.joint_name, tilt.joint_name
-        head = PanTiltHead(
-            model,
-            self._pan,
-            self._tilt,
-            pointing_frame,
-            pan_limits=(pan.lower, pan.upper),
-            tilt_limits=(tilt.lower, tilt.upper),
-        )
-        self._motion = HeadMotion(head, self.frames, 1.0 / _RATE, self._write)
         self._owners = JointOwners()
+        self._loop = ControlLoop(self.frames, self._owners)
+        self._loop.drive_by(self._write)
+        self._following = Following()
+        self._control = HeadControl(
+            self._loop,
+            "head",
+            HeadParameters(
+                self._pan,
+                self._tilt,
+                min_pan=pan.lower,
+                max_pan=pan.upper,
+                min_tilt=tilt.lower,
+                max_tilt=tilt.upper,
+            ),
+            pointing_frame,
+            self._following,
+            ClockWatch(time.time),
+            period=1.0 / _RATE,
+            log=logging.getLogger(__name__),
+        )
+        self._control.use(model)
+        self._control.begin()
         self._relaxed = self._closed = False
+        self._failure: BaseException | None = None
+        self._torque_error: BaseException | None = None
         self._measured = threading.Event()
         self._leading = threading.Lock()
         self._follower: CameraFollower | None = None
@@ -251,27 +273,38 @@ class Head:
         """
         if not 0.0 < max_velocity <= 12.0:
             raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to 12 rad/s")
-        target = _target(point, frame, stamp)
-        epoch, motion = self._permit(), self._motion
+        target, epoch, control = _target(point, frame, stamp), self._permit(), self._control
         self._take_over()
-        place = _known(lambda: motion.place(target), frame)
-        _known(lambda: motion.check(target, place), frame)
+        self._check(target)
         self._switch_torque(True, epoch)
-        look = motion.look_at(target, place, max_velocity, epoch)
-        try:
+        result: Future[PointingResult] = Future()
+        turn = Turn(
+            self._pointed, min(max_velocity, control.fastest), 0.0, _THRESHOLD, _SETTLE_TIME
+        )
+        task = PointTask(
+            lambda task: self._conclude(task, target, result),
+            control,
+            target,
+            turn,
+            clamp=True,
+            follows=stamp is None,
+        )
+        with control.lock:
             self._permit(epoch)
-            return look.result.result(timeout)
+            control.carry_out(task)
+        try:
+            return result.result(timeout)
         except FutureTimeoutError:
-            return PointingResult(False, math.pi if look.turn.miss is None else look.turn.miss)
+            return PointingResult(False, math.pi if task.miss is None else task.miss)
         finally:  # also on Ctrl-C
-            motion.hold(look)
+            control.cancel(task)
 
     def follow(
         self, point: Iterable[float], frame: str = "base_link", *, stamp: float | None = None
     ) -> None:
         """Keep the head on a target that moves; call this for each new measurement of it.
 
-        The first call waits until the servos hold; the others return at once.
+        Returns at once; the head begins when the servos hold.
 
         Args:
             point: shape (3,) [m].
@@ -282,7 +315,7 @@ class Head:
         Raises:
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
-            DynamixelError: a servo cannot hold.
+            DynamixelError: a servo could not hold after the call before.
             ValueError: a number is not finite.
         """
         target, epoch = _target(point, frame, stamp), self._permit()
@@ -327,7 +360,7 @@ class Head:
 
         detector = find_detector(what) if isinstance(what, str) else what
         source = pictures(camera) if isinstance(camera, int | str) else camera
-        base, epoch = self._motion.base_frame, self._permit()
+        base, epoch = self._pointed.base_frame, self._permit()
         self.pose(frame, base)
         follower = CameraFollower(
             detector,
@@ -344,7 +377,7 @@ class Head:
     def hold(self) -> None:
         """End what is under way, also of another thread; the head stays where it is."""
         self._take_over()
-        self._motion.hold()
+        self._control.hold("superseded")
 
     def stop(self) -> Mapping[str, str]:
         """STOP: relax all servos at once, and refuse every command until `resume`.
@@ -353,7 +386,7 @@ class Head:
             For each joint what went wrong; empty where its servo has confirmed.
         """
         problems = self._owners.stop(self._buses.relax_at_once)
-        self._motion.abandon(RefusedCommandError(HeadState.STOPPED), cautious=True)
+        self._control.watch()
         return problems
 
     def relax(self) -> None:
@@ -366,7 +399,7 @@ class Head:
         self._require_open()
         self._relaxed = True
         self._take_over()
-        self._motion.abandon(RefusedCommandError(HeadState.RELAXED))
+        self._control.disable(HeadState.RELAXED)
         self._switch_torque(False)
 
     def resume(self) -> None:
@@ -383,6 +416,7 @@ class Head:
         if self._owners.stopped:
             self._owners.resume(epoch)
         self._switch_torque(True, epoch)
+        self._enable()
         self._relaxed = False
 
     def close(self) -> None:
@@ -429,30 +463,28 @@ class Head:
             (HeadState.CLOSED, self._closed),
             (HeadState.STOPPED, self._owners.stopped),
             (HeadState.RELAXED, self._relaxed),
-            (HeadState.TURNING, self._motion.look is not None),
+            (HeadState.TURNING, self._control.task is not None),
         ):
             if is_so:
                 return state
-        followed = self._motion.target_state
-        return HeadState.HOLDING if followed is None else followed[0]
+        followed = self._tracker.state
+        return HeadState.HOLDING if followed is TargetState.IDLE else followed
 
     @property
     def reason(self) -> str:
         """Why `follow` has the state that it has, for a person; empty: no target is followed."""
-        followed = self._motion.target_state
-        return "" if followed is None else followed[1]
+        machine = self._tracker.machine
+        return "" if machine.state is TargetState.IDLE else machine.reason
 
     @property
     def error(self) -> float | None:
         """By how much the measured head misses its target [rad]; None: there is none."""
-        return self._motion.error
+        return self._control.error
 
     @property
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
-        joints = self._motion.joints
-        assert joints is not None  # the constructor waits for them
-        return dict(zip((self._pan, self._tilt), joints.positions, strict=True))
+        return dict(zip((self._pan, self._tilt), self._positions(), strict=True))
 
     @property
     def statistics(self) -> BusStatistics:
@@ -475,6 +507,65 @@ class Head:
         return found.transform
 
     # Inside
+
+    @property
+    def _pointed(self) -> PanTiltHead:
+        assert self._control.head is not None  # the constructor has set it
+        return self._control.head
+
+    @property
+    def _tracker(self) -> Tracker:
+        assert self._following.tracker is not None
+        return self._following.tracker
+
+    def _positions(self) -> tuple[float, float]:
+        pan, tilt = (self.frames.latest_joint_position(name) for name in (self._pan, self._tilt))
+        assert pan is not None  # the constructor waits for them
+        assert tilt is not None
+        return pan[1], tilt[1]
+
+    def _check(self, target: Target) -> None:
+        """Refuse what is not known, or cannot be looked at; may wait for the joints of its stamp.
+
+        Raises:
+            FrameError: it is not known where the point is.
+            UnreachableError: the head cannot point there.
+        """
+        head, frame, at = self._pointed, target.frame_id, target.stamp
+        patience = self._control.transform_timeout if at else 0.0
+        found = _known(
+            lambda: self.frames.lookup_transform(head.base_frame, frame, at, patience), frame
+        )
+        point = found.transform @ target.point
+        gaze = head.gaze(point, *self._positions())
+        if not gaze.reached:
+            miss = head.miss(point, gaze.pan, gaze.tilt)
+            raise UnreachableError(target.point, frame, miss, gaze.reason)
+
+    def _conclude(self, task: HeadTask, target: Target, result: Future[PointingResult]) -> None:
+        """Hand the result of a turn to the thread that waits for it."""
+        if task.result is None:
+            return
+        end, miss = task.result.end, task.miss
+        if end in (TaskEnd.SUCCEEDED, TaskEnd.MISSED) and miss is not None:
+            result.set_result(PointingResult(end is TaskEnd.SUCCEEDED, miss))
+        elif end is TaskEnd.PREEMPTED:
+            result.set_exception(SupersededError(target.point, miss))
+        elif self._closed or self._relaxed or self._control.off:
+            state = HeadState.RELAXED if self._relaxed else HeadState.STOPPED
+            refusal = RefusedCommandError(HeadState.CLOSED if self._closed else state)
+            refusal.__cause__ = self._failure
+            result.set_exception(refusal)
+        elif self._control.trouble:
+            result.set_exception(BusStoppedError(task.result.reason))
+        else:
+            result.set_exception(FrameError(target.frame_id, task.result.reason))
+
+    def _enable(self) -> None:
+        try:
+            self._control.enable()
+        except StoppedError:
+            raise RefusedCommandError(HeadState.STOPPED) from None
 
     def _require_open(self) -> None:
         if self._closed:
@@ -506,23 +597,42 @@ class Head:
             self._follow(target, epoch)
 
     def _follow(self, target: Target, epoch: int) -> None:
-        if self._motion.target_state is None:  # torque that comes late looks like a slow servo
-            self._switch_torque(True, epoch)
-        self._motion.follow(target, epoch)
-        try:
+        error, self._torque_error = self._torque_error, None
+        if error is not None:
+            raise error
+        with self._control.lock:
             self._permit(epoch)
-        except RefusedCommandError as refusal:  # meanwhile
-            self._motion.abandon(refusal)
-            raise
+            if self._control.task is not None:
+                self._control.hold("superseded")
+            self._hold_torque(epoch)
+            self._control.accept(target)
 
-    def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
-        switched: list[Future[None]] = self._buses.call(
+    def _hold_torque(self, epoch: int) -> None:
+        """Switch the torque on, and let the head wait for it: else the servos would seem slow."""
+        if self._loop.held or all(
+            self._bus.torque(name) is Torque.ON for name in (self._pan, self._tilt)
+        ):
+            return
+        self._loop.hold("the servos do not hold yet")
+        for future in self._ask_for_torque(True, epoch):
+            future.add_done_callback(self._torque_done)
+
+    def _torque_done(self, future: Future[None]) -> None:
+        error = None if future.cancelled() else future.exception()
+        if error is not None and not isinstance(error, StoppedError):
+            self._torque_error = error
+        self._loop.hold("")
+
+    def _ask_for_torque(self, on: bool, epoch: int | None) -> list[Future[None]]:
+        return self._buses.call(
             None,
             lambda bus, joints: bus.switching_torque(joints, on),
             epoch,
             despite_stop=not on,
         )
-        for future in switched:
+
+    def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
+        for future in self._ask_for_torque(on, epoch):
             try:
                 future.result(_PATIENCE)
             except StoppedError:
@@ -535,28 +645,25 @@ class Head:
         pan, tilt = (reading.states.get(name) for name in (self._pan, self._tilt))
         if pan is not None and tilt is not None:
             stamp = (pan.stamp + tilt.stamp) // 2
-            self._motion.update(stamp, {self._pan: pan.position, self._tilt: tilt.position})
+            self._loop.joints_read(stamp, {self._pan: pan, self._tilt: tilt})
+            self._loop.update(self._control.joints)
+            if self._control.failure is not None:
+                raise self._control.failure
             self._measured.set()
 
-    def _write(self, command: HeadCommand, epoch: int) -> None:
-        goals = {
-            self._pan: Goal(command.pan, command.pan_speed),
-            self._tilt: Goal(command.tilt, command.tilt_speed),
-        }
+    def _write(self, _: str, goals: Mapping[str, Goal], epoch: int) -> None:
         with suppress(DynamixelError):  # there was a stop, or a servo is silent: it shows
             self._bus.command(goals, clamp=True, epoch=epoch)
 
     def _fail(self, error: BaseException) -> None:
         """End everything: the port has failed, and the servos were relaxed if that was possible."""
-        self._closed = True
-        refusal = RefusedCommandError(HeadState.CLOSED)
-        refusal.__cause__ = error
-        self._motion.abandon(refusal)
+        self._closed, self._failure = True, error
+        self._control.disable(HeadState.CLOSED)
 
     def _close(self) -> None:
         self._closed = True
         atexit.unregister(self._close)
-        self._motion.abandon(RefusedCommandError(HeadState.CLOSED))
+        self._control.disable(HeadState.CLOSED)
         try:
             unconfirmed = self._buses.stop()
         finally:

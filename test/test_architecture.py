@@ -32,21 +32,20 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": set(),
-    "control": {"dynamixel", "transforms", "gaze", "tracking"},
-    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"},
+    "control": {"dynamixel", "transforms", "gaze", "tracking", "parameters"},
+    "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
+    | {"vision"},
     "share": set(),
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
     | {"output"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
-    | {"recording"},
+    | {"recording", "control"},
     "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
     "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
-    "__main__": {"ros", "run", "output"},
-    "viewer_process": {"ros", "nodes"},
-    "bus_process": {"ros", "nodes", "dynamixel", "simulation", "output"},
-    "run": CORE | {"tf", "ros", "nodes", "share", "viewer_process", "command_line"},
+    "__main__": {"run", "ros", "output"},
+    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

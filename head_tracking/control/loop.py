@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
@@ -52,15 +52,11 @@ class ControlLoop:
 
     Attributes:
         complete: adds to measured joint states what follows from them, and what is stated.
-        write: takes the goals of a controller, by its name, to the servos, with the epoch in which
-            they were made; None: nothing does yet.
         period: of a cycle [s]; 0: not known.
         driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
         held: why the controllers may move nothing now; empty: they may.
         stuck: joints that cannot go where they are told, and why, as the servo bus of this process
             has found out; who begins a motion takes its joints out.
-        target_takers: called by whoever sends targets in this process; each has a subscription,
-            too, for those of others.
         after: called after the goals were written, with the stamp [ns] and the complete states.
     """
 
@@ -70,8 +66,8 @@ class ControlLoop:
         self.complete: Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]] = (
             lambda measured: measured
         )
-        self.write: Callable[[str, Mapping[str, Goal], int], object] | None = None
-        self.target_takers: list[Callable[[Any], object]] = []
+        self._write: Callable[[str, Mapping[str, Goal], int], object] | None = None
+        self._claim: Callable[[], object] = lambda: None
         self.driven = False
         self.held = ""
         self.stuck: dict[str, str] = {}
@@ -89,6 +85,35 @@ class ControlLoop:
         """Lets a controller take part from the next cycle on."""
         with self._lock:
             self._controllers += (controller,)
+
+    @property
+    def has_driver(self) -> bool:
+        """Whether anything drives the joints yet."""
+        return self._write is not None
+
+    def drive_by(
+        self,
+        write: Callable[[str, Mapping[str, Goal], int], object],
+        claim: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Set what drives the joints.
+
+        Args:
+            write: takes the goals of an owner, by its name, to the servos, with the epoch in which
+                they were made.
+            claim: lets a servo bus of another process know that an owner here takes its joints.
+        """
+        self._write, self._claim = write, claim
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """Take the goals of an owner, made in an epoch, to the servos."""
+        assert self._write is not None
+        self._write(owner, goals, epoch)
+
+    def take_over(self, owner: str, joints: Iterable[str], epoch: int) -> None:
+        """Give joints to an owner here, whoever had them; see `JointOwners`."""
+        self.owners.take_over(owner, joints, epoch)
+        self._claim()
 
     def joints_read(
         self, stamp: int, measured: Mapping[str, JointSample]

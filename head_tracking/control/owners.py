@@ -76,6 +76,7 @@ class JointOwners:
         self._lock = threading.Lock()
         self._owners: dict[str, tuple[str, float]] = {}
         self._interrupted: dict[str, str] = {}
+        self._elsewhere: dict[str, str] = {}
         self._observers: list[Callable[[], object]] = []
 
     def observe(self, changed: Callable[[], object]) -> None:
@@ -177,17 +178,33 @@ class JointOwners:
         self._notify()
         return resumed
 
-    def follow(self, stopped: bool, epoch: int) -> None:
-        """Do as the servo bus of another process, which says that it is stopped or is not."""
+    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> None:
+        """Do as the servo bus of another process.
+
+        Args:
+            stopped: whether it is stopped.
+            epoch: number of its STOPs.
+            owners: of its joints. What an owner of this process loses there, it loses here.
+        """
         with self._lock:
-            if (stopped, epoch) == (self.stopped, self.epoch.value):
-                return
+            before, self._elsewhere = self._elsewhere, dict(owners or {})
+            changed = (stopped, epoch) != (self.stopped, self.epoch.value)
             self.epoch.value = epoch
-            if stopped:
+            if changed and stopped:
                 self._stop()
-            else:
+            elif changed:
                 self._resume()
-        self._notify()
+            for joint, other in self._elsewhere.items():
+                owner, _ = self._owners.get(joint, ("", 0.0))
+                if owner and other and owner == before.get(joint) != other:
+                    self._owners[joint] = other, math.inf
+                    changed = True
+        if changed:
+            self._notify()
+
+    def elsewhere(self, joints: Iterable[str]) -> str:
+        """Return who owns one of these joints at a servo bus of another process; empty: nobody."""
+        return next(filter(None, map(self._elsewhere.get, joints)), "")
 
     def owns(self, owner: str, joints: Iterable[str]) -> bool:
         """Return whether all these joints belong to an owner."""

@@ -64,7 +64,7 @@ from head_tracking.dynamixel.state import (
     Symptom,
     Torque,
 )
-from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming, CycleSchedule
+from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming
 
 __all__ = [
     "Adapter",
@@ -82,7 +82,6 @@ __all__ = [
     "ConfigurationError",
     "ControlTable",
     "CorruptReplyError",
-    "CycleSchedule",
     "DynamixelError",
     "DynamixelPort",
     "EepromSettings",

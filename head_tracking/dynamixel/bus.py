@@ -156,7 +156,7 @@ class ServoBus:
             epoch = self.requests.epoch.value
         else:
             self.requests.check(epoch)
-        incomplete = self._cycle.incomplete
+        _, incomplete = self._cycle.absent
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
@@ -408,31 +408,38 @@ class ServoBus:
         """
         return self._cycle.write() if self._connected else ()
 
+    def fill(self, until: int) -> bool:
+        """Take a step of what is under way between two cycles, if there is time for it.
+
+        Args:
+            until: When the next cycle is due, monotonic ns.
+
+        Returns:
+            Whether a step was taken.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
+        return self._connected and self._cycle.fill(until)
+
     # Owner's thread: what takes longer than one transaction
 
-    def submit(
-        self,
-        steps: Steps[_T],
-        future: Future[_T] | None = None,
-        *,
-        despite_stop: bool = False,
-    ) -> Future[_T]:
+    def submit(self, steps: Steps[_T], *, despite_stop: bool = False) -> Future[_T]:
         """Take steps, the first one now and the others between the work of the next cycles.
 
         Args:
-            steps: The steps.
-            future: Gets what comes of them; if it is cancelled, no further step is taken.
+            steps: The steps; cancelling the future ends them.
             despite_stop: Whether they go on after a STOP; see `Request`.
         """
-        request = self.requests.start(steps, future=future, despite_stop=despite_stop)
-        self._cycle.advance(request)
+        request = self.requests.start(steps, despite_stop=despite_stop)
+        self.requests.advance(request)
         return request.future
 
     def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
         """Take steps at once, after those that are under way; raises what they raise."""
         under_way = self.requests.under_way
         while under_way:
-            self._cycle.advance(under_way[0])
+            self.requests.advance(under_way[0])
             under_way.rotate(-1)
         return run(steps, pause)
 

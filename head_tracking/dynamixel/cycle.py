@@ -4,6 +4,7 @@
     steps    of what takes longer (torque on, a servo that returns, recovery, EEPROM), if there is
              any: as many as leave the cycle within twice its usual time
     write    goals and speeds, one sync write for each protocol
+    steps    more of them, in the time that is left until the next cycle is due
 
 What is known before a cycle is computed before it: the plan of the requests is made anew only when
 something has changed (`servo.Changes`), and a cycle without trouble takes one branch past all that
@@ -12,6 +13,7 @@ deals with trouble.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Final, NamedTuple
@@ -26,7 +28,7 @@ from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
-from head_tracking.dynamixel.requests import Request, RequestQueue
+from head_tracking.dynamixel.requests import RequestQueue
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
@@ -34,7 +36,6 @@ _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 _MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
-_GAIN: Final = 0.05
 
 
 class _Part(NamedTuple):
@@ -62,8 +63,6 @@ class Cycle:
     Attributes:
         cycles: Cycles run.
         port_losses: How often the port has gone.
-        lost: Joints of which no servo answers.
-        incomplete: Joints of which some servo does not answer: they take no commands.
         diagnosis: What is wrong with each servo.
     """
 
@@ -80,8 +79,6 @@ class Cycle:
         monotonic: Callable[[], int],
     ) -> None:
         self.cycles = self.port_losses = 0
-        self.lost: tuple[str, ...] = ()
-        self.incomplete: tuple[str, ...] = ()
         self._port, self._joints, self._changes = port, joints, changes
         self._requests, self._procedures, self._events = requests, procedures, events
         self._settings, self._clock, self._monotonic = settings, clock, monotonic
@@ -95,11 +92,14 @@ class Cycle:
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
         self._last = 0
-        self._usual = 0.0  # ns that a cycle without steps and without trouble takes
         self._took = self._spent = 0  # ns of this cycle: reading; asking one that is lost
+        self._longest = 0  # ns that a step of this cycle has taken
         self._there = self._troubled = False  # the port, in this cycle; anything not as usual
         self._plan: list[_Part] = []
         self._planned = -1  # the changes that the plan knows
+        self._absent: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
+        self._absent_at = -1  # the changes that this knows
+        self._incomplete: tuple[str, ...] = ()  # in this cycle
         self._watched = False
 
     @property
@@ -107,12 +107,24 @@ class Cycle:
         """Whether the port has not gone."""
         return self._look_again_at is None
 
+    @property
+    def absent(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Joints of which no servo answers, and those of which some servo does not.
+
+        Neither take commands.
+        """
+        count = self._changes.count
+        if self._absent_at != count:
+            lost = tuple([joint.name for joint in self._all if joint.lost])
+            incomplete = tuple([joint.name for joint in self._all if not joint.complete])
+            self._absent, self._absent_at = (lost, incomplete), count
+        return self._absent
+
     def begin(self) -> None:
         """Begin, once the port has been opened and the servos have been found."""
         self._look_again_at = None
         self._last = self._monotonic()
         self._planned = -1
-        self._note_lost()
         self.diagnosis.swapped(self._all)
 
     def read(self) -> BusReading:
@@ -138,19 +150,19 @@ class Cycle:
                     self._troubled = True
                     failed = self._settle(states, start)
                 self.diagnosis.look(self._all, start)
-                self._spent = self._poll_one_lost() if self.incomplete else 0
+                self._incomplete = self.absent[1]
+                self._spent = self._poll_one_lost() if self._incomplete else 0
                 self._there = True
         except PortLostError as cause:
             self._forgive(cause)
-        self._took = self._monotonic() - start
+        self._took = self._monotonic() - start - self._spent
         events = self._events.take() if self._events.waiting else ()
-        return BusReading(self.cycles, stamp, states, failed, self.lost, events)
+        return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
         """Write all goals and take steps of what is under way; see `ServoBus.write`."""
         if not self._there:
             return ()
-        start = self._monotonic()
         try:
             requests = self._requests
             if self._procedures.obeyed != requests.epoch.value:
@@ -159,13 +171,10 @@ class Cycle:
                 self._take_goals()
             if requests.under_way:
                 self._troubled = True
-                self._take_steps(self._spent)
+                self._take_steps()
                 if requests.goals:
                     self._take_goals()  # of a joint whose torque has come on
             self.write_goals()
-            if not (self._troubled or self._spent):
-                took = self._took + self._monotonic() - start
-                self._usual += _GAIN * (took - self._usual) if self._usual else took
         except PortLostError as cause:
             self._forgive(cause)
         return self._events.take() if self._events.waiting else ()
@@ -273,7 +282,6 @@ class Cycle:
         self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
         self._planned = planned
         self._watched = any(servo.watched for _, servo in self._each_servo())
-        self._note_lost()
 
     def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
         """Return the request that reads some servos, which are alike."""
@@ -301,7 +309,7 @@ class Cycle:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
             read = all(servo.link is LinkState.PRESENT for servo in joint.servos)
-            if read and not (joint.busy or joint.awaited):  # torque needs to know where it stands
+            if read and not joint.busy:  # torque needs to know where it stands
                 self._procedures.switch_on_for_goal(joint)
 
     def write_goals(self, also_silent: bool = False) -> None:
@@ -311,7 +319,7 @@ class Cycle:
             also_silent: Whether those count, too, whose servos do not answer or are being set up.
         """
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
-        usual = also_silent or not (self._troubled or self.incomplete)
+        usual = also_silent or not (self._troubled or self._incomplete)
         for joint in self._all:
             if not joint.on or (joint.busy and not also_silent):
                 continue
@@ -328,37 +336,40 @@ class Cycle:
         for (protocol, address, _), shares in packets.items():
             self._port.sync_write(address, shares, protocol)
 
-    def advance(self, request: Request) -> None:
-        """Take one step of a request."""
-        if self._requests.advance(request):
-            self._note_lost()
-
-    def _take_steps(self, spent: int) -> None:
+    def _take_steps(self) -> None:
         """Take as many steps as leave the cycle within twice its usual time, but one at least.
 
-        Args:
-            spent: What has been taken of that time, ns; then there need not be any step.
+        There need not be any after a lost servo was asked, which took of that time.
         """
-        now = self._monotonic()
-        begin, longest = now - spent, spent
-        if spent and 2 * spent > self._usual:
+        self._longest = self._spent
+        if 2 * self._spent > self._took:
             return
-        for _ in range(_MOST_STEPS):
-            request = self._requests.next_due(now)
-            if request is None:
-                return
-            before = now
-            self.advance(request)
-            now = self._monotonic()
-            longest = max(longest, now - before)
-            if now - begin + longest > self._usual:
-                return
+        until = self._monotonic() - self._spent + self._took
+        if self._advance(sys.maxsize):
+            for _ in range(_MOST_STEPS):
+                if not self._advance(until):
+                    return
+
+    def _advance(self, until: int) -> bool:
+        """Take a step of what is under way, if one is due and should end before a time, ns."""
+        before = self._monotonic()
+        request = self._requests.next_due(before) if before + self._longest <= until else None
+        if request is None:
+            return False
+        self._requests.advance(request)
+        self._longest = max(self._longest, self._monotonic() - before)
+        return True
+
+    def fill(self, until: int) -> bool:
+        """Take a step between two cycles; see `ServoBus.fill`."""
+        self._longest = max(self._longest, self._took)
+        try:
+            return self._there and self._advance(until)
+        except PortLostError as cause:
+            self._forgive(cause)
+            return False
 
     # Who goes and who comes
-
-    def _note_lost(self) -> None:
-        self.lost = tuple([joint.name for joint in self._all if joint.lost])
-        self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
     def _stood_still(self, gap: int) -> None:
         """Hold the joints whose servos may have stopped by themselves since the last cycle.
@@ -382,7 +393,6 @@ class Cycle:
         self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
-        self._note_lost()
 
     def advice(self, servo: Servo) -> str:
         """Return what damaged replies of a servo mean, and what to do."""
@@ -472,7 +482,6 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
-        self._note_lost()
         self._events.note_port(EventKind.PORT_LOST, why)
 
     def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:

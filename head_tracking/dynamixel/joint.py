@@ -61,7 +61,6 @@ class Joint:
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
         writing: Whether the memory of its servos is being written.
-        awaited: Whether its torque is about to come on for a goal.
         confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
@@ -87,7 +86,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.awaited = self.confirmed = self.writing = False
+        self.busy = self.confirmed = self.writing = False
         self._limit_speed()
         self._port = port
         self._overtaken = 0  # counts who relaxed or stopped it

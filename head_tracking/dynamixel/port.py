@@ -249,7 +249,15 @@ class DynamixelPort:
                 try:
                     status = self._receive(request)
                     for each in _split(asked, status) if request.id == BROADCAST_ID else (status,):
-                        found.append(self._reply(group, asked, each, stamp))
+                        data = each.data
+                        if each.error or len(data) != asked.length:
+                            _check(asked.protocol, each, asked.length, request.what)
+                        if asked is not group:
+                            data = data[group.address - asked.address :][: group.length]
+                        if group.plausible is not None and not group.plausible(data):
+                            raise CorruptReplyError(f"servo {each.id}: impossible data {data!r}")
+                        end = self._wire_free  # where bytes take no time, it may come too early
+                        found.append(Reply(data, each.error, stamp if stamp < end else end))
                 except CorruptReplyError as cause:
                     if request.id == BROADCAST_ID:
                         raise
@@ -259,19 +267,6 @@ class DynamixelPort:
                 self._late.add(request, self._wire_free)
             found += [cause] * (len(group.ids) - len(found))
         return found
-
-    def _reply(self, group: ReadGroup, asked: ReadGroup, status: Status, stamp: float) -> Reply:
-        """Return the bytes that were wanted, of those that were asked for."""
-        data = status.data
-        if status.error or len(data) != asked.length:
-            _check(asked.protocol, status, asked.length, asked.requests[0].what)
-        if asked is not group:
-            offset = group.address - asked.address
-            data = data[offset : offset + group.length]
-        if group.plausible is not None and not group.plausible(data):
-            raise CorruptReplyError(f"servo {status.id}: impossible feedback {data!r}")
-        end = self._wire_free  # where bytes take no time, a reply may come before its time
-        return Reply(data, status.error, stamp if stamp < end else end)
 
     # Other instructions
 
@@ -593,7 +588,7 @@ class DynamixelPort:
 def _split(group: ReadGroup, joint: Status) -> list[Status]:
     """Return the reply of each servo in the joint reply to a fast sync read."""
     shares = split_joint_status(joint, group.length, len(group.ids))
-    if tuple(share.id for share in shares) != group.ids:
+    if [share.id for share in shares] != list(group.ids):
         raise CorruptReplyError(f"damaged reply to a fast sync read of {group.ids}")
     return shares
 

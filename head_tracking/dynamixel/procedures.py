@@ -67,9 +67,17 @@ class Procedures:
         self._monotonic, self._pause = monotonic, pause
         self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
-    def begin(self, steps: Steps[Any], on_end: Callable[[], object] | None = None) -> None:
-        """Take steps between the work of the next cycles, unless STOP comes before."""
-        self._requests.start(steps, on_end=on_end)
+    def begin(self, steps: Steps[Any], joint: Joint | None = None) -> None:
+        """Take steps between the work of the next cycles, unless STOP comes before.
+
+        Args:
+            steps: The steps.
+            joint: That is busy from now on until they end.
+        """
+        if joint is None:
+            self._requests.start(steps)
+        else:
+            self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
 
     def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while nobody else takes any for this joint."""
@@ -77,6 +85,7 @@ class Procedures:
             yield 0.002
         joint.busy = True
         try:
+            yield 0.0
             return (yield from steps)
         finally:
             joint.busy = False
@@ -134,12 +143,10 @@ class Procedures:
 
     def cut(self, joint: Joint) -> None:
         """Relax a joint at once, and make sure of it in the next cycles."""
-        steps = self.relax([joint])
-        next(steps)
-        self._requests.start(self._confirming(joint, steps), despite_stop=True)
+        self._requests.advance(self._requests.start(self._cutting(joint), despite_stop=True))
 
-    def _confirming(self, joint: Joint, steps: Steps[dict[str, str]]) -> Steps[None]:
-        problem = (yield from steps)[joint.name]
+    def _cutting(self, joint: Joint) -> Steps[None]:
+        problem = (yield from self.relax([joint]))[joint.name]
         if problem:
             self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
 
@@ -187,12 +194,7 @@ class Procedures:
 
     def switch_on_for_goal(self, joint: Joint) -> None:
         """Switch the torque of a joint on, because there is a goal for it; or drop the goal."""
-
-        def end() -> None:
-            joint.awaited = False
-
-        joint.awaited = True
-        self.begin(self.exclusively(joint, self._switching_on_for_goal(joint)), end)
+        self.begin(self._switching_on_for_goal(joint), joint)
 
     def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
         problem = yield from joint.switch_on()
@@ -205,7 +207,7 @@ class Procedures:
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint where it is, with the watchdogs of its servos armed anew."""
         if not joint.busy:
-            self.begin(self.exclusively(joint, self._holding(joint, why)))
+            self.begin(self._holding(joint, why), joint)
 
     def _holding(self, joint: Joint, why: str) -> Steps[None]:
         problem = yield from joint.pin(powered=True)
@@ -280,12 +282,7 @@ class Procedures:
 
     def return_servo(self, joint: Joint, servo: Servo) -> None:
         """Take a servo that answers again back, in the next cycles."""
-
-        def end() -> None:
-            joint.busy = False
-
-        joint.busy = True
-        self.begin(self._returning(joint, servo), end)
+        self.begin(self._returning(joint, servo), joint)
 
     def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
         try:

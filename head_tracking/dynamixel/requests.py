@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar
 
 from head_tracking.dynamixel.exceptions import BusStoppedError, PortLostError, StoppedError
@@ -42,49 +43,34 @@ class Epoch:
             return self.value
 
 
+@dataclass(slots=True, eq=False)
 class Request:
     """Something to be done by the thread that owns the bus.
 
-    Args:
+    Attributes:
         function: Does it; or returns the steps that do it.
         epoch: When it was made.
         despite_stop: Whether it is carried out although STOP came after it: it relaxes, or changes
             a value that moves nothing.
         future: Gets its result or its exception; cancelling it ends the request.
-        on_end: Called when it has ended, also if it has not begun.
-
-    Attributes:
         steps: What is left to do, once it has begun.
         due: Next step not before this monotonic time, ns.
     """
 
-    __slots__ = ("despite_stop", "due", "epoch", "function", "future", "on_end", "steps")
+    function: Callable[[], Any]
+    epoch: int
+    despite_stop: bool = False
+    future: Future[Any] = field(default_factory=Future)
+    steps: Steps[Any] | None = None
+    due: int = 0
 
-    def __init__(
-        self,
-        function: Callable[[], Any],
-        epoch: int,
-        despite_stop: bool,
-        future: Future[Any] | None = None,
-        on_end: Callable[[], object] | None = None,
-    ) -> None:
-        self.on_end = on_end
-        self.function = function
-        self.epoch = epoch
-        self.despite_stop = despite_stop
-        self.future: Future[Any] = future or Future()
-        self.steps: Steps[Any] | None = None
-        self.due = 0
-
-    def fail(self, error: BaseException) -> None:
-        """Answer with an error, unless it has been answered or cancelled."""
+    def answer(self, error: BaseException | None, result: Any = None) -> None:
+        """Answer with an error or a result, unless it has been answered or cancelled."""
         with suppress(InvalidStateError):
-            self.future.set_exception(error)
-
-    def succeed(self, result: Any) -> None:
-        """Answer with a result, unless it has been answered or cancelled."""
-        with suppress(InvalidStateError):
-            self.future.set_result(result)
+            if error is None:
+                self.future.set_result(result)
+            else:
+                self.future.set_exception(error)
 
 
 class RequestQueue:
@@ -128,7 +114,7 @@ class RequestQueue:
                 self._waiting.append(request)
                 self.arrived.notify()
                 return request.future
-        request.fail(BusStoppedError("the servo bus has stopped"))
+        request.answer(BusStoppedError("the servo bus has stopped"))
         return request.future
 
     def put_goals(self, goals: Mapping[str, Goal], epoch: int) -> None:
@@ -160,7 +146,7 @@ class RequestQueue:
             waiting, self._waiting = self._waiting, deque()
             self.arrived.notify_all()
         for request in waiting:
-            request.fail(BusStoppedError("the servo bus has stopped"))
+            request.answer(BusStoppedError("the servo bus has stopped"))
 
     # Owner's thread
 
@@ -194,12 +180,12 @@ class RequestQueue:
         if request.future.cancelled():
             return
         if self._is_over(request):
-            request.fail(StoppedError(_STOPPED))
+            request.answer(StoppedError(_STOPPED))
             return
         try:
             result = request.function()
         except Exception as error:  # the next cycle finds out that the port has gone
-            request.fail(error)
+            request.answer(error)
             return
         if isinstance(result, Generator):
             request.steps = result
@@ -207,19 +193,11 @@ class RequestQueue:
             with suppress(PortLostError):
                 self.advance(request)
         else:
-            request.succeed(result)
+            request.answer(None, result)
 
-    def start(
-        self,
-        steps: Steps[Any],
-        *,
-        despite_stop: bool = False,
-        future: Future[Any] | None = None,
-        on_end: Callable[[], object] | None = None,
-    ) -> Request:
+    def start(self, steps: Steps[Any], *, despite_stop: bool = False) -> Request:
         """Add steps that the owner takes from now on, without a first step; see `Request`."""
-        request = Request(lambda: None, self.epoch.value, despite_stop, future, on_end)
-        request.steps = steps
+        request = Request(lambda: None, self.epoch.value, despite_stop, steps=steps)
         self.under_way.append(request)
         return request
 
@@ -232,8 +210,8 @@ class RequestQueue:
                 return request
         return None
 
-    def advance(self, request: Request) -> bool:
-        """Take one step of a request; return whether it has ended.
+    def advance(self, request: Request) -> None:
+        """Take one step of a request.
 
         Raises:
             PortLostError: The port has gone; so it was answered.
@@ -241,22 +219,20 @@ class RequestQueue:
         assert request.steps is not None
         if request.future.cancelled():
             self.end(request, None)
-            return True
+            return
         if self._is_over(request):
             self.end(request, StoppedError(_STOPPED))
-            return True
+            return
         try:
             wait = next(request.steps)
         except StopIteration as end:
             self.end(request, None, end.value)
-            return True
         except Exception as error:
             self.end(request, error)
             if isinstance(error, PortLostError):
                 raise
-            return True
-        request.due = self._monotonic() + round(wait * 1e9) if wait > 0.0 else 0
-        return False
+        else:
+            request.due = self._monotonic() + round(wait * 1e9) if wait > 0.0 else 0
 
     def end(self, request: Request, error: BaseException | None, result: Any = None) -> None:
         """Take no more steps of a request, and answer it."""
@@ -265,12 +241,7 @@ class RequestQueue:
         if request.steps is not None:
             with suppress(Exception):
                 request.steps.close()
-        if request.on_end is not None:
-            request.on_end()
-        if error is None:
-            request.succeed(result)
-        else:
-            request.fail(error)
+        request.answer(error, result)
 
     def end_all(self, error: BaseException) -> None:
         """End all requests that are under way."""

@@ -26,36 +26,6 @@ _SECOND = 1_000_000_000
 _CLOSING = 10.0  # s that braking, and asking every servo several times, may take in addition
 
 
-class CycleSchedule:
-    """When cycles are due: on a fixed grid, so that they do not drift.
-
-    Args:
-        period: Time between cycles, ns.
-        start: When the first one is due, ns.
-
-    Attributes:
-        due: When the next cycle is due, ns.
-        missed: Cycles left out so far because the one before took too long.
-    """
-
-    def __init__(self, period: int, start: int) -> None:
-        self.due = start
-        self.missed = 0
-        self._period = period
-
-    def advance(self, now: int) -> None:
-        """Move on to the next cycle that is not past; those in between are left out, not made up.
-
-        Args:
-            now: End of the cycle that was due, ns.
-        """
-        self.due += self._period
-        if self.due < now:
-            late = (now - self.due) // self._period + 1
-            self.missed += late
-            self.due += late * self._period
-
-
 @dataclass(frozen=True, slots=True)
 class BusTiming:
     """How the cycle keeps up.
@@ -249,9 +219,9 @@ class BusThread:
                 self._requests.close()
 
     def _run_cycles(self) -> None:
-        schedule = CycleSchedule(round(_SECOND / self._update_rate), time.monotonic_ns())
-        window_start, window_cycles = schedule.due, 0
-        while self._wait(schedule.due):
+        period, due = round(_SECOND / self._update_rate), time.monotonic_ns()
+        window_start, window_cycles = due, 0
+        while self._wait(due):
             begin = time.monotonic_ns()
             with self._owner:
                 if self._ended:  # somebody has closed the bus while a callback hung
@@ -271,26 +241,31 @@ class BusThread:
                 self._reached = window_cycles * _SECOND / (end - window_start)
                 window_start, window_cycles = end, 0
             self._on_reading(reading)
-            schedule.advance(time.monotonic_ns())
-            self._missed = schedule.missed
+            # On a fixed grid, so that cycles do not drift; those that are past are left out.
+            late = max(0, time.monotonic_ns() - due - 1) // period
+            self._missed += late
+            due += (late + 1) * period
 
     def _wait(self, due: int) -> bool:
-        """Serve requests until a time, ns; return False when the thread shall end."""
-        while True:
-            with self._wake:
-                if self._stopping:
-                    return False
-                if not self._requests.has_waiting():
-                    left = due - time.monotonic_ns()
-                    if left <= 0:
-                        return True
-                    self._wake.wait(left * 1e-9)
-                    continue
+        """Serve requests and take steps until a time, ns; return False when the thread shall end.
+
+        A stream of requests does not hold the cycle up: one of them is served once it is due.
+        """
+        while not self._stopping:
             with self._owner:
-                if not self._ended:
+                if self._ended:
+                    return False
+                if found := self._requests.has_waiting():
                     self._requests.begin_next()
-            if due <= time.monotonic_ns():
-                return not self._stopping  # a stream of requests must not starve the cycle
+                else:
+                    found = self._bus.fill(due)
+            left = due - time.monotonic_ns()
+            if left <= 0:
+                return not self._stopping
+            with self._wake:
+                if not (found or self._stopping or self._requests.has_waiting()):
+                    self._wake.wait(left * 1e-9)
+        return False
 
 
 class Buses:

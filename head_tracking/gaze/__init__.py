@@ -4,7 +4,6 @@ from head_tracking.gaze.arrival import AT_GOAL, Arrival, at_goal
 from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Sight
 from head_tracking.gaze.pointing import (
     HeadCommand,
-    Pointing,
     PointingParameters,
     PointingResult,
     together,
@@ -18,7 +17,6 @@ __all__ = [
     "GazeStatus",
     "HeadCommand",
     "PanTiltHead",
-    "Pointing",
     "PointingParameters",
     "PointingResult",
     "Sight",

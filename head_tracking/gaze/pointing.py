@@ -1,23 +1,14 @@
-"""Turning the head to one point, and telling whether it got there."""
+"""Commands for a head, how it turns to points, and the result."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from head_tracking.gaze.head import Gaze, GazeStatus, PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.transforms import Vector3
 
 _MIN_SPEED = 1e-3
 """A joint that hardly has to move gets this speed [rad/s]: 0 would mean full speed to a servo."""
-
-_STILL = 0.006
-"""A joint that moved less [rad] did not move: a little over one tick of an AX-12."""
-
-_START = 1.0
-"""So much longer [s] than at rest after a motion a head may stand that has not moved yet: its
-torque may have to come on first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,98 +81,3 @@ class PointingResult:
     def __str__(self) -> str:
         what = "arrived" if self.arrived else "did not arrive"
         return f"{what}: the head misses the target by {math.degrees(self.miss):.2f} degrees"
-
-
-class Pointing:
-    """Turns a head to points given in its base frame. Times are in seconds, on any clock."""
-
-    def __init__(self, head: PanTiltHead, parameters: PointingParameters) -> None:
-        self.head = head
-        self.parameters = parameters
-        self._target: Vector3 | None = None
-        self._command: HeadCommand | None = None
-        self._judged = True
-        self._rest = (0.0, 0.0)
-        self._still_since = 0.0
-        self._moved = False
-
-    @property
-    def commanded(self) -> tuple[float, float] | None:
-        """The last commanded pan and tilt [rad], unrounded by any servo."""
-        return None if self._command is None else (self._command.pan, self._command.tilt)
-
-    @property
-    def turning(self) -> bool:
-        """Whether a turn is under way that has not been judged."""
-        return not self._judged
-
-    def start_from(self, present: tuple[float, float]) -> tuple[float, float]:
-        """Where the head stands [rad] for a target that moves with it.
-
-        At the end of a turn that is where it was sent, not what its encoders can resolve: a
-        target a tenth of a degree above the axis, sent again and again, raises the head even if
-        one servo tick is more.
-        """
-        commanded = self.commanded
-        if commanded is None:
-            return present
-        near = all(
-            abs(there - here) < self.parameters.success_angle_threshold
-            for here, there in zip(present, commanded, strict=True)
-        )
-        return commanded if near else present
-
-    def point_at(
-        self, target: Vector3, present: tuple[float, float], now: float
-    ) -> tuple[Gaze, HeadCommand | None]:
-        """The gaze at `target` [m, base frame] and the command for it; None if it is refused."""
-        gaze = self.head.gaze(target, *present)
-        allowed = {GazeStatus.REACHED}
-        if self.parameters.clamp_to_limits:
-            allowed |= {GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS}
-        if gaze.status not in allowed:
-            return gaze, None
-        self._target = target
-        return gaze, self._go((gaze.pan, gaze.tilt), present, now)
-
-    def recenter(self, present: tuple[float, float], now: float) -> HeadCommand:
-        """The command that takes both joints to 0, or to the limit nearest to it."""
-        self._target = None
-        return self._go(
-            (self.head.pan_limits.clamp(0.0), self.head.tilt_limits.clamp(0.0)), present, now
-        )
-
-    def stop(self, present: tuple[float, float], now: float) -> HeadCommand | None:
-        """The command that ends a turn where the head is; None if none is under way."""
-        self._target = None
-        return None if self._judged else self._go(present, present, now)
-
-    def miss(self, present: tuple[float, float]) -> float | None:
-        """By how much the head misses its target now [rad]; None without one."""
-        return None if self._target is None else self.head.miss(self._target, *present)
-
-    def judge(self, present: tuple[float, float], now: float) -> PointingResult | None:
-        """The result, once, when the joints have come to rest after a command."""
-        if any(abs(a - b) > _STILL for a, b in zip(present, self._rest, strict=True)):
-            self._rest, self._still_since = present, now
-            self._moved = True
-        miss, patience = self.miss(present), self.parameters.settle_time
-        if self._judged or miss is None:
-            return None
-        arrived = miss <= self.parameters.success_angle_threshold
-        if now - self._still_since < patience + (0.0 if arrived or self._moved else _START):
-            return None
-        self._judged = True
-        return PointingResult(arrived, miss)
-
-    def _go(
-        self, goal: tuple[float, float], present: tuple[float, float], now: float
-    ) -> HeadCommand:
-        moved = self.commanded is None or any(
-            abs(a - b) > _STILL for a, b in zip(goal, self.commanded, strict=True)
-        )
-        if moved:
-            self._judged = self._moved = False
-            self._rest, self._still_since = present, now
-        self._command = together(present, goal, self.parameters.max_velocity)
-        return self._command

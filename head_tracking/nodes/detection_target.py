@@ -11,7 +11,6 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
 from head_tracking.ros.detections import (
     Detection2DArray,
@@ -83,9 +82,7 @@ class DetectionTargetNode(Node):
         MessagesMissingError: the messages of the source are not installed.
     """
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("detection_target", **options)
         self._parameters_read = NodeParameters(self, DetectionTargetParameters)
         p = self._parameters_read.value
@@ -103,7 +100,6 @@ class DetectionTargetNode(Node):
             self,
             self._detector,
             self._buffer,
-            loop,
             p.fixed_frame,
             self._working,
         )

@@ -9,14 +9,12 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.time import Time
 
-from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
 from head_tracking.ros.messages import target_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.ros.switch import Switch
-from head_tracking.ros.target_output import TargetOutput
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:
@@ -36,20 +34,16 @@ class TargetFrameParameters:
 
 
 class FictitiousTargetNode(Node):
-    """Publishes `target_point`, and a marker on `target_point_marker` for RViz.
+    """Publishes `target_point`, and a marker on `target_point_marker` for RViz."""
 
-    Args:
-        loop: that of the process; None: there is none.
-    """
-
-    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
+    def __init__(self, **options: Any) -> None:
         super().__init__("fictitious_target", **options)
         p = NodeParameters(self, TargetFrameParameters).value
         self._frame_id, self._rate = p.frame_id, p.rate
         self._target = FictitiousTarget(
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
-        self._output = TargetOutput(self, loop)
+        self._targets = self.create_publisher(PointStamped, "target_point", 10)
         self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._sent: Time | None = None
         self._switch = Switch(self)
@@ -65,7 +59,7 @@ class FictitiousTargetNode(Node):
         elapsed = (now - self._sent).nanoseconds * 1e-9 if self._sent is not None else 0.0
         self._sent = now
         target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))
-        self._output.send(target)
+        self._targets.publish(target_message(target))
         if self._marker is not None and self._marker.wanted:
             self._marker.publish(_marker(target_message(target)))
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
-from head_tracking.control import ControlLoop
 from head_tracking.parameters import parameter
+from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.ros.switch import Switch
-from head_tracking.ros.target_output import TargetOutput
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch
@@ -31,9 +31,7 @@ class FrameTargetRate:
 class FrameTargetNode(Node):
     """Publishes `target_point` while somebody says where the frame is."""
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("frame_target", **options)
         rate = NodeParameters(self, FrameTargetRate).value.rate
         self._buffer = (buffer or listening_buffer(self)).core
@@ -43,7 +41,7 @@ class FrameTargetNode(Node):
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
         self._switch = Switch(self)
-        self._output = TargetOutput(self, loop)
+        self._targets = self.create_publisher(PointStamped, "target_point", 10)
         steady_timer(self, 1.0 / rate, self._publish)
 
     def _on_parameters(self, parameters: FrameTargetParameters) -> None:
@@ -63,7 +61,7 @@ class FrameTargetNode(Node):
             self.get_logger().warning(f"no target: {error}", throttle_duration_sec=2.0)
             return
         if target is not None:
-            self._output.send(target)
+            self._targets.publish(target_message(target))
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
@@ -36,14 +37,19 @@ from head_tracking.dynamixel.bus_parameters import (
     TemperatureParameters,
     bus_settings,
 )
+from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
+from head_tracking.ros.head_claim import HeadClaim
+from head_tracking.ros.head_lock import HeadLock
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.stop_signal import StoppedError as StoppedBeforeStartError
+from head_tracking.ros.stop_signal import StopSignal
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -101,12 +107,14 @@ class ServoBusNode(Node):
             for (name, baud_rate), joints in ports.items()
         ]
         self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
+        self._baud_rates = [baud_rate for _, baud_rate in ports]
         self._names = {
             bus: frozenset([joint.joint_name for joint in bus.joints])
             for bus, _ in self._buses.threads
         }
         self._connect(p.allow_missing)
-        loop.write, loop.driven, loop.period = self._write, True, 1.0 / p.update_rate
+        loop.driven, loop.period = True, 1.0 / p.update_rate
+        loop.drive_by(self._write)
         self._create_topics()
         self._bus_services = BusServices(
             self,
@@ -127,6 +135,13 @@ class ServoBusNode(Node):
     def joints(self) -> tuple[JointConfiguration, ...]:
         """The joints and the servos that drive them."""
         return self._buses.joints
+
+    def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
+        """Return port, baud rate and, by id, the models of the servos that were found on it."""
+        return [
+            (bus.port_name, baud_rate, {servo.id: servo.model for servo in bus.servos})
+            for (bus, _), baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
+        ]
 
     def status(self) -> BusStatus:
         """Counters, rate and the newest state of every servo that answers, of all buses."""
@@ -484,8 +499,25 @@ def goals_from_message(message: JointState) -> dict[str, Goal]:
 
 
 def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(ServoBusNode)
+    """Runs the node until it is interrupted; simulated heads with its names end before."""
+    lock = HeadLock(sys.argv, simulated=False)
+    try:
+        with StopSignal() as stop:
+            lock.acquire(stop.wait, shared=True)
+    except StoppedBeforeStartError:
+        return 0
+    except RefusedError as error:
+        print(error, file=sys.stderr)
+        if lock.descriptors:
+            return 1  # a simulated head does not end
+    return run_node(_claiming_node)
+
+
+def _claiming_node() -> ServoBusNode:
+    """Return the node of a head that is no run, and goes on whoever else is there."""
+    node = ServoBusNode()
+    HeadClaim(node, simulated=False).begin()
+    return node
 
 
 if __name__ == "__main__":

@@ -11,14 +11,12 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.listening import TopicListener
-from head_tracking.ros.messages import target_from_message
+from head_tracking.ros.messages import target_from_message, target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node, steady_timer
 from head_tracking.ros.switch import Switch
-from head_tracking.ros.target_output import TargetOutput
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.qos import LATCHED
@@ -99,9 +97,7 @@ class SourceParameters:
 class TargetMuxNode(Node):
     """Publishes `target_point`; `~/selected` names the source, `~/pin` takes the name of one."""
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("target_mux", **options)
         self._wiring = NodeParameters(self, MuxWiring)
         wiring = self._wiring.value
@@ -116,12 +112,12 @@ class TargetMuxNode(Node):
         self._selected: str | None = None
         self._looked_at: tuple[Vector3, float] | None = None
         self._switch = Switch(self, "targets are", "passed on")
-        self._output = TargetOutput(self, loop)
+        self._targets = self.create_publisher(PointStamped, "target_point", 10)
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
         self.create_subscription(String, "~/pin", self._on_pin, 10)
         for name, p in self._sources.items():
-            if self.resolve_topic_name(p.topic) == self._output.publisher.topic_name:
+            if self.resolve_topic_name(p.topic) == self._targets.topic_name:
                 raise ParameterError(
                     f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
                     "topic of its own"
@@ -203,7 +199,7 @@ class TargetMuxNode(Node):
             point = self._transition.at(point, self._now, self._centre())
             target = Target(target.stamp, frame, point)
         self._looked_at = None if point is None else (point, self._now)
-        self._output.send(target)
+        self._targets.publish(target_message(target))
 
     def _placed(self, target: Target) -> Vector3 | None:
         """Where a target is in the fixed frame; None if that is not known."""

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
+from head_tracking.control.head_control import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
-
-MISSING = (
-    "the viewer needs viser and mcap-ros2-support, which are not installed here: "
-    "`ros2 run head_tracking head_setup viewer` in a workspace, "
-    "pip install 'head_tracking[viewer]' elsewhere"
-)
+from head_tracking.viewer import MISSING, installed
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +77,6 @@ class ViewerNode(Node):
                 f"the page listens on {host}: everybody who reaches this machine there and knows "
                 "the token can steer the robot; what goes there is not encrypted"
             )
-
-
-def installed() -> bool:
-    """Whether the libraries that only the viewer needs are there."""
-    return all(find_spec(name) is not None for name in ("viser", "mcap_ros2"))
 
 
 def find_package(name: str) -> Path | None:

@@ -10,7 +10,6 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
-from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.images import depth_of, image_message, picture_of
@@ -96,9 +95,7 @@ class VisualTargetNode(Node):
     and nobody listens to what it finds, it subscribes to no images: nobody has to make them.
     """
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("visual_target", **options)
         require_opencv()
         self._kinds: dict[str, NodeParameters[Any]] = {}
@@ -112,7 +109,6 @@ class VisualTargetNode(Node):
             self,
             self._detector(p.follow),
             (buffer or listening_buffer(self)).core,
-            loop,
             p.fixed_frame,
             self._looking,
         )
@@ -125,6 +121,16 @@ class VisualTargetNode(Node):
         self._subscribe_as_needed()
         self.create_timer(_ASKED_EVERY, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether targets are published."""
+        return self._target.switch.on
+
+    @enabled.setter
+    def enabled(self, enabled: bool) -> None:
+        if enabled != self.enabled:
+            self._target.switch.set(enabled)
 
     def destroy_node(self) -> None:
         """Ends the thread that looks too."""

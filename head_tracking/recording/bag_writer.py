@@ -6,32 +6,44 @@ Format: https://mcap.dev/spec; the channels' metadata as rosbag2_storage_mcap re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import IO, Any
+from typing import IO, Any, Final
 
 import yaml
 from mcap.writer import Writer
 from mcap_ros2._dynamic import EncoderFunction, serialize_dynamic
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 
 from head_tracking.ros.message_types import message_definition
 from head_tracking.transforms import Transform, TransformBuffer
 
 _CHUNK = 1 << 20  # bytes
-_FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
-OFFER: Mapping[str, Any] = {
-    "history": "keep_last",
-    "depth": 10,
-    "reliability": "reliable",
-    "durability": "volatile",
-    "deadline": _FOREVER,
-    "lifespan": _FOREVER,
-    "liveliness": "automatic",
-    "liveliness_lease_duration": _FOREVER,
-    "avoid_ros_namespace_conventions": False,
-}
-"""ROS's default quality of service, as rosbag2 writes it (its format 9)."""
 
-LATCHED_OFFER: Mapping[str, Any] = {**OFFER, "depth": 1, "durability": "transient_local"}
+def offer(profile: QoSProfile) -> dict[str, Any]:
+    """Return a publisher's quality of service as rosbag2 writes it (its format 9)."""
+
+    def duration(of: Any) -> dict[str, int]:
+        seconds, nanoseconds = divmod(of.nanoseconds, 1_000_000_000)
+        return {"sec": seconds, "nsec": nanoseconds}
+
+    return {
+        "history": profile.history.name.lower(),
+        "depth": profile.depth,
+        "reliability": profile.reliability.name.lower(),
+        "durability": profile.durability.name.lower(),
+        "deadline": duration(profile.deadline),
+        "lifespan": duration(profile.lifespan),
+        "liveliness": profile.liveliness.name.lower(),
+        "liveliness_lease_duration": duration(profile.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+    }
+
+
+_AUTOMATIC: Final = LivelinessPolicy.AUTOMATIC
+OFFER: Final = offer(QoSProfile(depth=10, liveliness=_AUTOMATIC))
+LATCHED_OFFER: Final = offer(
+    QoSProfile(depth=1, liveliness=_AUTOMATIC, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+)
 
 
 class BagWriter:

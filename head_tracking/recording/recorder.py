@@ -23,7 +23,13 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from head_tracking.parameters import parameter
-from head_tracking.recording.bag_writer import LATCHED_OFFER, OFFER, BagWriter, transforms_of_joints
+from head_tracking.recording.bag_writer import (
+    LATCHED_OFFER,
+    OFFER,
+    BagWriter,
+    offer,
+    transforms_of_joints,
+)
 from head_tracking.ros.images import picture_of
 from head_tracking.ros.message_types import message_class
 from head_tracking.ros.other_services import Outcome
@@ -185,7 +191,7 @@ class _Topic:
         self.channel: int | None = None
         self.taken = 0.0
         offers = [one.qos_profile for one in endpoints]
-        self.offers = [_offer(one) for one in offers]
+        self.offers = [offer(one) for one in offers]
         self.type_hash = str(endpoints[0].topic_type_hash)
         # as every publisher can serve it
         latched = all(one.durability is DurabilityPolicy.TRANSIENT_LOCAL for one in offers)
@@ -427,23 +433,3 @@ class _Session:
 
 def _nothing(_: Any) -> None:
     """No executor calls it."""
-
-
-def _offer(profile: QoSProfile) -> dict[str, Any]:
-    """A publisher's quality of service as rosbag2 writes it (its format 9)."""
-
-    def duration(of: Any) -> dict[str, int]:
-        seconds, nanoseconds = divmod(of.nanoseconds, 1_000_000_000)
-        return {"sec": seconds, "nsec": nanoseconds}
-
-    return {
-        "history": profile.history.name.lower(),
-        "depth": profile.depth,
-        "reliability": profile.reliability.name.lower(),
-        "durability": profile.durability.name.lower(),
-        "deadline": duration(profile.deadline),
-        "lifespan": duration(profile.lifespan),
-        "liveliness": profile.liveliness.name.lower(),
-        "liveliness_lease_duration": duration(profile.liveliness_lease_duration),
-        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
-    }

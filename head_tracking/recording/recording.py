@@ -54,6 +54,12 @@ class Observation:
     missing_nodes: tuple[str, ...] = ()
 
 
+def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]:
+    """Return the latest position of every joint that is known [rad or m]."""
+    found = {name: buffer.latest_joint_position(name) for name in model.independent_joints}
+    return {name: latest[1] for name, latest in found.items() if latest is not None}
+
+
 def outer_frames(buffer: TransformBuffer, model: RobotModel) -> Mapping[str, Transform]:
     """The newest transforms into the model's root, of all frames that are not the model's."""
     found = {}

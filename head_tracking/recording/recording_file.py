@@ -1,19 +1,16 @@
-"""Recordings as files: MCAP, the page's own and others', and the JSON of the first edition."""
+"""Recordings as MCAP files: the page's own, and those of `ros2 bag record`."""
 
 from __future__ import annotations
 
 import io
-import json
 import math
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import IO, Any
 
 import lz4.frame
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
@@ -34,6 +31,7 @@ from head_tracking.recording.recording import (
     RecordedPicture,
     Recording,
     RecordingError,
+    known_joints,
     outer_frames,
 )
 from head_tracking.ros.diagnostics import Level
@@ -50,9 +48,7 @@ from head_tracking.transforms import (
 )
 
 _MCAP = b"\x89MCAP"
-_GZIP = b"\x1f\x8b"
-_FORMAT = "head_tracking recording 1"
-_LARGEST = 200_000_000  # bytes, unpacked: of a first edition's file, and of one chunk of an MCAP
+_LARGEST = 200_000_000  # bytes of one chunk, unpacked
 _PERIOD = 0.04  # s
 _MOST = 20_000  # observations: a longer recording is shown in fewer pictures a second
 _MOST_MOMENTS = 200
@@ -68,40 +64,26 @@ _COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 
 def read_recording(file: IO[bytes]) -> Recording:
-    """A recording from a file, which can seek.
+    """Return a recording from a file, which can seek.
 
-    A file that was cut off opens up to there, and the recording's notice says so.
+    A file that was cut off opens up to there, and the recording's notice reports it.
 
     Raises:
-        RecordingError: it is none, or nothing of it can be read; says why.
+        RecordingError: The file is not MCAP, or nothing of it can be read.
     """
-    start = file.read(len(_MCAP))
-    file.seek(0)
-    if start.startswith(_GZIP):
-        return _read_first_edition(file.read())
-    if start == _MCAP:
-        return _read_mcap(file)
-    raise RecordingError(
-        "the file is no recording: neither MCAP (.mcap) nor one of head_tracking's first edition "
-        "(.json.gz)"
-    )
-
-
-# MCAP
-
-
-def _read_mcap(file: IO[bytes]) -> Recording:
+    if file.read(len(_MCAP)) != _MCAP:
+        raise RecordingError("the file is not MCAP (.mcap)")
     overview = _Overview(file)
     length = (overview.end - overview.start) * 1e-9
     reading = _Reading(overview, max(_PERIOD, length / _MOST))
-    why = ""
     try:
-        for message in _messages(file):
-            reading.take(message)
+        for record in _records(file):
+            if isinstance(record, Message):
+                reading.take(record)
     except Exception as error:
         # what a damaged file makes of its reader can't be foreseen
-        why = _in_words(error, file)
-    return reading.recording(why)
+        return reading.recording(_in_words(error, file))
+    return reading.recording("")
 
 
 def _in_words(error: Exception, file: IO[bytes]) -> str:
@@ -138,12 +120,8 @@ def _unpacked(chunk: Chunk) -> Chunk:
     return replace(chunk, data=data, compression="")
 
 
-def _messages(file: IO[bytes]) -> Iterator[Message]:
-    return (record for record in _records(file) if isinstance(record, Message))
-
-
 class _Overview:
-    """What a file has: from its summary, or if it has none from all of it.
+    """What a file has, as far as it is whole.
 
     Attributes:
         channels: by number.
@@ -151,59 +129,17 @@ class _Overview:
         start, end: the times of the first and the last message [ns].
         namespace: of the robot, with a slash at its end.
         urdf: the first model of that robot; empty if there is none.
-        camera: the topic of pictures that a person wants to see first; empty if there are none.
+        camera: the topic of pictures to show first; empty if there are none.
+
+    Raises:
+        RecordingError: The file has no message.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
-        self.start = self.end = 0
+        self.start, self.end = 0, 0
         texts: dict[str, str] = {}
-        try:
-            self._take_summary(file, texts)
-        except Exception:
-            # cut off, or damaged: as much as is whole counts
-            self._read_through(file, texts)
-        self.namespace = "/"
-        for ending in ("robot_description", "joint_states"):
-            found = sorted(
-                c.topic for c in self.channels.values() if c.topic.endswith(f"/{ending}")
-            )
-            if found:
-                self.namespace = min(found, key=len).removesuffix(ending)
-                break
-        self.urdf = texts.get(f"{self.namespace}robot_description", "")
-        kinds = {number: schema.name for number, schema in self.schemas.items()}
-        cameras = [
-            channel.topic
-            for channel in self.channels.values()
-            if kinds.get(channel.schema_id) == _COMPRESSED
-            and channel.topic.startswith(self.namespace)
-            and not channel.topic.endswith("compressedDepth")
-        ]
-        self.camera = min(cameras, key=lambda topic: (_FOUND not in topic, topic), default="")
-
-    def _take_summary(self, file: IO[bytes], texts: dict[str, str]) -> None:
-        file.seek(0)
-        reader = SeekingReader(file, record_size_limit=_LARGEST)
-        summary = reader.get_summary()
-        if summary is None or summary.statistics is None or not summary.channels:
-            raise EndOfFile
-        topics = {
-            channel.topic
-            for channel in summary.channels.values()
-            if channel.topic.endswith("/robot_description")
-        }
-        for topic in topics:
-            for schema, channel, message in reader.iter_messages([topic]):
-                self._take_description(schema, channel, message, texts)
-                break
-        self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
-        self.start = summary.statistics.message_start_time
-        self.end = summary.statistics.message_end_time
-
-    def _read_through(self, file: IO[bytes], texts: dict[str, str]) -> None:
-        first, last = math.inf, 0
         try:
             for record in _records(file):
                 match record:
@@ -212,27 +148,41 @@ class _Overview:
                     case Channel():
                         self.channels[record.id] = record
                     case Message():
-                        first, last = min(first, record.log_time), max(last, record.log_time)
-                        channel = self.channels[record.channel_id]
-                        if (
-                            channel.topic.endswith("/robot_description")
-                            and channel.topic not in texts
-                        ):
-                            schema = self.schemas.get(channel.schema_id)
-                            self._take_description(schema, channel, record, texts)
+                        self.start = min(self.start or record.log_time, record.log_time)
+                        self.end = max(self.end, record.log_time)
+                        topic = self.channels[record.channel_id].topic
+                        if topic.endswith("/robot_description") and topic not in texts:
+                            texts[topic] = self._text(record)
         except Exception as error:
-            if not last:
+            if not self.end:
                 raise RecordingError(
                     f"nothing of the file can be read: {_in_words(error, file)}"
                 ) from error
-        self.start, self.end = (0, 0) if first == math.inf else (int(first), last)
+        topics = [channel.topic for channel in self.channels.values()]
+        endings = ("robot_description", "joint_states")
+        bases = [
+            topic.removesuffix(ending)
+            for ending in endings
+            for topic in sorted(topics, key=lambda topic: (len(topic), topic))
+            if topic.endswith(f"/{ending}")
+        ]
+        self.namespace = next(iter(bases), "/")
+        self.urdf = texts.get(f"{self.namespace}robot_description", "")
+        cameras = [
+            channel.topic
+            for channel in self.channels.values()
+            if self.schemas[channel.schema_id].name == _COMPRESSED
+            and channel.topic.startswith(self.namespace)
+            and not channel.topic.endswith("compressedDepth")
+        ]
+        self.camera = min(cameras, key=lambda topic: (_FOUND not in topic, topic), default="")
 
-    def _take_description(
-        self, schema: Schema | None, channel: Channel, message: Message, texts: dict[str, str]
-    ) -> None:
+    def _text(self, message: Message) -> str:
+        channel = self.channels[message.channel_id]
+        schema = self.schemas[channel.schema_id]
         decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-        if decode is not None and schema is not None and schema.name == "std_msgs/msg/String":
-            texts[channel.topic] = decode(message.data).data
+        is_text = decode is not None and schema.name == "std_msgs/msg/String"
+        return str(decode(message.data).data) if decode is not None and is_text else ""
 
 
 class _Reading:
@@ -259,10 +209,7 @@ class _Reading:
         self._joint_stamp = 0
         self._unplaced: tuple[int, Target] | None = None
         self._target: tuple[int, Target, Vector3, int] | None = None
-        self._error: dict[str, tuple[int, float]] = {}
-        self._state: dict[str, str] = {}
-        self._enabled: dict[str, bool] = {}
-        self._stopped = False
+        self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and what
         self._levels: dict[str, int] = {}
         self._joints: Mapping[str, float] = {}
         self._handlers: dict[int, tuple[Callable[[Any], None], Callable[[bytes], Any]] | None] = {}
@@ -272,21 +219,21 @@ class _Reading:
             ("/tf", "tf2_msgs/msg/TFMessage"): self._take_transforms,
             ("/tf_static", "tf2_msgs/msg/TFMessage"): self._take_static_transforms,
             (f"{base}target_point", "geometry_msgs/msg/PointStamped"): self._take_target,
-            (f"{base}stopped", "std_msgs/msg/Bool"): self._take_stopped,
+            (f"{base}stopped", "std_msgs/msg/Bool"): self._keeper("stopped"),
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._take_diagnostics,
             ("/rosout", "rcl_interfaces/msg/Log"): self._take_log,
         }
-        for node in ERRORS:
-            self._takers[f"{base}{ERRORS[node]}", "std_msgs/msg/Float64"] = self._error_taker(node)
-            self._takers[f"{base}{node}/state", "std_msgs/msg/String"] = self._state_taker(node)
+        for node, error_topic in ERRORS.items():
+            for topic, kind in ((error_topic, "Float64"), (f"{node}/state", "String")):
+                self._takers[base + topic, f"std_msgs/msg/{kind}"] = self._keeper(topic)
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
         self._camera = overview.camera
         self._takers[self._camera, _COMPRESSED] = self._take_picture
         for channel in overview.channels.values():
-            if channel.topic.startswith(base) and channel.topic.endswith("/enabled"):
-                name = channel.topic.removeprefix(base).removesuffix("/enabled")
-                self._takers[channel.topic, "std_msgs/msg/Bool"] = self._enabled_taker(name)
+            topic = channel.topic.removeprefix(base)
+            if topic != channel.topic and topic.endswith("/enabled"):
+                self._takers[channel.topic, "std_msgs/msg/Bool"] = self._keeper(topic)
 
     def take(self, message: Message) -> None:
         """Takes the next message."""
@@ -348,23 +295,18 @@ class _Reading:
         if model is None:
             return
         now, target = self._now, self._placed()
-        joints = {
-            name: found[1]
-            for name in model.independent_joints
-            if (found := self._buffer.latest_joint_position(name)) is not None
-        }
+        joints = known_joints(self._buffer, model)
         if not joints and not self._seen:
             return  # it begins when the robot is seen first
         if joints != self._joints:
             self._joints = joints  # else the one before is kept, and no room needed
-        on = [node for node in ERRORS if self._enabled.get(node, node in self._state)]
+        states = {node: self._value(f"{node}/state") for node in ERRORS}
+        enabled = {node: self._value(f"{node}/enabled") for node in ERRORS}
+        on = [n for n in ERRORS if enabled[n] or (enabled[n] is None and states[n] is not None)]
         turner = on[0] if on else ""
         if target is not None and turner != "point_head" and now - target[0] > _TARGET_AGE:
             target = None
-        at, error = self._error.get(turner, (-math.inf, 0.0))
-        state = self._state.get(turner, "")
-        if self._stopped:
-            state = "stopped"
+        state = "stopped" if self._value("stopped") else states.get(turner) or ""
         self._seen.append(
             Observation(
                 now,
@@ -372,7 +314,7 @@ class _Reading:
                 outer_frames(self._buffer, model),
                 None if target is None else target[2],
                 "" if target is None else str(target[1]),
-                error if now - at < _ERROR_AGE else None,
+                self._value(ERRORS.get(turner, ""), now - _ERROR_AGE),
                 f"{turner}: {state}" if turner and state else state,
                 None if target is None else target[3],
             )
@@ -430,30 +372,20 @@ class _Reading:
             target = Target(_stamp(message.header), message.header.frame_id, point)
             self._unplaced = self._now, target
 
-    def _error_taker(self, node: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:
-            self._error[node] = self._now, message.data
+    def _keeper(self, topic: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            before, now = self._value(topic), message.data
+            if isinstance(now, bool) and now is not before:
+                switched = topic.removesuffix("/enabled"), ("off", "on")[now]
+                self._mark(("resume", "STOP")[now] if topic == "stopped" else " ".join(switched))
+            self._latest[topic] = self._now, now
 
-        return take
+        return keep
 
-    def _state_taker(self, node: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:
-            self._state[node] = message.data
-
-        return take
-
-    def _enabled_taker(self, node: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:
-            if self._enabled.get(node) is not message.data:
-                self._enabled[node] = message.data
-                self._mark(f"{node} {'on' if message.data else 'off'}")
-
-        return take
-
-    def _take_stopped(self, message: Any) -> None:
-        if self._stopped != message.data:
-            self._mark("STOP" if message.data else "resume")
-        self._stopped = message.data
+    def _value(self, topic: str, since: float = -math.inf) -> Any:
+        """Return the latest value of a topic, unless it is older; None if there is none."""
+        at, value = self._latest.get(topic, (-math.inf, None))
+        return value if at >= since else None
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -540,58 +472,3 @@ def write_recording(recording: Recording) -> bytes:
         was_on = on
     bag.finish()
     return stream.getvalue()
-
-
-# The first edition's
-
-
-def _read_first_edition(data: bytes) -> Recording:
-    try:
-        unpacker = zlib.decompressobj(wbits=31)
-        text = unpacker.decompress(data, _LARGEST)
-        if unpacker.unconsumed_tail or not unpacker.eof:
-            raise RecordingError("the file is too large or was cut off")
-        document = json.loads(text)
-    except (zlib.error, ValueError, RecursionError) as error:
-        raise RecordingError(f"the file is no recording of head_tracking: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise RecordingError(f"the file is no {_FORMAT!r}")
-    try:
-        return Recording(tuple(_observation(one) for one in document["seen"]))
-    except RecordingError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, TransformException) as error:
-        raise RecordingError(f"the recording is damaged: {error!r}") from error
-
-
-def _observation(plain: Mapping[str, Any]) -> Observation:
-    target = plain["target"]
-    error, target_stamp = plain["error"], plain.get("target_stamp")
-    return Observation(
-        int(plain["stamp"]),
-        {str(name): _finite(position) for name, position in plain["joints"].items()},
-        {str(name): _transform(numbers) for name, numbers in plain["frames"].items()},
-        None if target is None else _point(target),
-        str(plain["target_text"]),
-        None if error is None else _finite(error),
-        str(plain["state"]),
-        None if target_stamp is None else int(target_stamp),
-    )
-
-
-def _finite(value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise RecordingError("the recording is damaged: a number in it is not finite")
-    return number
-
-
-def _point(numbers: Sequence[Any]) -> Vector3:
-    x, y, z = map(_finite, numbers)
-    return x, y, z
-
-
-def _transform(numbers: Sequence[Any]) -> Transform:
-    return Transform(
-        _point(numbers[:3]), Rotation.from_quaternion_xyzw([_finite(n) for n in numbers[3:]])
-    )

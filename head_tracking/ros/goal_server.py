@@ -12,46 +12,69 @@ from rclpy.node import Node
 class Goal:
     """One goal, for what carries it out; for any thread.
 
+    Args:
+        node: serves.
+        handle: rclpy's.
+
     Attributes:
         request: what the client wants.
-        on_cancel: called when the client wants it no more.
+        feedback: publishes a message for the client.
+        on_cancel: called when the client wants it no more; it ends the goal.
     """
 
-    def __init__(self, server: GoalServer, handle: Any) -> None:
+    def __init__(self, node: Node, handle: Any) -> None:
         self.request = handle.request
-        self.on_cancel: Callable[[], object] = lambda: None
         self.feedback: Callable[[Any], object] = handle.publish_feedback
-        self._server = server
-        self._handle = handle
+        self.on_cancel: Callable[[], object] = lambda: None
+        self._node, self._handle = node, handle
+        self._end: tuple[Callable[[], object], Any] | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has a result."""
+        return self._end is not None
 
     def succeed(self, result: Any) -> None:
-        """Ends it well."""
-        self._server.end(self._handle, result, self._handle.succeed)
+        """End it well."""
+        self._execute(self._handle.succeed, result)
 
     def abort(self, result: Any) -> None:
-        """Ends it, because it cannot be reached, or because another one has come."""
-        self._server.end(self._handle, result, self._handle.abort)
+        """End it, because it cannot be reached, or because another one has come."""
+        self._execute(self._handle.abort, result)
 
     def cancel(self, result: Any) -> None:
-        """Ends it as the client wants."""
-        self._server.end(self._handle, result, self._canceled)
+        """End it as the client wants."""
+        handle = self._handle
+        self._execute(
+            lambda: handle.canceled() if handle.is_cancel_requested else handle.abort(), result
+        )
 
-    def _canceled(self) -> None:
-        (self._handle.canceled if self._handle.is_cancel_requested else self._handle.abort)()
+    def conclude(self) -> Any:
+        """Set the last status and return the result."""
+        assert self._end is not None
+        set_status, result = self._end
+        set_status()
+        return result
+
+    def _execute(self, set_status: Callable[[], object], result: Any) -> None:
+        if self._end is None:
+            self._end = set_status, result
+            if self._node.executor is not None:  # else the program ends
+                self._handle.execute()
 
 
-class GoalServer(ActionServer):
-    """Takes goals and ends them when it is told to; in between nothing waits.
+class GoalServer:
+    """Accepts goals, and answers each when it has a result; in between no callback waits.
 
-    A callback of rclpy that waits for the end of its goal is asked again and again by its executor,
-    as fast as that can. So nothing is executed when a goal begins, and what rclpy takes for its
-    execution happens when it is over, in the executor's thread.
+    An execute callback of rclpy that waits is resumed again and again by its executor, as fast as
+    that can. So the execution of a goal is deferred (`handle_accepted_callback`): the loop carries
+    it out, and `execute` hands its result over. Until then its status is "accepted".
 
     Args:
         node: serves.
         kind: of the action.
         name: of the action.
-        refusal: why a goal is not taken; an empty string: it is.
+        refusal: returns why a goal is not accepted; an empty string: it is.
         begin: begins to carry one out.
     """
 
@@ -63,51 +86,32 @@ class GoalServer(ActionServer):
         refusal: Callable[[Any], str],
         begin: Callable[[Goal], object],
     ) -> None:
-        self._refusal = refusal
-        self._begin = begin
+        self._node, self._refusal, self._begin = node, refusal, begin
         self._goals: dict[bytes, Goal] = {}
-        super().__init__(
+        ActionServer(
             node,
             kind,
             name,
-            lambda handle: None,
+            lambda handle: self._goals.pop(_id(handle)).conclude(),
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
 
-    def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
-        """Nothing is executed now: see the class."""
-
-    def end(self, handle: Any, result: Any, become: Callable[[], object]) -> None:
-        """Ends a goal, once.
-
-        Args:
-            handle: the goal's.
-            result: for the client.
-            become: gives it its last status.
-        """
-        known = self._goals.pop(bytes(handle.goal_id.uuid), None)
-        if known is None or self._node.executor is None:  # (no executor: the program ends)
-            return
-
-        def conclude(_: Any) -> Any:
-            become()
-            return result
-
-        super().notify_execute(handle, conclude)
-
-    def _on_goal(self, goal: Any) -> GoalResponse:
-        return GoalResponse.REJECT if self._refusal(goal) else GoalResponse.ACCEPT
+    def _on_goal(self, request: Any) -> GoalResponse:
+        return GoalResponse.REJECT if self._refusal(request) else GoalResponse.ACCEPT
 
     def _on_accepted(self, handle: Any) -> None:
-        handle.execute()  # gives it its status
-        goal = self._goals[bytes(handle.goal_id.uuid)] = Goal(self, handle)
+        goal = self._goals[_id(handle)] = Goal(self._node, handle)
         self._begin(goal)
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
-        goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if goal is None:
+        goal = self._goals.get(_id(handle))
+        if goal is None or goal.is_over:
             return CancelResponse.REJECT
         goal.on_cancel()
         return CancelResponse.ACCEPT
+
+
+def _id(handle: Any) -> bytes:
+    return bytes(handle.goal_id.uuid)

@@ -22,13 +22,9 @@ class JointTopics:
         name: the owner that it is.
         joints: pan and tilt.
         loop: of the process.
-
-    Attributes:
-        owner: who owns the joints at the servo bus; empty: nobody.
     """
 
     def __init__(self, node: Node, name: str, joints: Sequence[str], loop: ControlLoop) -> None:
-        self.owner = ""
         self._node = node
         self._name = name
         self._joints = tuple(joints)
@@ -36,7 +32,7 @@ class JointTopics:
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
-        loop.write = self.write
+        loop.drive_by(self.write, claim=self.claim)
 
     def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""
@@ -63,8 +59,4 @@ class JointTopics:
                 f"joint_control is not used: {error}", throttle_duration_sec=1.0
             )
             return
-        self._loop.owners.follow(control.stopped, control.epoch)
-        owner = control.owners.get(self._joints[0], "")
-        lost, self.owner = self.owner == self._name != owner, owner
-        if lost and owner and not control.stopped:
-            self._loop.owners.take_over(owner, self._joints)
+        self._loop.owners.follow(control.stopped, control.epoch, control.owners)

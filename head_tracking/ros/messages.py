@@ -9,8 +9,9 @@ from head_tracking.tracking import Target
 
 
 def target_from_message(message: PointStamped) -> Target:
-    """The target of a target_point message."""
-    return Target(stamp_to_ns(message.header.stamp), message.header.frame_id, vector(message.point))
+    """Return the target of a message; a slash before its frame, as tf1 had it, is dropped."""
+    frame_id = message.header.frame_id.removeprefix("/")
+    return Target(stamp_to_ns(message.header.stamp), frame_id, vector(message.point))
 
 
 def target_message(target: Target) -> PointStamped:

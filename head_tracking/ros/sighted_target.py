@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
-from head_tracking.control import ControlLoop
 from head_tracking.ros.images import camera_of, frame_pose
+from head_tracking.ros.messages import target_message
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.switch import Switch
-from head_tracking.ros.target_output import TargetOutput
 from head_tracking.ros.worker import Worker
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
@@ -42,12 +42,12 @@ class SightedTarget:
         node: whose topics, services and parameters these are.
         detector: finds things.
         buffer: the robot's frames.
-        loop: the controllers of this process; None: there are none.
         fixed_frame: stands still while the head turns; empty: things are told apart in the frame
             that they come in.
         worker: does what takes its time.
 
     Attributes:
+        switch: enables and disables the node.
         tracker: keeps to one of the things that are found.
     """
 
@@ -56,7 +56,6 @@ class SightedTarget:
         node: Node,
         detector: Detector,
         buffer: TransformBuffer,
-        loop: ControlLoop | None,
         fixed_frame: str,
         worker: Worker[Any],
     ) -> None:
@@ -69,8 +68,8 @@ class SightedTarget:
         self.find_by(detector)
         self._camera: tuple[Camera, str] | None = None
         self._placed = False
-        self._switch = Switch(node)
-        self._output = TargetOutput(node, loop)
+        self.switch = Switch(node)
+        self._targets = node.create_publisher(PointStamped, "target_point", 10)
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
         node.create_service(Trigger, "~/reset", self._on_reset)
@@ -78,7 +77,7 @@ class SightedTarget:
     @property
     def wanted(self) -> bool:
         """Whether anybody wants to know what is found."""
-        return self._switch.on or self._confidence.get_subscription_count() > 0
+        return self.switch.on or self._confidence.get_subscription_count() > 0
 
     def find_by(self, detector: Detector) -> None:
         """Looks for other things from now on."""
@@ -113,8 +112,8 @@ class SightedTarget:
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Sends the target that was sighted, unless that is switched off, and how sure it is."""
         if sighting is not None:
-            if self._switch.on:
-                self._output.send(Target(stamp, frame_id, sighting.point))
+            if self.switch.on:
+                self._targets.publish(target_message(Target(stamp, frame_id, sighting.point)))
         elif self.tracker.without_distance:
             self.complain(
                 "something is found, but not how far away: there is no depth for it; without a "

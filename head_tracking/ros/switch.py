@@ -27,9 +27,13 @@ class Switch:
         node.create_service(SetBool, "~/enable", self._on_enable)
         self._publisher.publish(Bool(data=True))
 
+    def set(self, on: bool) -> None:
+        """Enable or disable the node."""
+        self.on = on
+        self._publisher.publish(Bool(data=on))
+
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.on = request.data
-        self._publisher.publish(Bool(data=self.on))
+        self.set(request.data)
         done = self._done if self.on else f"not {self._done} any more"
         response.success, response.message = True, f"{self._subject} {done}"
         return response

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 from rclpy.node import Node
 
 from head_tracking.control import ControlLoop
+from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.joint_owners import OwnersOutput, offer_stop
@@ -26,13 +27,15 @@ _PERIOD = 0.02  # s
 class TrajectoryOutput:
     """Streams trajectories of one point to a joint_trajectory_controller.
 
-    Nobody but that controller can relax the joints; so `stop` and `resume`, which it offers in the
-    place of a servo bus, stop what is said here, hold the head, and say that nothing is relaxed.
-    They have an executor and a thread of their own.
+    Nobody but that controller can relax the joints. So `stop` and `resume`, which it offers in the
+    place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. They have
+    an executor and a thread of their own. In the loop it comes after the controller of the head,
+    and lets the last command go on.
 
     Args:
         node: turns the head.
-        topic: of the controller.
+        topic: of the joint_trajectory_controller.
+        name: the owner whose commands they are.
         joints: pan and tilt.
         time_from_start: of each point [s].
         loop: of the process.
@@ -41,11 +44,14 @@ class TrajectoryOutput:
         HeadTrackingError: trajectory_msgs is not installed.
     """
 
+    failure: Exception | None = None
+
     def __init__(
         self,
         node: Node,
         topic: str,
-        joints: Sequence[str],
+        name: str,
+        joints: tuple[str, str],
         time_from_start: float,
         loop: ControlLoop,
     ) -> None:
@@ -54,49 +60,59 @@ class TrajectoryOutput:
                 "command_interface is joint_trajectory, but trajectory_msgs is not installed "
                 "(ros-jazzy-trajectory-msgs)"
             )
-        self._joints = tuple(joints)
+        self.name, self.joints = name, joints
+        self._node = node
         self._stream = SetpointStream(_PERIOD, time_from_start)
         self._after = time_from_start
         self._publisher = node.create_publisher(JointTrajectory, topic, 10)
-        self._measured: tuple[float, float] | None = None
         self._lock = threading.Lock()
         self._loop = loop
         self._own = OwnThread(node, f"{node.get_name()}_stop")
         OwnersOutput(self._own.node, loop.owners, joints)
         offer_stop(self._own.node, self._stop, loop.owners.resume)
         self._own.start()
-
-    @property
-    def topic(self) -> str:
-        """Where the controller listens."""
-        return str(self._publisher.topic_name)
+        loop.drive_by(self.write)
+        node.get_logger().info(
+            f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
+        )
 
     def close(self) -> None:
-        """Offers nothing any more."""
+        """Withdraw the services."""
         self._own.close()
 
-    def take(self, command: HeadCommand | None, measured: tuple[float, float], now: float) -> None:
-        """Takes a command, or lets the last one go on.
+    def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """Publish positions on the way to new goals."""
+        pan, tilt = (goals[joint] for joint in self.joints)
+        self._advance(
+            HeadCommand(pan.position, tilt.position, pan.speed or 0.0, tilt.speed or 0.0), epoch
+        )
 
-        Args:
-            command: for both joints.
-            measured: where they are [rad].
-            now: the time [s].
-        """
+    def update(self) -> None:
+        """Publish the next positions on the way to the last goals; see `ControlLoop`."""
+        if self._loop.owners.owns(self.name, self.joints):
+            self._advance(None, self._loop.owners.epoch.value)
+        else:
+            with self._lock:
+                self._stream.stop()
+
+    def publish(self) -> None:
+        """See `ControlLoop`; there is nothing to publish."""
+
+    def _advance(self, command: HeadCommand | None, epoch: int) -> None:
+        measured = self._measured()
+        now = self._node.get_clock().now().nanoseconds * 1e-9
         with self._lock:
-            self._measured = measured
-            if self._loop.owners.stopped:
+            owners = self._loop.owners
+            if measured is None or owners.stopped or epoch != owners.epoch.value:
                 return
             positions = self._stream.positions(command, measured, now)
             if positions is not None:
                 self._publish(positions)
 
-    def hold(self) -> None:
-        """Ends what is under way where the head is, and says nothing more until a command."""
-        with self._lock:
-            if self._measured is not None and self._stream.active:
-                self._publish(self._measured)
-            self._stream.stop()
+    def _measured(self) -> tuple[float, float] | None:
+        assert self._loop.buffer is not None
+        pan, tilt = (self._loop.buffer.latest_joint_position(joint) for joint in self.joints)
+        return (pan[1], tilt[1]) if pan and tilt else None
 
     def _publish(self, positions: tuple[float, float]) -> None:
         seconds, rest = divmod(self._after, 1.0)
@@ -105,9 +121,17 @@ class TrajectoryOutput:
             time_from_start=Duration(sec=int(seconds), nanosec=round(rest * 1e9)),
         )
         # stamp 0: at once, by the controller's own clock
-        self._publisher.publish(JointTrajectory(joint_names=list(self._joints), points=[point]))
+        self._publisher.publish(JointTrajectory(joint_names=list(self.joints), points=[point]))
 
     def _stop(self) -> dict[str, str]:
-        self._loop.owners.stop(self.hold)
-        problem = f"{self.topic} was told to hold, and nothing else is sent; it was not relaxed"
-        return dict.fromkeys(self._joints, problem)
+        self._loop.owners.stop(self._hold)
+        topic = self._publisher.topic_name
+        problem = f"{topic} was told to hold, and nothing else is sent; it was not relaxed"
+        return dict.fromkeys(self.joints, problem)
+
+    def _hold(self) -> None:
+        with self._lock:
+            measured = self._measured()
+            if measured is not None and self._stream.active:
+                self._publish(measured)
+            self._stream.stop()

@@ -1,13 +1,14 @@
-"""Which nodes make up a run: data, no decisions."""
+"""Which nodes make up a run, and in which process each of them is: data, no decisions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import Any
 
-from rclpy.node import Node
+CONTROL, VISION, PAGE = "control", "vision", "page"
+"""The processes of a run: servos and head; cameras and detectors; the page in a browser."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,37 +18,42 @@ class NodeSpec:
     Attributes:
         name: the node's name.
         kind: its class, in head_tracking; imported when it is needed.
-        takes: what the run hands to it: "buffer", the transforms that the process shares;
-            "loop", its controllers; "connect", the port of simulated servos, or None;
-            "true_position", where a simulated joint really is [rad], or None; "start", to start
-            more nodes; "startable", their names; "simulated", whether the servos are;
-            "arguments", ROS's own; "stop", who asks to stop.
+        needs: arguments that its process hands to it: "buffer", the transforms that the nodes of
+            the process share; "loop", its controllers; "connect", the port of simulated servos, or
+            None; "true_position", where a simulated joint really is [rad], or None; "start", to
+            start more nodes; "startable", their names.
         parameters: values that this run gives it, over those of the parameter files.
+        process: where it runs.
     """
 
     name: str
     kind: str
-    takes: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    process: str = CONTROL
 
-    @property
-    def make(self) -> Callable[..., Node]:
-        """Its class."""
-        kind: Callable[..., Node] = resolve_name(f"head_tracking.{self.kind}")
-        return kind
+    def make(self, shared: Mapping[str, Any]) -> Any:
+        """Return the node.
+
+        Args:
+            shared: what its process can hand to it.
+        """
+        from rclpy.parameter import Parameter
+
+        overrides = [Parameter(name, value=value) for name, value in self.parameters.items()]
+        kind = resolve_name(f"head_tracking.{self.kind}")
+        return kind(parameter_overrides=overrides, **{name: shared[name] for name in self.needs})
 
 
 ROBOT = (
-    NodeSpec("servo_bus", "nodes.servo_bus.ServoBusNode", takes=("connect", "loop")),
+    NodeSpec("servo_bus", "nodes.servo_bus.ServoBusNode", ("connect", "loop")),
     NodeSpec(
         "robot_state_publisher",
         "nodes.robot_state_publisher.RobotStatePublisherNode",
-        takes=("buffer", "loop"),
+        ("buffer", "loop"),
     ),
     NodeSpec(
-        "joint_state_publisher",
-        "nodes.joint_state_publisher.JointStatePublisherNode",
-        takes=("loop",),
+        "joint_state_publisher", "nodes.joint_state_publisher.JointStatePublisherNode", ("loop",)
     ),
 )
 
@@ -60,42 +66,30 @@ HEAD = "head"
 LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """What a robot may have already, so that a run can do without."""
 
-
-BUS_PROCESS = NodeSpec(
-    "servo_bus", "nodes.bus_process.BusProcessNode", takes=("simulated", "arguments", "stop")
-)
-"""In the place of servo_bus: it runs in a process of its own."""
-
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec(
-        "head_tracker", "nodes.head_tracker.HeadTrackerNode", takes=("buffer", "loop")
-    ),
-    "point": NodeSpec("point_head", "nodes.point_head.PointHeadNode", takes=("buffer", "loop")),
+    "track": NodeSpec("head_tracker", "nodes.head_tracker.HeadTrackerNode", ("buffer", "loop")),
+    "point": NodeSpec("point_head", "nodes.point_head.PointHeadNode", ("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
 SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
-def _visual(follow: str, **parameters: Any) -> tuple[NodeSpec, ...]:
-    given = {"follow": follow, **parameters}
-    return (
-        NodeSpec(
-            "visual_target", "nodes.visual_target.VisualTargetNode", ("buffer", "loop"), given
-        ),
-    )
+def _visual(follow: str) -> tuple[NodeSpec, ...]:
+    kind = "nodes.visual_target.VisualTargetNode"
+    return (NodeSpec("visual_target", kind, ("buffer",), {"follow": follow}, VISION),)
 
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
     kind = "nodes.fictitious_target.FictitiousTargetNode"
-    return (NodeSpec("fictitious_target", kind, ("loop",), parameters),)
+    return (NodeSpec("fictitious_target", kind, parameters=parameters),)
 
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
-    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer", "loop")),),
+    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
@@ -114,22 +108,24 @@ SCENES: Mapping[str, str] = {
 
 
 def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
-    """The camera of a simulated head; small images, for it shares a processor with all the rest."""
+    """Return the camera of a simulated head; small images, for they share a processor."""
     return NodeSpec(
         "simulated_camera",
         "nodes.simulated_camera.SimulatedCameraNode",
-        takes=("buffer", "true_position"),
-        parameters={"scene": scene, "width": 320, "height": 240, **parameters},
+        ("buffer", "true_position"),
+        {"scene": scene, "width": 320, "height": 240, **parameters},
+        VISION,
     )
 
 
 STARTER = NodeSpec(
-    "node_starter", "run.node_starter.NodeStarterNode", takes=("start", "startable", "loop")
+    "node_starter", "run.node_starter.NodeStarterNode", ("start", "startable", "loop")
 )
+VIEWER = NodeSpec("viewer", "nodes.viewer.ViewerNode", process=PAGE)
 
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
-    """What a person can start on the viewer's page; with a camera if the head is simulated."""
+    """Return what can be started on the page; with a camera if the head is simulated."""
     camera = simulated_camera("everything", rate=15.0)
     targets = (*TARGETS["fictitious"], *TARGETS["face"])
     specs = (*MODES.values(), *targets, *([camera] if simulated else []))
@@ -137,5 +133,5 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
-    """The nodes that keep publishing one point [m]: the fictitious target without a swing."""
+    """Return the nodes that keep publishing one point [m]: the fictitious target at rest."""
     return _fictitious(frame_id=frame_id, center=list(point), amplitude=[0.0, 0.0, 0.0])

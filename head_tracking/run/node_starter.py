@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import threading
+import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from rclpy.node import Node, NodeNameNonExistentError
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop
+from head_tracking.ros.other_services import wait_for_answer
 from head_tracking.ros.own_thread import OwnThread
 from head_tracking.ros.spinning import describe
 
 _ENABLING = 5.0  # s
+_POLL = 0.05  # s
 
 
 class NodeStarterNode(Node):
@@ -74,22 +77,28 @@ class NodeStarterNode(Node):
         return callback
 
     def _switch_on(self, name: str) -> tuple[bool, str]:
-        """Whether a node that was started does its work, and the words for it."""
-        client = self._enable[name]
-        try:
-            offered = self.get_service_names_and_types_by_node(name, self.get_namespace())
-        except NodeNameNonExistentError:
+        """Return whether a node that was started does its work, and the words for it."""
+        offered = self._services_of(name)
+        if offered is None:
             return False, f"{name} was started and has gone again"
-        if f"{self.get_namespace().rstrip('/')}/{name}/enable" not in dict(offered):
+        client = self._enable[name]
+        if f"{self.get_namespace().rstrip('/')}/{name}/enable" not in offered:
             return True, f"{name} runs"
         if not client.wait_for_service(_ENABLING):
             return False, f"{name} was started and does not answer"
-        answered = threading.Event()
-        future = client.call_async(SetBool.Request(data=True))
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(_ENABLING):
-            client.remove_pending_request(future)
+        answer = wait_for_answer(client, SetBool.Request(data=True), _ENABLING)
+        if answer is None:
             return False, f"{name} was started and does not answer"
-        answer = future.result()
-        said = "is switched on" if answer.success else f"is not switched on: {answer.message}"
-        return bool(answer.success), f"{name} runs and {said}"
+        done = "is switched on" if answer.success else f"is not switched on: {answer.message}"
+        return bool(answer.success), f"{name} runs and {done}"
+
+    def _services_of(self, name: str) -> set[str] | None:
+        """Return what a node offers, also one of another process that is discovered late."""
+        deadline = time.monotonic() + _ENABLING
+        while time.monotonic() < deadline:
+            with suppress(NodeNameNonExistentError):
+                found = self.get_service_names_and_types_by_node(name, self.get_namespace())
+                if found:
+                    return {service for service, _ in found}
+            time.sleep(_POLL)
+        return None

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from head_tracking.control.head_control import HeadControl
 from head_tracking.ros.bus_status import BusStatus
-from head_tracking.ros.head_interface import HeadInterface
 from head_tracking.run.status_line import Mood
 from head_tracking.tracking import TrackingJudge
 
@@ -22,17 +22,15 @@ class RunSources:
     """Where the monitor looks.
 
     Attributes:
-        head: of the node that turns the head; None: there is none in this run.
+        head: what turns the head; None: there is none in this run.
         bus_status: the servo bus.
         true_position: where a joint really is [rad]; None where only encoders tell.
-        held: why nothing may move now; empty: it may.
         stopped: whether somebody has stopped the head.
     """
 
-    head: HeadInterface | None
+    head: HeadControl | None
     bus_status: Callable[[], BusStatus]
     true_position: Callable[[str], float | None] | None = None
-    held: Callable[[], str] = str
     stopped: Callable[[], bool] = bool
 
 
@@ -52,14 +50,14 @@ class RunMonitor:
         stopped = self._sources.stopped()
         self._stops += stopped and not self._stopped
         self._stopped = stopped
-        interface, positions = self._sources.head, self._positions()
-        head = None if interface is None else interface.head
-        if interface is not None and head is not None and positions is not None:
+        control, positions = self._sources.head, self._positions()
+        head = None if control is None else control.head
+        if control is not None and head is not None and positions is not None:
             if self._judge is None or self._judge.head is not head:
                 self._judge = TrackingJudge(head, SETTLING)
-            now = interface.now
+            now = control.now
             self._judge.joints_read(now, positions)
-            for stamp, point in interface.take_placed():
+            for stamp, point in control.take_placed():
                 self._since = now if self._since is None else self._since
                 self._until = now
                 self._judge.target_seen(stamp, point)
@@ -79,7 +77,7 @@ class RunMonitor:
 
     def _status(self, positions: tuple[float, float] | None) -> tuple[list[str], Mood]:
         bus, head = self._sources.bus_status(), self._sources.head
-        target = None if head is None else head.newest_target
+        target = None if head is None else head.target
         error = None if self._judge is None else self._judge.error
         missed = "error   - " if error is None else f"error {math.degrees(error):4.1f}°"
         temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
@@ -96,8 +94,6 @@ class RunMonitor:
             return ["STOPPED", *parts], Mood.BAD
         if not bus.statistics.connected:
             return parts, Mood.BAD
-        if held := self._sources.held():
-            return [f"held: {held}", *parts], Mood.WATCH
         if error is None:
             return parts, Mood.PLAIN
         return parts, Mood.GOOD if error < _ON_TARGET else Mood.WATCH

@@ -2,7 +2,7 @@
 
 from head_tracking.simulation.bus import Answer, FaultInjection, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError, UnknownServoError
-from head_tracking.simulation.faults import LINE_FAULTS, SENDING_FAULTS, SERVO_FAULTS, Fault, Faults
+from head_tracking.simulation.faults import LINE_FAULTS, SERVO_FAULTS, Fault, Faults
 from head_tracking.simulation.port import SimulatedJoints, SimulatedPort
 from head_tracking.simulation.serial_line import (
     Overlap,
@@ -15,7 +15,6 @@ from head_tracking.simulation.write_log import Write, WriteLog
 
 __all__ = [
     "LINE_FAULTS",
-    "SENDING_FAULTS",
     "SERVO_FAULTS",
     "Answer",
     "Fault",

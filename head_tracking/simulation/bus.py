@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -16,8 +16,6 @@ from head_tracking.simulation.packets import (
     Packet,
     PacketParser,
     Status,
-    decode,
-    encode,
     encode_joint_status,
     encode_status,
 )
@@ -25,8 +23,6 @@ from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import WriteLog
 
 _BAUD_TOLERANCE: Final = 0.03
-_MAX_GAP: Final = {1: 100_000_000, 2: 1_500_000}
-"""Pause within a packet after which servos forget it, ns, by protocol (e-manual)."""
 _PING_SLOT: Final = 1_000_000  # ns between the answers to a ping of all (ours; the SDK allows 3 ms)
 
 
@@ -70,8 +66,7 @@ class SimulatedBus:
     Args:
         servos: The servos, of any models and both protocols. Two with the same id answer at the
             same time, as real ones do.
-        line: Every answer passes here on its way out: deliver it, drop it, change it, add to it.
-        faults: What goes wrong besides.
+        faults: What goes wrong.
         echo: Whether the adapter sends back whatever it is sent.
         write_log: Is told what has really reached the servos.
 
@@ -85,7 +80,6 @@ class SimulatedBus:
     def __init__(
         self,
         servos: Iterable[SimulatedServo],
-        line: Callable[[Answer], Iterable[Answer]] | None = None,
         *,
         faults: FaultInjection | None = None,
         echo: bool = False,
@@ -97,10 +91,11 @@ class SimulatedBus:
         self.write_log = write_log or WriteLog()
         for servo in self._servos:
             servo.write_log = self.write_log
-        self._line, self._faults, self._echo = line, faults, echo
+        self._faults, self._echo = faults, echo
         self._couplings: list[Coupling] = []
         self._now = 0
-        self.allow_gaps(_MAX_GAP)
+        protocols = sorted({servo.model.protocol for servo in self._servos})
+        self._parsers = {protocol: PacketParser(protocol) for protocol in protocols}
 
     def __iter__(self) -> Iterator[SimulatedServo]:
         return iter(self._servos)
@@ -116,11 +111,6 @@ class SimulatedBus:
                 return servo
         ids = ", ".join(str(servo.id) for servo in self._servos)
         raise UnknownServoError(f"no simulated servo has id {servo_id}; there are {ids}")
-
-    def allow_gaps(self, longest: Mapping[int, int]) -> None:
-        """Set the pause within a packet that servos bear, ns, by protocol."""
-        protocols = sorted({servo.model.protocol for servo in self._servos})
-        self._parsers = {number: PacketParser(number, longest[number]) for number in protocols}
 
     @property
     def at_rest(self) -> bool:
@@ -171,47 +161,15 @@ class SimulatedBus:
         if not data:
             return answers
         for protocol, parser in self._parsers.items():
-            begun = parser.pending > 0
-            whole = None if begun else decode(protocol, data)
-            found = parser.feed(data, now) if whole is None else [whole]
-            for packet in _not_swallowed(found, protocol, data) if begun else found:
+            for packet in parser.feed(data, now):
                 hearers = [
                     servo
                     for servo in self._servos
                     if servo.model.protocol == protocol and _understands(servo, baud_rate)
                 ]
                 for answer in _answers(packet, protocol, hearers, now):
-                    answers.extend(self._pass(answer))
+                    answers += (answer,) if self._faults is None else self._faults.answer(answer)
         return answers
-
-    def _pass(self, answer: Answer) -> Iterable[Answer]:
-        passed: Iterable[Answer] = (answer,) if self._line is None else self._line(answer)
-        if self._faults is None:
-            return passed
-        return [spoilt for one in passed for spoilt in self._faults.answer(one)]
-
-
-def _not_swallowed(
-    found: Sequence[Packet | DamagedPacket], protocol: int, data: bytes
-) -> list[Packet | DamagedPacket]:
-    """Return what ends in the bytes that came last.
-
-    A damaged length swallows what follows, and packets are found there when it is over; a servo
-    answers none of them any more.
-    """
-    heard: list[Packet | DamagedPacket] = []
-    for packet in reversed(found):
-        if isinstance(packet, Packet):
-            whole = encode(protocol, packet)
-            at = data.rfind(whole)
-            ends = (data.startswith(whole[-count:]) for count in range(1, len(whole)))
-            if at < 0 and not any(ends):
-                continue
-            data = data[: max(0, at)]
-        elif heard:
-            continue
-        heard.insert(0, packet)
-    return heard
 
 
 def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:

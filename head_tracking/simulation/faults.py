@@ -40,9 +40,6 @@ LINE_FAULTS: Final = (
 )  # fmt: skip
 """Faults of answers."""
 
-SENDING_FAULTS: Final = (Fault.ECHO, Fault.DEAFNESS, Fault.MISHEARING)
-"""Faults of what the master sends."""
-
 SERVO_FAULTS: Final = (Fault.POWER_LOSS, Fault.LOW_VOLTAGE, Fault.OVERLOAD, Fault.OVERHEATING)
 """Faults of a servo."""
 

@@ -20,6 +20,9 @@ LONGEST: Final = {1: 250, 2: 1024}  # bytes of a packet
 _PRELUDE: Final = {1: b"\xff\xff", 2: b"\xff\xff\xfd\x00"}
 _HIGHEST_ID: Final = {1: 253, 2: 252}
 _POLYNOMIAL: Final = 0x18005
+_LONGEST_GAP: Final = 100_000_000
+"""Pause within a packet after which servos forget it, ns (e-manual, protocol 1.0; in protocol 2.0
+1.5 ms, but a pause of this machine is none on the wire)."""
 
 
 class Instruction(IntEnum):
@@ -28,11 +31,7 @@ class Instruction(IntEnum):
     PING = 1
     READ = 2
     WRITE = 3
-    REG_WRITE = 4
-    ACTION = 5
-    FACTORY_RESET = 6
     REBOOT = 8
-    CLEAR = 16
     SYNC_READ = 130
     SYNC_WRITE = 131
     FAST_SYNC_READ = 138
@@ -165,24 +164,16 @@ def size_of_packet(protocol: int, data: bytes) -> int:
 class PacketParser:
     """Finds packets in a stream of bytes, however it is cut, as a servo does.
 
-    After a wrong checksum or an impossible length the search goes on behind the header that misled
-    it. A damaged packet is reported once.
+    A damaged packet is reported; whatever its length, right or damaged, covers is lost with it.
 
     Args:
         protocol: 1 or 2.
-        max_gap: A beginning older than this, ns, is dropped.
     """
 
-    def __init__(self, protocol: int, max_gap: int = 100_000_000) -> None:
-        self._protocol, self._max_gap = protocol, max_gap
+    def __init__(self, protocol: int) -> None:
+        self._protocol = protocol
         self._held = b""
         self._last = 0
-        self._reported = 0  # bytes held that belong to a packet reported as damaged
-
-    @property
-    def pending(self) -> int:
-        """Number of bytes kept because they may be the beginning of a packet."""
-        return len(self._held)
 
     def feed(self, data: bytes, now: int) -> list[Packet | DamagedPacket]:
         """Return the packets that these bytes complete.
@@ -191,27 +182,18 @@ class PacketParser:
             data: Any number of bytes.
             now: Time they arrived, ns.
         """
-        if now - self._last > self._max_gap:
-            self._skip(len(self._held))
+        held = self._held + data if now - self._last <= _LONGEST_GAP else data
         self._last = now
-        self._held += data
         found: list[Packet | DamagedPacket] = []
-        while (size := size_of_packet(self._protocol, self._held[:1024])) and self._held:
+        while held and (size := size_of_packet(self._protocol, held)):
             if size < 0:
-                following = self._held.find(0xFF, 1)
-                self._skip(following if following > 0 else len(self._held))
+                following = held.find(0xFF, 1)
+                held = held[following:] if following > 0 else b""
                 continue
-            if size > len(self._held):
+            if size > len(held):
                 break
-            packet = decode(self._protocol, self._held[:size])
-            if packet is not None:
-                found.append(packet)
-            elif not self._reported:
-                found.append(DamagedPacket(self._held[len(_PRELUDE[self._protocol])]))
-                self._reported = size
-            self._skip(size if packet is not None else 1)
+            packet = decode(self._protocol, held[:size])
+            found.append(packet or DamagedPacket(held[len(_PRELUDE[self._protocol])]))
+            held = held[size:]
+        self._held = held
         return found
-
-    def _skip(self, count: int) -> None:
-        self._held = self._held[count:]
-        self._reported = max(0, self._reported - count)

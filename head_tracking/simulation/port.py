@@ -24,9 +24,6 @@ from head_tracking.simulation.servo import SimulatedServo
 
 _T = TypeVar("_T")
 
-_MAX_GAP: Final = {1: 100_000_000, 2: 100_000_000}
-"""Pause within a packet, ns, by protocol: pauses of this machine are none on the wire."""
-
 _LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
 _CHUNK: Final = 4096
 _SPIN: Final = 150_000  # ns before the end of a wait
@@ -179,7 +176,6 @@ class SimulatedPort:
     ) -> None:
         self.failure: BaseException | None = None
         self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
-        self._bus.allow_gaps(_MAX_GAP)
         self._needs_rate = paced or match_baud_rate
         self._line = SerialLine(
             self._bus,

@@ -7,7 +7,6 @@ gains, indirect addresses, bus watchdog.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from enum import Enum
 from typing import Final
@@ -52,19 +51,16 @@ WATCHDOG_TRIPPED: Final = 255
 
 
 class Refusal(Enum):
-    """Why a servo does not do what a packet asks."""
+    """Why a servo does not do what a packet asks: its error byte in protocol 1.0 and 2.0."""
 
-    RESERVED = "no register there"
-    READ_ONLY = "a register that only the servo writes"
-    LENGTH = "a part of a register"
-    RANGE = "a value that the register never takes"
-    LIMIT = "a value that another register forbids now"
-    LOCKED = "EEPROM that cannot be written now"
-    INSTRUCTION = "an instruction that it does not know, or cannot carry out now"
-    FAILED = "something that did not work"
+    ACCESS = 8, 7  # no register there, or one that cannot be written now
+    LENGTH = 64, 5  # a part of a register, or a packet that is too short
+    RANGE = 8, 4  # a value that the register never takes
+    LIMIT = 2, 6  # a value that another register forbids now
+    INSTRUCTION = 64, 2  # an instruction that it does not know
 
 
-class Registers(ABC):
+class Registers:
     """The bytes of a control table, with the checks a servo makes before it takes new values.
 
     What the registers mean for the motion is told by the two kinds of them, `JointRegisters` and
@@ -98,14 +94,10 @@ class Registers(ABC):
         self.load_initial_values(eeprom=False)
         self["Firmware Version"] = firmware
 
-    def load_initial_values(self, *, eeprom: bool, but: Collection[str] = ()) -> None:
+    def load_initial_values(self, *, eeprom: bool) -> None:
         """Set the registers of EEPROM or RAM to the vendor's values, where there are any."""
         for register in self.table.values():
-            if (
-                register.eeprom is eeprom
-                and register.initial is not None
-                and register.name not in but
-            ):
+            if register.eeprom is eeprom and register.initial is not None:
                 self[register.name] = register.initial
 
     def __getitem__(self, name: str) -> int:
@@ -136,16 +128,14 @@ class Registers(ABC):
     def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
         """Return the new values that a packet's write gives to registers, or why it may not."""
         if not data:
-            return Refusal.LENGTH if self._whole else Refusal.RESERVED
+            return Refusal.LENGTH if self._whole else Refusal.ACCESS
         changes: dict[str, int] = {}
         for start, end in self._runs(address, len(data)):
             place = start
             while place < end:
                 register = self._owners[place] if place < len(self._owners) else None
-                if register is None:
-                    return Refusal.RESERVED
-                if not register.writable:
-                    return Refusal.READ_ONLY
+                if register is None or not register.writable:
+                    return Refusal.ACCESS
                 share = data[: min(end, register.end) - place]
                 data = data[len(share) :]
                 if len(share) < register.size:
@@ -170,12 +160,6 @@ class Registers(ABC):
         own = (r for r in self.table.values() if r.name.startswith(("Present", "Realtime Tick")))
         return min(register.address for register in own)
 
-    def set_registered(self, value: int) -> None:
-        """Tell whether a write waits to be carried out."""
-        for name in ("Registered", "Registered Instruction"):
-            if name in self:
-                self[name] = value
-
     def _runs(self, address: int, length: int) -> Iterator[tuple[int, int]]:
         """Yield begin and end of the bytes meant, after Indirect Data has been looked up."""
         end = address + length
@@ -194,39 +178,10 @@ class Registers(ABC):
 
     # What they mean
 
-    @property
-    @abstractmethod
-    def goal_speed(self) -> int:
-        """The speed at which a goal is approached, or at which the servo turns, in its counts."""
-
-    @abstractmethod
-    def start(self, ticks: float) -> None:
-        """Set what power-on sets, with the shaft at a tick."""
-
-    @abstractmethod
-    def settings(self) -> DriveSettings:
-        """Return what the control loop must know."""
-
     def ticks(self, angle: float) -> float:
         """Return the position of the shaft at an angle, rad, as the servo counts it."""
         turned = self._direction * angle / self.model.radians_per_tick
         return self.model.center + turned + self._offset
-
-    @abstractmethod
-    def refusal(self, register: Register, value: int) -> Refusal | None:
-        """Return why another register forbids a value."""
-
-    @abstractmethod
-    def stiffens(self, names: Collection[str]) -> bool:
-        """Return whether a write of these registers may switch torque on."""
-
-    @abstractmethod
-    def written(self, before: Mapping[str, int], drive: Drive) -> None:
-        """Do what a write does besides; `before` has the old values of what was written."""
-
-    @abstractmethod
-    def measure(self, drive: Drive, noise: float) -> None:
-        """Take over what the servo measures; `noise` is the encoder's, ticks."""
 
     def shut_down(self) -> bool:
         """Switch off because of an error; return whether something was on.
@@ -238,14 +193,20 @@ class Registers(ABC):
         self[name] = 0
         return on
 
-    @abstractmethod
+    def refusal(self, register: Register, value: int) -> Refusal | None:
+        """Return why another register forbids a value; None: nothing does."""
+        return None
+
+    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+        """Do what a write does besides; `before` has the old values of what was written."""
+
     def fold(self, drive: Drive) -> None:
         """Count the present position within one turn from now on, where turns are counted."""
 
     @property
-    @abstractmethod
     def _offset(self) -> int:
         """What the servo adds to its position, ticks."""
+        return 0
 
     @property
     def _direction(self) -> int:
@@ -257,16 +218,16 @@ class JointRegisters(Registers):
 
     @property
     def goal_speed(self) -> int:
-        """See `Registers`."""
+        """Speed at which a goal is approached, or at which the servo turns, in its counts."""
         return self["Moving Speed"]
 
     def start(self, ticks: float) -> None:
-        """See `Registers`."""
+        """Set what power-on sets, with the shaft at a tick."""
         self["Goal Position"] = self._in_range(ticks)
         self["Torque Limit"] = self["Max Torque"]
 
     def settings(self) -> DriveSettings:
-        """See `Registers`."""
+        """Return what the control loop must know."""
         model, speed, wheel = self.model, self["Moving Speed"], self._is_wheel
         control, goal = Control.POSITION, self._angle(self["Goal Position"])
         if self.get("Torque Ctrl Mode Enable"):
@@ -289,9 +250,9 @@ class JointRegisters(Registers):
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
         if register.name == "Lock" and value < self["Lock"]:
-            return Refusal.LOCKED  # only a power cycle unlocks
+            return Refusal.ACCESS  # only a power cycle unlocks
         if register.eeprom and self.get("Lock"):
-            return Refusal.LOCKED
+            return Refusal.ACCESS
         if self._is_wheel or self._is_multi_turn:
             return None
         if register.name == "Moving Speed" and value > self.model.speed_maximum:
@@ -304,11 +265,11 @@ class JointRegisters(Registers):
         return None
 
     def stiffens(self, names: Collection[str]) -> bool:
-        """See `Registers`: users see it happen, the vendor says nothing."""
+        """Return whether a write of these registers switches torque on: users see it happen."""
         return "Goal Position" in names or "Moving Speed" in names
 
     def measure(self, drive: Drive, noise: float) -> None:
-        """See `Registers`."""
+        """Take over what the servo measures; `noise` is the encoder's, ticks."""
         model, sign = self.model, self._direction
         speed = round(sign * drive.speed / model.speed_unit)
         self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
@@ -319,12 +280,6 @@ class JointRegisters(Registers):
         self["Moving"] = int(drive.moving)
         if "Current" in self:
             self["Current"] = 2048 + round(sign * drive.current * _STALL)
-
-    def written(self, before: Mapping[str, int], drive: Drive) -> None:
-        """See `Registers`: nothing."""
-
-    def fold(self, drive: Drive) -> None:
-        """See `Registers`: nothing."""
 
     @property
     def _is_wheel(self) -> bool:
@@ -373,18 +328,18 @@ class XRegisters(Registers):
 
     @property
     def goal_speed(self) -> int:
-        """See `Registers`."""
+        """Speed at which a goal is approached, or at which the servo turns, in its counts."""
         return self["Goal Velocity" if self["Operating Mode"] == _VELOCITY else "Profile Velocity"]
 
     def start(self, ticks: float) -> None:
-        """See `Registers`."""
+        """Set what power-on sets, with the shaft at a tick."""
         self["Goal Position"] = round(ticks)
         self._reset_goals()
         if "Startup Configuration" in self:
             self["Torque Enable"] = self["Startup Configuration"] & 1
 
     def settings(self) -> DriveSettings:
-        """See `Registers`."""
+        """Return what the control loop must know."""
         mode, sign, full = self["Operating Mode"], self._direction, self.model.load_maximum
         if mode == _VELOCITY:
             control, goal = Control.VELOCITY, sign * self["Goal Velocity"] * X_SPEED
@@ -414,7 +369,7 @@ class XRegisters(Registers):
         """See `Registers`."""
         name = register.name
         if register.eeprom and self["Torque Enable"]:
-            return Refusal.LOCKED
+            return Refusal.ACCESS
         if name == "Operating Mode":
             modes = [_VELOCITY, _POSITION, _EXTENDED, _PWM]
             modes += [_CURRENT, _CURRENT_POSITION] if "Present Current" in self else []
@@ -428,7 +383,7 @@ class XRegisters(Registers):
         return Refusal.LIMIT if limited and not low <= value <= high else None
 
     def stiffens(self, names: Collection[str]) -> bool:
-        """See `Registers`."""
+        """Return whether a write of these registers may switch torque on."""
         return bool(self["Drive Mode"] & _TORQUE_BY_GOAL) and any(n in _GOALS for n in names)
 
     def written(self, before: Mapping[str, int], drive: Drive) -> None:
@@ -441,7 +396,7 @@ class XRegisters(Registers):
             self.fold(drive)
 
     def measure(self, drive: Drive, noise: float) -> None:
-        """See `Registers`."""
+        """Take over what the servo measures; `noise` is the encoder's, ticks."""
         model, sign = self.model, self._direction
         velocity = round(sign * drive.speed / X_SPEED)
         self["Present Position"] = round(self.ticks(drive.angle) + noise)
@@ -492,3 +447,6 @@ class XRegisters(Registers):
         if self["Operating Mode"] in (_POSITION, _VELOCITY):
             return max(-1024, min(1024, offset))
         return offset
+
+
+ServoRegisters = JointRegisters | XRegisters

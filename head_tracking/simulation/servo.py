@@ -21,6 +21,7 @@ from head_tracking.simulation.registers import (
     JointRegisters,
     Refusal,
     Registers,
+    ServoRegisters,
     XRegisters,
 )
 from head_tracking.simulation.write_log import WriteLog
@@ -32,33 +33,8 @@ _FIRMWARE: Final = {1: 24, 2: 50}
 _WATCHDOG_UNIT: Final = 20_000_000  # ns
 _LOOK: Final = 20_000_000  # ns between looks for errors while something moves
 
-_ERRORS: Final[dict[int, dict[Refusal | None, int]]] = {
-    1: {None: 0, Refusal.LIMIT: 2, Refusal.INSTRUCTION: 64},
-    2: {
-        None: 0,
-        Refusal.FAILED: 1,
-        Refusal.INSTRUCTION: 2,
-        Refusal.RANGE: 4,
-        Refusal.LENGTH: 5,
-        Refusal.LIMIT: 6,
-        Refusal.RESERVED: 7,
-        Refusal.READ_ONLY: 7,
-        Refusal.LOCKED: 7,
-    },
-}
-"""Error bytes by protocol."""
-
-_OUT_OF_RANGE: Final = 8
-"""Error bit of whatever else protocol 1.0 refuses."""
-
 _DAMAGED: Final = {1: 16, 2: 3}
 """Error bytes of who has heard a packet with a wrong checksum, by protocol."""
-
-_CLEAR_TURNS: Final = b"\x01\x44\x58\x4c\x22"
-"""Parameters of CLEAR that fold the present position into one turn."""
-
-_RESETS: Final = {b"\xff": (), b"\x01": ("ID",), b"\x02": ("ID", "Baud Rate")}
-"""What a factory reset of protocol 2.0 leaves alone."""
 
 
 class Alarms:
@@ -113,8 +89,6 @@ class SimulatedServo:
         servo_id: Its id.
         model: Its model's name, or anything that has such a name.
         position: Where the shaft stands at first, in ticks; None: in the middle.
-        torque_on_write: Switch torque on when a goal or a moving speed is written, as servos with
-            a Moving Speed are seen to do.
         supply_voltage: V; None: what the model is made for.
         ambient_temperature: Degrees Celsius.
         firmware: Version of the firmware; its registers are those of that version.
@@ -138,7 +112,6 @@ class SimulatedServo:
         model: str | Named = "AX-12",
         *,
         position: float | None = None,
-        torque_on_write: bool = True,
         supply_voltage: float | None = None,
         ambient_temperature: float = 25.0,
         firmware: int | None = None,
@@ -159,12 +132,11 @@ class SimulatedServo:
         self.alarms = Alarms(own)
         self.encoder_frozen = False
         self.write_log: WriteLog | None = None
-        self._torque_on_write = torque_on_write
         self._position_noise = position_noise
         self._eeprom_time, self._boot_time = eeprom_time, boot_time
         self._random = random or Random(servo_id)
         kind = XRegisters if own.control == "profile" else JointRegisters
-        self._registers = kind(own, firmware or _FIRMWARE[own.protocol])
+        self._registers: ServoRegisters = kind(own, firmware or _FIRMWARE[own.protocol])
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
         self._measured = self._registers.first_measured
@@ -175,7 +147,6 @@ class SimulatedServo:
             ambient_temperature,
             round(start_delay * 1e9),
         )
-        self._waiting: tuple[int, bytes] | None = None
         self._powered = True
         self._now = self._heard = self._deaf_until = 0
 
@@ -367,7 +338,6 @@ class SimulatedServo:
         registers.load_initial_values(eeprom=False)
         registers.fold(self._drive)
         registers.start(registers.ticks(self._drive.measured))
-        self._waiting = None
         self._drive.strain = 0
         self.alarms.clear()
         self._be_deaf(self._boot_time)
@@ -381,7 +351,7 @@ class SimulatedServo:
     def execute(self, packet: Packet, now: int) -> Status | None:
         """Carry out a packet of its protocol if it is for this servo; return its answer, if any."""
         servo_id = self.id  # the answer to a change of the id still carries the old one
-        if packet.id not in (servo_id, BROADCAST, self._registers.get("Secondary ID", -1)):
+        if packet.id not in (servo_id, BROADCAST):
             return None
         silent = packet.id != servo_id
         if silent and packet.code in (Instruction.PING, Instruction.READ):
@@ -432,36 +402,26 @@ class SimulatedServo:
         return ALERT if self.alarms.active else 0
 
     def _status(self, refusal: Refusal | None, data: bytes, servo_id: int | None = None) -> Status:
-        error = _ERRORS[self.model.protocol].get(refusal, _OUT_OF_RANGE)
+        error = 0 if refusal is None else refusal.value[self.model.protocol - 1]
         return Status(self.id if servo_id is None else servo_id, error | self._state, data)
 
     def _carry_out(self, packet: Packet) -> tuple[Refusal | None, bytes]:
         parameters, width = packet.parameters, self.model.protocol  # bytes of an address
         broadcast, two = packet.id == BROADCAST, width == 2
         address, data = int.from_bytes(parameters[:width], "little"), parameters[width:]
-        malformed = Refusal.LENGTH if two else Refusal.INSTRUCTION
         refusal: Refusal | None = None
         match packet.code:
             case Instruction.PING:
                 return None, self._ping()
             case Instruction.READ:
                 if len(data) != width:
-                    return malformed, b""
+                    return Refusal.LENGTH, b""
                 return self._read(address, int.from_bytes(data, "little"))
-            case Instruction.WRITE | Instruction.REG_WRITE if len(parameters) < width:
-                refusal = malformed
             case Instruction.WRITE:
-                refusal = self._write(address, data)
-            case Instruction.REG_WRITE:
-                refusal = self._keep(address, data)
-            case Instruction.ACTION:
-                refusal = self._act()
-            case Instruction.FACTORY_RESET:
-                refusal = self._reset(packet)
+                short = len(parameters) < width
+                refusal = Refusal.LENGTH if short else self._write(address, data)
             case Instruction.REBOOT if two:
                 self._start()
-            case Instruction.CLEAR if two:
-                refusal = Refusal.RANGE if parameters != _CLEAR_TURNS else self._clear_turns()
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
@@ -482,7 +442,7 @@ class SimulatedServo:
         if address + length > self._measured:
             self._measure()
         data = self._registers.read(address, length)
-        return (Refusal.RESERVED, b"") if data is None else (None, data)
+        return (Refusal.ACCESS, b"") if data is None else (None, data)
 
     def _write(self, address: int, data: bytes) -> Refusal | None:
         registers = self._registers
@@ -492,7 +452,7 @@ class SimulatedServo:
         before = {name: registers[name] for name in changes}
         for name, value in changes.items():
             registers[name] = value
-        if self._torque_on_write and registers.stiffens(changes):
+        if registers.stiffens(changes):
             before.setdefault("Torque Enable", registers["Torque Enable"])
             registers["Torque Enable"] = 1
         if before.get("Torque Limit") == 0 and registers["Torque Limit"]:
@@ -507,42 +467,6 @@ class SimulatedServo:
             self._be_deaf(slow * self._eeprom_time)
         if self.write_log is not None:
             self.write_log.note(self._now, self.id, registers, before)
-        return None
-
-    def _keep(self, address: int, data: bytes) -> Refusal | None:
-        changes = self._registers.changes(address, data)
-        if isinstance(changes, Refusal):
-            return changes
-        self._waiting = (address, data)
-        self._registers.set_registered(1)
-        return None
-
-    def _act(self) -> Refusal | None:
-        if self._waiting is None:
-            return Refusal.INSTRUCTION
-        waiting, self._waiting = self._waiting, None
-        self._registers.set_registered(0)
-        self._write(*waiting)
-        return None
-
-    def _reset(self, packet: Packet) -> Refusal | None:
-        spared: tuple[str, ...] = ()
-        if self.model.protocol == 2:
-            if packet.parameters not in _RESETS:
-                return Refusal.RANGE
-            spared = _RESETS[packet.parameters]
-            if not spared and packet.id == BROADCAST:
-                return Refusal.FAILED  # newer firmware ignores it, so that ids stay apart
-        self._registers.load_initial_values(eeprom=True, but=spared)
-        if self.model.protocol == 2:
-            self._start()
-        self._configure()
-        return None
-
-    def _clear_turns(self) -> Refusal | None:
-        if self._drive.speed != 0.0 or not isinstance(self._registers, XRegisters):
-            return Refusal.FAILED
-        self._registers.fold(self._drive)
         return None
 
 

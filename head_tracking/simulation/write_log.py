@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from head_tracking.simulation.registers import Registers
+from head_tracking.simulation.registers import ServoRegisters
 
 _WATCHED: Final = frozenset(
     ("Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Goal Velocity",
@@ -47,7 +47,9 @@ class WriteLog:
     def __init__(self, keep: int = 10_000) -> None:
         self.writes: deque[Write] = deque(maxlen=keep)
 
-    def note(self, time: int, servo_id: int, registers: Registers, names: Iterable[str]) -> None:
+    def note(
+        self, time: int, servo_id: int, registers: ServoRegisters, names: Iterable[str]
+    ) -> None:
         """Keep a write, if it has to do with motion."""
         told = tuple(name for name in names if name in _WATCHED)
         if told:

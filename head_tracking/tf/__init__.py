@@ -6,7 +6,6 @@ from head_tracking.tf.broadcaster import (
     broadcasting_possible,
 )
 from head_tracking.tf.buffer import Buffer, BufferCore
-from head_tracking.tf.buffer_action import BufferClient, BufferServer
 from head_tracking.tf.buffer_interface import (
     BufferInterface,
     ConvertRegistration,
@@ -49,10 +48,8 @@ __all__ = [
     "DEFAULT_STATIC_TF_TOPIC",
     "DEFAULT_TF_TOPIC",
     "Buffer",
-    "BufferClient",
     "BufferCore",
     "BufferInterface",
-    "BufferServer",
     "ConnectivityException",
     "ConvertRegistration",
     "ExtrapolationException",

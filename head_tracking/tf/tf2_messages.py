@@ -1,13 +1,12 @@
 """tf2's messages, where they are installed: they are not among the ROS wheels."""
 
 try:
-    from tf2_msgs.action import LookupTransform
-    from tf2_msgs.msg import TF2Error, TFMessage
+    from tf2_msgs.msg import TFMessage
     from tf2_msgs.srv import FrameGraph
 except ImportError:
-    TFMessage = FrameGraph = LookupTransform = TF2Error = None
+    TFMessage = FrameGraph = None
 
-__all__ = ["FrameGraph", "LookupTransform", "TF2Error", "TFMessage", "require_tf2_msgs"]
+__all__ = ["FrameGraph", "TFMessage", "require_tf2_msgs"]
 
 
 def require_tf2_msgs() -> None:
@@ -18,6 +17,6 @@ def require_tf2_msgs() -> None:
     """
     if TFMessage is None:
         raise ImportError(
-            "tf2_msgs is not installed, so there is no /tf and no action of lookups; it comes "
+            "tf2_msgs is not installed, so there is no /tf; it comes "
             "with a ROS 2 installation (ros-jazzy-tf2-msgs)"
         )

@@ -1,4 +1,4 @@
-"""check_model: prints the tree of a robot model, or says what is wrong with it."""
+"""check_model: prints the tree of a robot model, or reports what is wrong with it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from head_tracking.transforms.robot_model import walk
 
 
 def tree_text(model: RobotModel) -> str:
-    """The tree in the words of urdf's check_urdf."""
+    """Return the tree as urdf's check_urdf prints it."""
     lines = [
         f"robot name is: {model.name}",
         "---------- Successfully Parsed XML ---------------",
@@ -27,7 +27,7 @@ def tree_text(model: RobotModel) -> str:
 
 
 def summary(model: RobotModel) -> str:
-    """What was checked, and what is in the model."""
+    """Return what was checked, and what is in the model."""
     joints = model.joints.values()
     moving = [joint for joint in joints if joint.moves]
     mimics = sum(joint.mimic is not None for joint in moving)
@@ -39,7 +39,7 @@ def summary(model: RobotModel) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Checks the model named on the command line; returns the exit code."""
+    """Check the model named on the command line; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="check_model", description="Checks a robot model and prints its tree."
     )

@@ -1,6 +1,6 @@
-"""head_setup: what a machine needs besides the package. Says what it will do, and asks.
+"""head_setup: installs what a machine needs besides the package. Prints its steps, and asks.
 
-Needs nothing but Python, for it installs what the rest needs.
+It needs nothing but Python, because it installs what the rest needs.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from head_tracking.share import PACKAGE, share_directory
 
@@ -46,24 +45,18 @@ DONE, FAILED, REFUSED = 0, 1, 3
 
 
 class SetupError(Exception):
-    """It cannot be done here; says what to do instead."""
+    """It cannot be done here; the message tells what to do instead."""
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """Something to do.
-
-    Attributes:
-        why: What for.
-        command: The command that does it.
-    """
+class Step(NamedTuple):
+    """A command, and why it is run."""
 
     why: str
     command: tuple[str, ...]
 
 
 def udev_steps(share: Path) -> list[Step]:
-    """Rights and latency of USB adapters."""
+    """Return the steps for rights and latency of USB adapters."""
     return [
         Step(
             f"the rules for the adapters go into {_RULES}",
@@ -79,14 +72,14 @@ def udev_steps(share: Path) -> list[Step]:
 
 
 def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
-    """The head starts with the machine.
+    """Return the steps after which the head starts with the machine.
 
     Args:
-        share: The package's.
+        share: The package's share directory.
         arguments: Of head_tracking, such as --port /dev/ttyUSB0.
 
     Raises:
-        SetupError: This copy is no built workspace.
+        SetupError: No built workspace is sourced.
     """
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
@@ -112,11 +105,10 @@ def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
 
 
 def library_steps(what: str) -> list[Step]:
-    """Libraries which no package of Ubuntu and no key of rosdep brings.
+    """Return the steps for libraries that neither Ubuntu nor rosdep has.
 
-    In a virtual environment they go there. Beside ROS they go into the workspace, which its
-    setup.bash puts on Python's path: nothing of the system is touched, and PEP 668 has nothing
-    against it.
+    They go into the virtual environment, if there is one; else into the workspace, whose
+    setup.bash puts them on Python's path, so that PEP 668 allows it.
 
     Raises:
         SetupError: There is neither.
@@ -134,7 +126,7 @@ def library_steps(what: str) -> list[Step]:
 
 
 def _workspace() -> Path:
-    """The prefix that colcon has built this package into."""
+    """Return the prefix that colcon has built this package into."""
     for place in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         if place and Path(place, "share", PACKAGE, "package.xml").is_file():
             return Path(place)
@@ -157,7 +149,7 @@ def carry_out(
     execute: Callable[[Sequence[str]], int] = subprocess.call,
     ask: Callable[[str], str] = input,
 ) -> int:
-    """Say what will be done, ask, and do it; return the exit code."""
+    """Print the steps, ask, and run them; return the exit code."""
     for step in steps:
         print(f"{step.why}:\n    {shlex.join(step.command)}")
     if dry_run:
@@ -176,23 +168,21 @@ def carry_out(
         except FileNotFoundError:
             code = 127
         if code:
-            cure = ""
-            if "pip" in step.command:
-                cure = "; pip is there after `sudo apt install python3-pip`, and needs the network"
+            cure = "; it needs python3-pip, and the network" if "pip" in step.command else ""
             print(f"head_setup: failed: {shlex.join(step.command)}{cure}", file=sys.stderr)
             return FAILED
     return DONE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Sets up what the command line names; returns the exit code."""
+    """Set up what the command line names; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="head_setup",
-        description="Sets up what a machine needs besides the package; says what it will do first.",
-        epilog="exit codes: 0 done; 1 failed; 2 wrong command line; 3 nobody said yes",
+        description="Installs what a machine needs besides the package; prints its steps first.",
+        epilog="exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask")
-    parser.add_argument("--dry-run", action="store_true", help="only say what would be done")
+    parser.add_argument("--dry-run", action="store_true", help="only print the steps")
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     for what, (why, _) in _LIBRARIES.items():
         commands.add_parser(what, help=f"{why.rstrip(',')}, beside ROS on Ubuntu")

@@ -1,4 +1,4 @@
-"""simulated_bus: Dynamixel servos behind a port that any Dynamixel program can open."""
+"""simulated_bus: serves simulated Dynamixel servos on a port that any program can open."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ServoOption(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the port to open and serves it until SIGINT or SIGTERM; returns the exit code."""
+    """Print the port to open and serve it until SIGINT or SIGTERM; return the exit code."""
     options = _parser().parse_args(arguments)
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     if port.overlaps:
         times = ", ".join(f"{kind.value} {n}" for kind, n in port.overlaps.most_common())
-        print(f"two speakers at once: {times}", file=sys.stderr)
+        print(f"two senders at once: {times}", file=sys.stderr)
     if faults.counts:
         counts = ", ".join(f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common())
         print(f"faults: {counts}", file=sys.stderr)
@@ -98,10 +98,10 @@ def _parser() -> argparse.ArgumentParser:
         help="set the servos to this baud rate; they hear no other (default: they hear any)",
     )  # fmt: skip
     add("--paced", action="store_true", help="bytes take their time at the program's baud rate")
-    add("--exact", action="store_true", help="burn a core to be in time to some microseconds")
+    add("--exact", action="store_true", help="use one core to be exact to some microseconds")
     add(
         "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
-        help="the adapter hands on what it received only so often; FTDI's default is 16",
+        help="latency timer of the adapter; FTDI's default is 16",
     )  # fmt: skip
     add(
         "--return-delay", type=between(0, 508, "us", int), default=None, metavar="US",
@@ -111,15 +111,15 @@ def _parser() -> argparse.ArgumentParser:
     add("--echo", action="store_true", help="the adapter sends back whatever it is sent")
     add(
         "--faults", type=between(0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
-        help="so many transactions go wrong",
+        help="share of transactions with a fault",
     )  # fmt: skip
     names = ", ".join(kind.name.lower() for kind in Fault)
-    add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"in these ways only: {names}")
+    add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"kinds of faults (all): {names}")
     add(
         "--unplug-every", type=between(0.1, 1e6, "s"), metavar="S",
-        help="pull the adapter out after about so many seconds, again and again",
+        help="unplug the adapter about every S seconds",
     )  # fmt: skip
-    add("--seed", type=int, default=1, metavar="N", help="of all that is random (default: 1)")
+    add("--seed", type=int, default=1, metavar="N", help="of the random numbers (default: 1)")
     return parser
 
 
@@ -177,7 +177,7 @@ def _fault(text: str) -> Fault:
     try:
         return Fault[text.upper()]
     except KeyError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no kind of fault") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a kind of fault") from None
 
 
 if __name__ == "__main__":

@@ -45,6 +45,14 @@ class Target:
     frame_id: str
     point: Vector3
 
+    def check(self) -> None:
+        """Raise ValueError if it cannot be looked at from anywhere."""
+        if not all(abs(number) <= _FARTHEST for number in self.point):
+            what = "too far away" if all(map(math.isfinite, self.point)) else "not finite"
+            raise ValueError(
+                f"it is {what}; x, y and z must be numbers in metres, up to {_FARTHEST:g}"
+            )
+
     def __str__(self) -> str:
         x, y, z = (f"{n:.3f}" if abs(n) < 1e6 else f"{n:g}" for n in self.point)
         return f"({x}, {y}, {z}) in {self.frame_id}"
@@ -78,10 +86,10 @@ class TargetPlacer:
 
     def offer(self, target: Target, now: float) -> None:
         """Takes a target at the time `now` [s]; one that is nowhere is refused."""
-        if not all(abs(number) <= _FARTHEST for number in target.point):
-            what = "too far away" if all(map(math.isfinite, target.point)) else "not finite"
-            reason = f"it is {what}; x, y and z must be numbers in metres, up to {_FARTHEST:g}"
-            self._refusals = [Refusal(target, reason)]
+        try:
+            target.check()
+        except ValueError as error:
+            self._refusals = [Refusal(target, str(error))]
             return
         if len(self._waiting) == _MOST_WAITING:
             dropped, _ = self._waiting.popleft()

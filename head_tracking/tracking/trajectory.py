@@ -16,6 +16,7 @@ from typing import NamedTuple
 from head_tracking.parameters import parameter
 from head_tracking.transforms import JointLimits
 
+_SAMPLE = 0.02  # s
 _BESIDE = 1e-3  # rad; a waypoint may be beyond a limit by this: planners round
 
 
@@ -83,6 +84,15 @@ class Waypoint(NamedTuple):
     positions: tuple[float, ...]
     velocities: tuple[float, ...] = ()
     accelerations: tuple[float, ...] = ()
+
+    def slowed(self, factor: float) -> Waypoint:
+        """Return the same waypoint of a trajectory that takes `factor` times as long."""
+        return Waypoint(
+            self.time * factor,
+            self.positions,
+            tuple(velocity / factor for velocity in self.velocities),
+            tuple(acceleration / factor**2 for acceleration in self.accelerations),
+        )
 
 
 class JointPoint(NamedTuple):
@@ -261,6 +271,21 @@ class JointTrajectory:
                 point = _between(points[after - 1], points[after], end - begin, time - begin)
             found.append(point._replace(position=self._limits[joint].clamp(point.position)))
         return tuple(found)
+
+    @property
+    def peak_speed(self) -> float:
+        """The highest desired speed of a joint, sampled every 20 ms [rad/s]."""
+        begin = min(times[0] for times, _ in self._knots.values())
+        steps = math.ceil((self.end - begin) / _SAMPLE)
+        return (
+            max(
+                abs(point.velocity or 0.0)
+                for step in range(steps)
+                for point in self.at(begin + step * _SAMPLE)
+            )
+            if steps
+            else 0.0
+        )
 
     def judge(self, stamp: float, measured: Sequence[float], now: float) -> TrajectoryResult | None:
         """Return the result; None while the trajectory is under way.

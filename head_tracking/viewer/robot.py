@@ -11,12 +11,12 @@ from contextlib import suppress
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
+from head_tracking.control.head_control import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
-from head_tracking.recording.recording import Observation, outer_frames
+from head_tracking.recording.recording import Observation, known_joints, outer_frames
 from head_tracking.ros.diagnostics import Health, Level
 from head_tracking.ros.graph import Graph
-from head_tracking.ros.head_interface import HeadParameters
 from head_tracking.ros.other_parameters import OtherParameters
 from head_tracking.ros.other_services import OtherServices, Outcome
 from head_tracking.ros.own_thread import OwnThread
@@ -151,11 +151,6 @@ class Robot:
         model = self._model
         if model is None:
             return Observation(self._now)
-        joints = {
-            name: found[1]
-            for name in model.independent_joints
-            if (found := self.buffer.latest_joint_position(name)) is not None
-        }
         mode = self.modes.mode()
         turner = POINTER if mode is Mode.POINT else TRACKER
         # a pointed head keeps its target; one that tracks needs it anew
@@ -163,7 +158,7 @@ class Robot:
         state = "" if mode is Mode.OFF else self.topics.state(turner)
         return Observation(
             self._now,
-            joints,
+            known_joints(self.buffer, model),
             outer_frames(self.buffer, model),
             None if target is None else target.point,
             "" if target is None else str(target.target),

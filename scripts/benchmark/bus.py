@@ -413,7 +413,9 @@ class FaultyRun:
         """One cycle at 50 Hz with a new command."""
         driver, clock = self._driver, self._clock
         self._due = max(self._due + PERIOD, clock.now)
-        clock.now = self._due
+        while driver.fill(self._due):
+            pass
+        clock.now = max(self._due, clock.now)
         self.cycles += 1
         goals = {
             joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
@@ -460,8 +462,10 @@ def returning_servo() -> str:
         driver.connect()
 
         def cycle(driver: ServoBus = driver, clock: SimulatedClock = clock) -> float:
-            clock.now += PERIOD
-            start = clock.now
+            due = clock.now + PERIOD
+            while driver.fill(due):
+                pass
+            clock.now = start = max(due, clock.now)
             for name in ("joint_1", "joint_2"):
                 with suppress(GoalError):
                     driver.command({name: Goal(0.2)})

@@ -15,7 +15,6 @@ SECONDS = 40.0  # of one robot's life
 LAYOUTS = (
     ("a composed run", ("--run", "composed")),
     ("a process for each node", ("--run", "nodes")),
-    ("a run with its bus in another process", ("--run", "bus-process")),
     ("a composed run whose clock jumps", ("--run", "composed", "--clock")),
     ("a process for each node, and the clock jumps", ("--run", "nodes", "--clock")),
 )

@@ -97,7 +97,6 @@ def main() -> None:
         servo.set_register("Return Delay Time", 0)
     reacting = ReactingServos("shaking" in sys.argv[1:])
     bus = SimulatedBus(servos, reacting.line)
-    bus.allow_gaps({1: 100_000_000, 2: 100_000_000})  # pauses of this machine
     line = SerialLine(bus)
     terminal = PseudoTerminal()
     ending: list[int] = []

@@ -52,7 +52,7 @@ class SimulatedRun:
     @property
     def viewer_pid(self) -> int:
         """Of the viewer's process."""
-        return next(pid for pid in descendants(self.pid) if b"viewer_process" in command(pid))
+        return next(pid for pid in descendants(self.pid) if b"\0page\0" in command(pid))
 
     def __enter__(self) -> Self:
         self._reader.start()

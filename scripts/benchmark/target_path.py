@@ -55,8 +55,8 @@ def main() -> None:
         message.header.stamp = now.to_msg()
         last = k == 99
         sys.setprofile(on_event if last else None)
-        node.interface._on_message(message)
-        node.interface.update()
+        node.interface._on_target(message)
+        node.interface.control.update()
         sys.setprofile(None)
     node.destroy_node()
     rclpy.try_shutdown()

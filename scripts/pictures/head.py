@@ -24,7 +24,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.run.control import Composition, compose, parse_arguments, ros_arguments
+from head_tracking.run.control import Composition, compose
+from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import RobotModel, TransformException
 
 SECONDS = 14.0
@@ -47,18 +48,18 @@ def record(head: Composition) -> tuple[Samples, dict[str, float], tuple[float, .
     start = time.monotonic()
     while (now := time.monotonic() - start) < SECONDS:
         rclpy.spin_once(node, timeout_sec=0.01)
-        if not seen or tracker.interface.head is None:
+        if not seen or tracker.interface.control.head is None:
             continue
         message = seen[-1]
         point = (message.point.x, message.point.y, message.point.z)
         try:
             placed = head.buffer.core.transform_point(
-                point, tracker.interface.head.base_frame, message.header.frame_id
+                point, tracker.interface.control.head.base_frame, message.header.frame_id
             )
         except TransformException:
             continue
         pan, tilt = (simulated.true_position(f"head_{name}_joint") for name in ("pan", "tilt"))
-        gaze = tracker.interface.head.gaze(placed, pan, tilt)
+        gaze = tracker.interface.control.head.gaze(placed, pan, tilt)
         for key, value in zip(samples, (now, pan, tilt, gaze.pan, gaze.tilt), strict=True):
             samples[key].append(value)
         if not moment and now > 3.0 and -0.7 < pan < -0.5:
@@ -178,7 +179,7 @@ def main() -> None:
     """Runs the simulated head and draws what it did."""
     folder = Path(sys.argv[1])
     plan = parse_arguments(["--sim"])
-    rclpy.init(args=ros_arguments(plan))
+    rclpy.init(args=plan.ros_arguments)
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources, StopSignal())
         samples, moment, target = record(head)

@@ -15,8 +15,8 @@ PROGRAM = Path(__file__).parents[1] / "support" / "chaos.py"
 
 @pytest.mark.parametrize(
     ("seed", "layout"),
-    [(1, ["--run", "composed"]), (2, ["--run", "bus-process", "--clock"])],
-    ids=["composed", "bus process"],
+    [(1, ["--run", "composed"]), (2, ["--run", "nodes", "--clock"])],
+    ids=["composed", "nodes"],
 )
 def test_nothing_moves_by_itself_stop_works_and_the_head_recovers(seed, layout):
     done = subprocess.run(

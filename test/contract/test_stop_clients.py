@@ -25,13 +25,11 @@ CALLS = (
 )
 
 
-@pytest.fixture(scope="module", params=["one process", "a bus process", "a process for each node"])
+@pytest.fixture(scope="module", params=["a run", "a process for each node"])
 def bench(request, tmp_path_factory):
     with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
-        if request.param == "one process":
+        if request.param == "a run":
             bench.run("--target", "fictitious", "--allow-others")
-        elif request.param == "a bus process":
-            bench.run("--target", "fictitious", "--allow-others", "--bus-process")
         else:
             port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
             bench.start("servo_bus", "--ros-args", *port)

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pytest
+from answer_hook import OnAnswers
 from waiting import PATIENCE, eventually
 
 from head_tracking.dynamixel import (
@@ -278,7 +279,9 @@ def test_silent_servo_is_lost_and_comes_back() -> None:
     def line(answer: Answer) -> Iterable[Answer]:
         return () if silent.is_set() and answer.data[2] == 1 else (answer,)
 
-    with SimulatedPort(SimulatedBus([SimulatedServo(1), SimulatedServo(2)], line)) as simulated:
+    with SimulatedPort(
+        SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=OnAnswers(line))
+    ) as simulated:
         head = Head(simulated)
         head.bus.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), 0.2))
@@ -304,7 +307,9 @@ def test_corrupt_answers_are_repeated_and_counted() -> None:
             return (answer,)
         return (Answer(answer.data[:-1] + bytes((answer.data[-1] ^ 0x55,)), answer.delay),)
 
-    with SimulatedPort(SimulatedBus([SimulatedServo(1), SimulatedServo(2)], line)) as simulated:
+    with SimulatedPort(
+        SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=OnAnswers(line))
+    ) as simulated:
         head = Head(simulated)
         head.bus.command({"head_pan_joint": Goal(0.2)})
         assert eventually(lambda: near(head.measured("head_pan_joint"), 0.2))

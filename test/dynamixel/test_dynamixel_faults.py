@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from answer_hook import OnAnswers
 from ordeal import PERIOD, Ordeal, ordeal_joint
 from simulated_device import Bench, SimulatedDevice
 
@@ -87,14 +88,14 @@ def test_adapter_pulled_out_and_plugged_in_in_the_middle_of_everything() -> None
     assert ordeal.goals_outside() == 0
 
 
-def stalled_once(stall: int) -> Callable[[Answer], Iterator[Answer]]:
+def stalled_once(stall: int) -> OnAnswers:
     """A servo that answers its first write late, while others may talk."""
     left = [stall]
 
     def line(answer: Answer) -> Iterator[Answer]:
         yield replace(answer, stalled=left.pop()) if left else answer
 
-    return line
+    return OnAnswers(line)
 
 
 @pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
@@ -102,7 +103,7 @@ def test_late_answer_to_a_write_is_not_taken_for_the_next_one(name: str) -> None
     model = servo_model(name)
     torque = model.control_table["Torque Enable"].address
     for stall in range(0, 6_000_000, 29_000):
-        bench = Bench(SimulatedBus([SimulatedServo(1, name)], stalled_once(stall)))
+        bench = Bench(SimulatedBus([SimulatedServo(1, name)], faults=stalled_once(stall)))
         bench.port = DynamixelPort(
             "simulated", reply_timeout=0.002, clock=bench.clock,
             open_device=lambda *_, line=bench.line: SimulatedDevice(line),

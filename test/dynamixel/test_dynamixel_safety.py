@@ -10,6 +10,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
@@ -90,7 +91,10 @@ class Rig:
 
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
-            self.bench.pass_time(PERIOD)
+            due = self.bench.now() + round(PERIOD * 1e9)
+            while self.bus.fill(due):
+                pass
+            self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
             logged = [event for event in reading.events if not event.repeated]
             self.events += [event.text for event in logged]
@@ -380,6 +384,19 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
+    servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
+    rig = Rig(*servos)
+    for phase in range(6):
+        servos[0].power_off()
+        rig.step(20 + phase)
+        assert rig.reading.lost == ("j1",)
+        servos[0].power_on()
+        rig.step(5)
+        assert set(rig.reading.states) == {"j1", "j2"}, phase
+
+
 # Who is there
 
 
@@ -462,7 +479,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             repeated += 1
             return [answer, replace(answer, delay=answer.delay + late)]
 
-        bench = Bench(SimulatedBus([servo], line=twice))
+        bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
         bus = ServoBus(
             bench.port, [joint(1, servo_model(servo.model.name))], bench.now, monotonic=bench.now
         )

@@ -13,7 +13,6 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     BusThread,
     ConfigurationError,
-    CycleSchedule,
     Goal,
     PortLostError,
     ServoBus,
@@ -28,36 +27,6 @@ def connected(port: FakePort) -> ServoBus:
 
 def ignore(reading: BusReading) -> None:
     del reading
-
-
-# The schedule, with time passed in
-
-
-def test_cycles_stay_on_the_grid() -> None:
-    schedule = CycleSchedule(period=20, start=100)
-    due = []
-    for late in (3, 0, 19, 7):
-        due.append(schedule.due)
-        schedule.advance(schedule.due + late)
-    assert due == [100, 120, 140, 160]
-    assert schedule.missed == 0
-
-
-def test_missed_cycles_are_left_out_and_not_made_up() -> None:
-    schedule = CycleSchedule(period=20, start=100)
-    schedule.advance(175)  # the cycles of 120, 140 and 160 are past
-    assert (schedule.due, schedule.missed) == (180, 3)
-    schedule.advance(185)
-    assert (schedule.due, schedule.missed) == (200, 3)
-
-
-def test_cycle_that_ends_when_the_next_is_due_misses_none() -> None:
-    schedule = CycleSchedule(period=20, start=100)
-    schedule.advance(120)
-    assert (schedule.due, schedule.missed) == (120, 0)
-
-
-# The thread
 
 
 def test_thread_hands_out_readings_and_measures_itself() -> None:

@@ -82,8 +82,8 @@ def test_a_target_that_never_pauses_survives_a_jump(make):
 
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make):
     head = make(simulated=True)
-    head.until_logged("ready to keep")
-    interface = head.node.interface
+    head.until_logged("ready to point")
+    interface = head.node.interface.control
     owners = interface._loop.owners
     owners.stop(dict)
     owners.resume(owners.epoch.value)
@@ -97,10 +97,10 @@ def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make)
     wait_for(lambda: len(head.travel) > 300)
     head.target = ("torso_link", still)
     wait_for(lambda: head.farthest() > 0.1)
-    assert interface.slow
+    assert interface.is_cautious
     assert max(head.speeds) <= 0.3001
     on_target(head)
-    assert not interface.slow
+    assert not interface.is_cautious
 
 
 def test_a_paused_clock_is_said_and_then_it_tracks_again(make):

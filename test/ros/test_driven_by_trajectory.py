@@ -88,7 +88,7 @@ def test_beside_a_servo_bus_it_is_refused():
     rclpy.init()
     try:
         loop = ControlLoop(TransformBuffer())
-        loop.write = lambda sender, goals, epoch: None
+        loop.drive_by(lambda sender, goals, epoch: None)
         overrides = [Parameter(name, value=value) for name, value in DRIVEN.items()]
         with pytest.raises(HeadTrackingError, match="the servo bus runs in this process"):
             PointHeadNode(loop=loop, parameter_overrides=overrides)

@@ -31,14 +31,14 @@ def running(make_module_robot):
 @pytest.fixture
 def robot(running):
     """Awake, and looking about straight on."""
-    interface = running.composition.nodes["point_head"].interface
+    interface = running.composition.nodes["point_head"].interface.control
     if interface.off:
         running.call("resume")
         running.call("point_head/enable", True)
         wait_for(lambda: not interface.off)
         assert running.call("torque_enable", True).success
-        interface.slow = False
-    if abs(running.pan) > 0.1 or running.composition.nodes["point_head"].actions.task is not None:
+        interface.is_cautious = False
+    if abs(running.pan) > 0.1 or interface.task is not None:
         assert running.client.send(goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
     running.forget_log()
     return running

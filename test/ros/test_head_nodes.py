@@ -45,7 +45,7 @@ def test_a_tracker_that_is_off_stays_off_with_another_model(make, kinectbot):
     head.until_state("disabled:")
     head.target = LEFT
     head.describe(another(kinectbot.urdf))
-    wait_for(lambda: sum("ready to keep" in text for text in head.log) >= 2)
+    wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
     head.travel.clear()
     wait_for(lambda: len(head.travel) > 50)
     assert head.commands <= 1
@@ -60,7 +60,7 @@ def test_another_model_of_the_head_is_taken_on_the_way(make, kinectbot):
     head.target = LEFT
     head.until_state("tracking:")
     head.describe(another(kinectbot.urdf))
-    wait_for(lambda: sum("ready to keep" in text for text in head.log) >= 2)
+    wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
     head.target = RIGHT
     wait_for(lambda: head.positions[0] < -0.4)
 
@@ -212,7 +212,7 @@ def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monke
 
     monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
     carried = {
-        frame: head.node.interface.moves_with_head(frame)
+        frame: head.node.interface.control.is_carried(frame)
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}

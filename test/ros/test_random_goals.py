@@ -51,13 +51,13 @@ class Driven:
     def __init__(self, model):
         self.head = goals.PointedHead(model)
         self.world, self.node = self.head.world, self.head.node
-        self.interface, self.actions = self.node.interface, self.node.actions
+        self.control, self.actions = self.node.interface.control, self.node.actions
         self.sent = []
         self.owners = self.world.loop.owners
         self.stopped = self.off = False
         self.before = ""  # who goes on after resume
         self.written = 0
-        write = self.world.loop.write
+        write = self.world._on_goals
 
         def record(sender, told, epoch):
             assert not self.stopped, "told something although stopped"
@@ -71,7 +71,7 @@ class Driven:
             assert epoch == self.owners.epoch.value
             write(sender, told, epoch)
 
-        self.world.loop.write = record
+        self.world.loop.drive_by(record)
 
     @property
     def mine(self):
@@ -129,6 +129,7 @@ class Driven:
             self.before = self.owners.of(goals.JOINTS)[goals.JOINTS[0]]
         self.owners.stop(dict)
         self.stopped = True
+        self.world.run(0.03)
         assert not self.under_way()
 
     def resume(self, _):
@@ -140,7 +141,7 @@ class Driven:
 
     def switched(self, on):
         request, response = type("Request", (), {"data": on})(), type("Response", (), {})()
-        self.interface._on_enable(request, response)
+        self.node.interface._on_enable(request, response)
         return response.success
 
     def turn_on(self, _):
@@ -161,6 +162,7 @@ class Driven:
         else:
             self.owners.take_over("/somebody", goals.JOINTS)
             self.off = True
+            self.world.run(0.03)
             assert not self.under_way()
 
     def release(self, _):
@@ -170,12 +172,12 @@ class Driven:
 
     def recenter(self, _):
         request, response = None, type("Response", (), {"success": False, "message": ""})()
-        self.interface._on_recenter(request, response)
+        self.node.interface._on_recenter(request, response)
         if response.success:
             assert not self.under_way()
 
     def target(self, _):
-        self.interface._take_target(Target(0, self.head.head.base_frame, (2.0, 0.5, 0.2)))
+        self.control.accept(Target(0, self.head.head.base_frame, (2.0, 0.5, 0.2)))
 
     def wait(self, seconds):
         self.world.run(seconds)
@@ -194,9 +196,9 @@ def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
         for name, wish in itertools.chain(steps, [("wait", 0.1)]):
             getattr(driven, NAMES.get(name, name))(wish)
             assert len(driven.under_way()) <= 1
-            assert bool(driven.actions.task) >= bool(driven.under_way())
+            assert bool(driven.control.task) >= bool(driven.under_way())
         waited = 0.0
-        while driven.under_way() or driven.actions.task is not None:
+        while driven.under_way() or driven.control.task is not None:
             driven.wait(0.5)
             waited += 0.5
             assert waited < 30.0

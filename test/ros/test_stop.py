@@ -49,7 +49,7 @@ def torque(robot):
 
 def tracking(robot):
     tracker = robot.composition.nodes["head_tracker"]
-    wait_for(lambda: tracker.interface.newest_target and torque(robot) == [1, 1])
+    wait_for(lambda: tracker.interface.control.target and torque(robot) == [1, 1])
 
 
 def test_a_resumed_head_is_no_faster_than_a_person_allows(robot):
@@ -88,8 +88,8 @@ def test_a_stop_that_was_resumed_before_a_busy_node_heard_of_it_counts(threads):
     bus.say(False, 1)
     threads.start(tracker)
     threads.start(bus.node)
-    wait_for(lambda: tracker.interface.slow)
-    assert not tracker.interface.off
+    wait_for(lambda: tracker.interface.control.is_cautious)
+    assert not tracker.interface.control.off
 
 
 def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
@@ -112,7 +112,7 @@ def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
         assert not future.result().success
     bus.say(False, 7)
     wait_for(lambda: enabled == [True, False, True])
-    assert tracker.interface.slow
+    assert tracker.interface.control.is_cautious
     assert not bus.claims
 
 
@@ -140,9 +140,9 @@ def test_what_another_process_sent_before_a_stop_does_nothing_after_it(robot):
 def test_stop_waits_for_no_controller_that_hangs(robot):
     tracking(robot)
     going_on = threading.Event()
-    interface = robot.composition.nodes["head_tracker"].interface
-    step = interface._turner.step
-    interface._turner.step = lambda reading: (going_on.wait(10.0), step(reading))[1]
+    mode = robot.composition.nodes["head_tracker"].interface.control.mode
+    step = mode.step
+    mode.step = lambda *given: (going_on.wait(10.0), step(*given))[1]
     time.sleep(0.2)
     asking = threading.Thread(target=lambda: robot.call("stop"))  # whose answer waits, too
     try:
@@ -183,11 +183,11 @@ def test_who_loses_one_joint_gives_the_other_up_too(robot):
 def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
-    tracker.interface._turner.switched = lambda: 1 // 0
+    tracker.interface.control.mode.enable = lambda *_: 1 // 0
     answer = robot.composition.nodes["servo_bus"].stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert latched(robot, "stopped", Bool)[-1].data
-    assert isinstance(tracker.failure, ZeroDivisionError)
+    wait_for(lambda: isinstance(tracker.failure, ZeroDivisionError))
 
 
 @pytest.mark.parametrize("mode", ["track", "point"])

@@ -52,7 +52,7 @@ def test_a_target_is_heard_from_any_publisher(robot, number, topic):
 
     def heard() -> bool:
         publisher.publish(message)
-        target = interface.newest_target
+        target = interface.control.target
         return target is not None and target.point[0] == pytest.approx(away)
 
     try:

@@ -21,8 +21,8 @@ from transform_messages import shifted
 from head_tracking import tf
 
 NAMES = """
-    Buffer BufferCore BufferClient BufferInterface BufferServer TransformListener
-    StaticTransformListener TransformBroadcaster StaticTransformBroadcaster TransformRegistration
+    Buffer BufferCore BufferInterface TransformListener StaticTransformListener
+    TransformBroadcaster StaticTransformBroadcaster TransformRegistration
     ConvertRegistration convert Stamped TypeException NotImplementedException TransformException
     LookupException ConnectivityException ExtrapolationException InvalidArgumentException
     TimeoutException DEFAULT_TF_TOPIC DEFAULT_STATIC_TF_TOPIC

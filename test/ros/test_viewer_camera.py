@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from robot_under_test import Robot, wait_for
 
-from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.run.node_sets import started_on_request
 from head_tracking.vision.opencv import OpenCVMissingError
@@ -81,4 +80,3 @@ def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
 def test_only_a_simulated_head_has_a_simulated_camera():
     assert NAME in started_on_request(simulated=True)
     assert NAME not in started_on_request(simulated=False)
-    assert started_on_request(simulated=True)[NAME].make is SimulatedCameraNode

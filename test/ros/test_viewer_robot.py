@@ -15,7 +15,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.spinning import NodeThreads
-from head_tracking.run.control import parse_arguments
+from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.head_modes import Mode
 from head_tracking.viewer.path import Path
@@ -310,7 +310,7 @@ def test_without_hardware_the_page_says_where_the_joints_are():
 
 
 def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
-    monkeypatch.setattr("head_tracking.run.control.installed", lambda: False)
+    monkeypatch.setattr("head_tracking.run.options.installed", lambda: False)
     with pytest.raises(SystemExit) as ended:
         parse_arguments(["--sim", "--viewer"])
     assert ended.value.code == 2

@@ -18,7 +18,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
-from std_srvs.srv import SetBool
 from visual_pursuit import pursue, tutorial_law
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
@@ -301,7 +300,7 @@ def test_images_are_subscribed_to_while_somebody_wants_what_is_found(world, look
 
     def images(on=None):
         if on is not None:
-            node._target._switch._on_enable(SetBool.Request(data=on), SetBool.Response())
+            node.enabled = on
         world.run(0.3)
         return world.listeners("/image"), world.listeners("/depth")
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import pytest
+from answer_hook import OnAnswers
 from simulated_golden_vectors import INSTRUCTIONS, STATUSES
 from simulated_packets import InstructionPacket, StatusPacket
 
@@ -25,9 +26,9 @@ ANSWERS = {
     "goal 512": "ping",
     "goal 512, speed 100": "ping",
     "torque limit 1023": "ping",
-    "reg write goal 500": "ping",
-    "factory reset 0": "factory reset 0",
 }
+
+UNKNOWN = ("reg write goal 500", "factory reset 0")
 
 
 def golden(name: str) -> bytes:
@@ -43,6 +44,8 @@ def test_golden_instructions_get_golden_answers(name: str) -> None:
     answers = [answer.data for answer in bus().receive(golden(name), 0)]
     if name == "read temperature":
         assert answers == [StatusPacket(1, data=b"\x1e").encode()]
+    elif name in UNKNOWN:
+        assert [StatusPacket.decode(answer)[1] for answer in answers] == [ErrorBits.INSTRUCTION]
     elif name in ANSWERS:
         assert answers == [bytes.fromhex(STATUSES[ANSWERS[name]][0])]
     else:
@@ -106,7 +109,7 @@ def test_every_answer_passes_the_line() -> None:
         seen.append(answer)
         return ()
 
-    b = SimulatedBus([SimulatedServo(1)], line=deaf)
+    b = SimulatedBus([SimulatedServo(1)], faults=OnAnswers(deaf))
     assert b.receive(golden("ping 1") + golden("read position"), 0) == []
     assert [answer.data for answer in seen] == [
         bytes.fromhex(STATUSES["ping"][0]),

@@ -124,7 +124,7 @@ def test_two_speakers_are_told_at_the_end(start) -> None:
     program = start("--servo", "AX-12:1", "--servo", "AX-18A:1")
     read = InstructionPacket.read(1, 0, 2).encode()
     assert StatusPacket.decode(ask(program.port, read, 8)) is None
-    assert "two speakers at once: servos with the same id 1" in program.stop()[1]
+    assert "two senders at once: servos with the same id 1" in program.stop()[1]
 
 
 def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:

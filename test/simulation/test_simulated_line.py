@@ -6,6 +6,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from answer_hook import OnAnswers
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
@@ -100,7 +101,7 @@ def test_late_answers_are_there_later_and_stop_nobody() -> None:
         return (answer,)
 
     clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos(), line_fault), clock)
+    line = SimulatedLine(SimulatedBus(servos(), faults=OnAnswers(line_fault)), clock)
     line.write(READ_1)
     assert line.read(100, 0.005) == b""
     answer, _ = transaction(line, clock, READ_2)
@@ -299,14 +300,14 @@ def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() ->
     for _ in range(4):
         clock.now += 1000 * US
         line.write(READ_2)
-    assert len(everything(line, clock)) in (0, 14)
+    assert len(everything(line, clock)) in (0, 6)  # or a complaint about the damaged one
     assert not line.overlaps
     clock.now += 200_000 * US
     assert len(transaction(line, clock, READ_2)[0]) == 14
 
 
-@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (2_000, False)])
-def test_servos_of_protocol_2_forget_what_is_interrupted(pause: int, answered: bool) -> None:
+@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (101_000, False)])
+def test_servos_forget_what_is_interrupted(pause: int, answered: bool) -> None:
     line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
     ping = InstructionPacket2.ping(1).encode()
     line.write(ping[:6])

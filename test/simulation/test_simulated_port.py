@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from answer_hook import OnAnswers
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 from waiting import PATIENCE, eventually
 
@@ -330,7 +331,7 @@ def test_a_simulator_that_fails_says_so_and_its_port_vanishes() -> None:
     def fail(answer: Answer) -> tuple[Answer, ...]:
         raise ZeroDivisionError("a defect of the simulator")
 
-    bus = SimulatedBus([SimulatedServo(1)], fail)
+    bus = SimulatedBus([SimulatedServo(1)], faults=OnAnswers(fail))
     with SimulatedPort(bus, on_failure=failed.set) as port:
         client = Client(port.port_name)
         os.write(client.descriptor, PING)

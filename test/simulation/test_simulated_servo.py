@@ -183,33 +183,6 @@ def test_wheel_mode_takes_speeds_with_a_sign() -> None:
     assert write(servo, "Moving Speed", 2047) == OK
 
 
-def test_reg_write_waits_for_the_action() -> None:
-    servo = SimulatedServo(1)
-    assert servo.execute(Packet.reg_write(1, 30, b"\xf4\x01"), 0) == OK
-    assert (read(servo, "Goal Position"), read(servo, "Registered")) == (512, 1)
-    assert servo.execute(Packet.action(), 0) is None
-    assert (read(servo, "Goal Position"), read(servo, "Registered")) == (500, 0)
-
-
-def test_action_without_a_reg_write_is_an_instruction_error() -> None:
-    status = SimulatedServo(1).execute(Packet.action(1), 0)
-    assert status == StatusPacket(1, ErrorBits.INSTRUCTION)
-
-
-def test_bad_reg_write_is_refused_at_once() -> None:
-    servo = SimulatedServo(1)
-    assert servo.execute(Packet.reg_write(1, 36, b"\x00"), 0) == RANGE
-    assert read(servo, "Registered") == 0
-
-
-def test_factory_reset_restores_the_eeprom_and_answers_with_the_old_id() -> None:
-    servo = SimulatedServo(7)
-    write(servo, "CW Angle Limit", 300)
-    assert servo.execute(Packet.factory_reset(7), 0) == StatusPacket(7)
-    assert servo.id == 1
-    assert read(servo, "CW Angle Limit") == 0
-
-
 def test_new_id_holds_from_the_next_packet_on() -> None:
     servo = SimulatedServo(1)
     assert servo.execute(Packet.write(1, 3, b"\x05"), 0) == OK
@@ -243,12 +216,6 @@ def test_goal_or_speed_switches_torque_on(name: str) -> None:
     servo = SimulatedServo(1)
     write(servo, name, 100)
     assert read(servo, "Torque Enable") == 1
-
-
-def test_switching_torque_on_by_a_goal_is_an_option() -> None:
-    servo = SimulatedServo(1, torque_on_write=False)
-    write(servo, "Goal Position", 100)
-    assert read(servo, "Torque Enable") == 0
 
 
 def test_sync_write_sets_the_share() -> None:

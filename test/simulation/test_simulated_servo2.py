@@ -11,7 +11,6 @@ from simulated_packets import InstructionPacket2, StatusPacket2
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
 from head_tracking.simulation import SimulatedServo
-from head_tracking.simulation.packets import Instruction as Instruction2
 
 Packet = InstructionPacket2
 MS = 1_000_000
@@ -44,12 +43,11 @@ def test_golden_instructions_get_golden_answers() -> None:
     s.set_register("Model Number", 0x0406)  # the vendor's example has this one
     assert s.execute(golden("ping 1"), 0) == STATUSES_2["ping of an XM430"][1]
     s.set_register("Model Number", 1020)
-    for name in ("goal 512", "torque on", "clear turns"):
+    for name in ("goal 512", "torque on"):
         assert s.execute(golden(name), 0) == STATUSES_2["ok"][1], name
     s = servo(position=166)
     assert s.execute(golden("read position"), 0) == STATUSES_2["position 166"][1]
-    for name in ("factory reset but id", "reboot 1"):
-        assert servo().execute(golden(name), 0) == STATUSES_2["ok"][1], name
+    assert servo().execute(golden("reboot 1"), 0) == STATUSES_2["ok"][1]
 
 
 def test_stuffed_values_arrive_whole() -> None:
@@ -99,30 +97,6 @@ def test_status_return_level(level: int, ping: bool, reading: bool, writing: boo
     assert s.register("LED") == 1
 
 
-def test_reg_write_waits_for_the_action() -> None:
-    s = servo()
-    assert s.execute(Packet.reg_write(1, 116, b"\0\1\0\0"), 0) == StatusPacket2(1)
-    assert (s.register("Goal Position"), s.register("Registered Instruction")) == (2048, 1)
-    assert s.execute(Packet.action(1), 0) == StatusPacket2(1)
-    assert (s.register("Goal Position"), s.register("Registered Instruction")) == (256, 0)
-
-
-@pytest.mark.parametrize(("parameter", "servo_id", "code"), [(0xFF, 1, 1), (1, 7, 1), (2, 7, 3)])
-def test_factory_reset_keeps_what_it_is_told(parameter: int, servo_id: int, code: int) -> None:
-    s = SimulatedServo(7, XM430)
-    s.set_register("Baud Rate", 3)
-    s.set_register("Max Position Limit", 3000)
-    s.execute(Packet(7, Instruction2.FACTORY_RESET, bytes((parameter,))), 0)
-    assert (s.id, s.register("Baud Rate")) == (servo_id, code)
-    assert s.register("Max Position Limit") == 4095
-
-
-def test_reset_of_all_is_ignored() -> None:
-    s = SimulatedServo(7, XM430)
-    s.execute(Packet(254, Instruction2.FACTORY_RESET, b"\xff"), 0)
-    assert s.id == 7
-
-
 def test_reboot_forgets_ram_and_is_deaf_for_a_while() -> None:
     s = servo(boot_time=0.3)
     write(s, "Torque Enable", 1)
@@ -161,14 +135,6 @@ def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
     assert s.execute(Packet.read(1, data + last, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
     reported = s.execute(Packet.ping(1), 0)
     assert reported is not None and reported.data[2] == (firmware or 50)
-
-
-def test_secondary_id_is_obeyed_and_not_answered() -> None:
-    s = servo()
-    write(s, "Secondary ID", 9)
-    assert s.execute(Packet.write(9, 65, b"\1"), 0) is None
-    assert s.register("LED") == 1
-    assert s.execute(Packet.read(9, 65, 1), 0) is None
 
 
 # Errors
@@ -326,17 +292,6 @@ def test_position_is_folded_into_one_turn_when_torque_comes_on() -> None:
     s.advance(4 * SECOND)
     assert s.register("Present Position") == pytest.approx(6000, abs=20)
     write(s, "Torque Enable", 1, 4 * SECOND)
-    assert s.register("Present Position") == pytest.approx(6000 - 4096, abs=20)
-
-
-def test_clear_folds_only_a_standing_servo() -> None:
-    s = servo()
-    clear = golden("clear turns")
-    s.lead(6000, 2.0, 2.0)
-    s.advance(500 * MS)
-    assert s.execute(clear, 500 * MS) == StatusPacket2(1, StatusCode.RESULT_FAIL)
-    s.advance(4 * SECOND)
-    assert s.execute(clear, 4 * SECOND) == StatusPacket2(1)
     assert s.register("Present Position") == pytest.approx(6000 - 4096, abs=20)
 
 

@@ -1,6 +1,6 @@
 """Strikes a running head with whatever can happen to one, and watches its servos all the while.
 
-    chaos.py --seed N [--seconds S] [--run composed|bus-process|nodes] [--clock]
+    chaos.py --seed N [--seconds S] [--run composed|nodes] [--clock]
 
 The servos are simulated in this process, behind a port that the robot's processes open: so they
 outlive whatever is done to these, and their write log and true angles tell what really happened.
@@ -200,8 +200,7 @@ class Chaos:
 
     Args:
         seed: decides all that is random.
-        layout: "composed" (a run), "bus-process" (a run with its bus in another process) or
-            "nodes" (a process for each node).
+        layout: "composed" (a run) or "nodes" (a process for each node).
         clock: whether the robot's clock is `/clock`, which jumps.
         folder: for the port, the robot's parameters and its logs.
     """
@@ -295,8 +294,7 @@ class Chaos:
             ):
                 yield program(name, f"head_tracking.nodes.{name}", *ros)
         else:
-            more = ["--bus-process"] if self.layout == "bus-process" else []
-            yield program("run", "head_tracking", "--port", str(link), "--params", files[1], *more)
+            yield program("run", "head_tracking", "--port", str(link), "--params", files[1])
         if importlib.util.find_spec("viser"):
             yield program("page", "head_tracking.nodes.viewer", "--ros-args", "-p", "port:=0")
 
@@ -747,7 +745,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--run", choices=("composed", "bus-process", "nodes"), default="composed")
+    parser.add_argument("--run", choices=("composed", "nodes"), default="composed")
     parser.add_argument("--clock", action="store_true")
     parser.add_argument("--flood", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()

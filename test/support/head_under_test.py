@@ -112,7 +112,7 @@ class Head:
     @property
     def buffer(self) -> TransformBuffer:
         """What the node knows of the frames."""
-        buffer: TransformBuffer = self.node.interface.buffer
+        buffer: TransformBuffer = self.node.interface.control._buffer
         return buffer
 
     @property

@@ -53,7 +53,8 @@ class World:
         self.buffer = Buffer()
         self.buffer.core.set_model(model)
         self.loop = ControlLoop(self.buffer.core)
-        self.loop.write, self.loop.driven, self.loop.period = self._on_goals, True, _CYCLE * 1e-9
+        self.loop.driven, self.loop.period = True, _CYCLE * 1e-9
+        self.loop.drive_by(self._on_goals)
         self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
         self._events: list[tuple[int, int, Callable[[], object]]] = []
         self._number = itertools.count()

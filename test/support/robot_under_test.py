@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from typing import Any
 
 import rclpy
@@ -23,7 +24,9 @@ from waiting import wait_for
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.spinning import NodeThreads
 from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.run.control import compose, parse_arguments, ros_arguments
+from head_tracking.run.control import compose
+from head_tracking.run.node_sets import PAGE
+from head_tracking.run.options import parse_arguments
 
 
 class Robot:
@@ -39,8 +42,10 @@ class Robot:
     def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
         gc.collect()  # a node that ends later takes /rosout from one of the same name
         plan = parse_arguments(arguments)
+        nodes = tuple(node for node in plan.nodes if node.process != PAGE)
+        plan = replace(plan, nodes=nodes)
         rclpy.init(
-            args=[*ros_arguments(plan), "--ros-args", *ros_args, "--"],
+            args=[*plan.ros_arguments, "--ros-args", *ros_args, "--"],
             signal_handler_options=SignalHandlerOptions.NO,
         )
         resources.callback(rclpy.try_shutdown)

@@ -49,15 +49,15 @@ class InstructionPacket(Packet):
 
     @classmethod
     def reg_write(cls, servo_id: int, address: int, data: bytes) -> Self:
-        return cls(servo_id, Instruction.REG_WRITE, cls.words(address) + data)
+        return cls(servo_id, 4, cls.words(address) + data)
 
     @classmethod
     def action(cls, servo_id: int = BROADCAST) -> Self:
-        return cls(servo_id, Instruction.ACTION)
+        return cls(servo_id, 5)
 
     @classmethod
     def factory_reset(cls, servo_id: int) -> Self:
-        return cls(servo_id, Instruction.FACTORY_RESET)
+        return cls(servo_id, 6)
 
     @classmethod
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:

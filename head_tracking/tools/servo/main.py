@@ -1,4 +1,4 @@
-"""servo: looks at Dynamixel servos, sets them up, and calibrates a head."""
+"""servo: shows what Dynamixel servos measure, sets them up, and calibrates a head."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from head_tracking.tools.servo.looks import USUAL_BAUD_RATES, info, monitor, sca
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 
 DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
-"""Exit codes; 2 is argparse's, for a command line that makes no sense."""
+"""Exit codes; 2 is argparse's, for a wrong command line."""
 
 _EPILOG = """\
 exit codes: 0 done; 1 failed (no port, no answer, no such register); 2 wrong command line;
-3 refused, because it could do harm or nobody said yes; 130 stopped by Ctrl-C
+3 refused, because it could do harm or was not confirmed; 130 stopped by Ctrl-C
 """
 
 
 def main(
     arguments: Sequence[str] | None = None, workshop: Callable[..., Workshop] = Workshop
 ) -> int:
-    """Carries out a command; returns the exit code."""
+    """Carry out a command; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args([_as_value(word) for word in words])
     terminal = Terminal(assume_yes=options.yes)
@@ -49,12 +49,12 @@ def main(
 
 
 def _as_value(word: str) -> str:
-    """Return a word of the command line so that argparse takes -30deg for a value, no option."""
+    """Return a word such that argparse takes -30deg as a value, not as an option."""
     return f" {word}" if re.match(r"-\.?\d", word) else word
 
 
 def _common() -> argparse.ArgumentParser:
-    """The options that may stand before the command and after it."""
+    """Return the options that are allowed before the command and after it."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
@@ -71,7 +71,7 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Looks at Dynamixel servos, sets them up, and calibrates a head.",
+        description="Shows what Dynamixel servos measure, sets them up, and calibrates a head.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],
@@ -133,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
         "--rate", type=between(0.1, 100.0, "Hz"), default=10.0, metavar="HZ", help="(%(default)s)"
     )
     command.add_argument(
-        "--count", type=between(1, 1e9, "looks", int), metavar="N", help="stop after so many looks"
+        "--count", type=between(1, 1e9, "times", int), metavar="N", help="stop after N times"
     )
     command.set_defaults(
         run=lambda w, o: monitor(w, _once(o.ids), o.model, rate=o.rate, count=o.count)
@@ -165,7 +165,7 @@ def _ids(text: str) -> range:
     first, dash, last = text.partition("-")
     ids = range(servo_id(first), servo_id(last if dash else first) + 1)
     if not ids:
-        raise argparse.ArgumentTypeError(f"{text!r} is no range of ids, such as 10-20")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a range of ids, such as 10-20")
     return ids
 
 

@@ -1,4 +1,4 @@
-"""Registers as text, and text as register values."""
+"""Parse and format register values."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
 
 
 def asks_for_full_speed(text: str) -> bool:
-    """Return whether a value calls full speed by its name."""
+    """Return whether a value is the word for full speed."""
     return text.strip().lower() in ("full", "full speed")
 
 
@@ -65,7 +65,7 @@ def parse_value(register: Register, text: str) -> int:
         return 0
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ToolError(f"{text!r} is no value for {register.name}; {_allowed(register)}")
+        raise ToolError(f"{text!r} is not a value for {register.name}; {_allowed(register)}")
     number, unit = float(match[1]), match[2]
     own = register.unit.symbol
     scales = {own: 1.0} | _OTHER_UNITS.get(own, {}) if own else {}
@@ -93,7 +93,7 @@ def parse_value(register: Register, text: str) -> int:
 
 
 def in_words(model: ServoModel, register: Register, value: int) -> str:
-    """Return a value in the register's unit, or what a code stands for; "" for plain numbers."""
+    """Return a value in the register's unit, or the meaning of a code; "" for plain numbers."""
     if register.name == "Baud Rate":
         return f"{model.baud_rates.get(value, '?')} baud"
     if register.name in ("Shutdown", "Alarm LED", "Hardware Error Status"):

@@ -1,0 +1,100 @@
+"""The processes of a run: if one is killed, the servos are relaxed or the head goes on."""
+
+import os
+import random
+import signal
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from processes import child, has_ended
+from rig import LATCHED
+from std_msgs.msg import Bool
+from waiting import wait_for
+
+needs_opencv = pytest.mark.skipif(
+    find_spec("cv2") is None, reason="needs OpenCV: pip install -r requirements/vision.txt"
+)
+
+
+def under_way(bench, *arguments):
+    """Return a run whose head follows a target, at a random moment."""
+    run = bench.run("--target", "smooth", *arguments)
+    wait_for(lambda: bench.servos.torque == [1, 1])
+    time.sleep(random.uniform(0.0, 0.7))
+    return run
+
+
+def test_the_servos_are_relaxed_when_the_process_that_drives_them_is_killed(bench):
+    run = under_way(bench)
+    os.kill(child(run, "control"), signal.SIGKILL)
+    assert run.end() == 1, run.output
+    assert bench.servos.torque == [0, 0]
+    assert "SIGKILL" in run.output
+
+
+def test_the_servos_hold_after_a_crash_if_that_is_wanted(bench):
+    run = under_way(bench, "--on-crash", "hold")
+    os.kill(child(run, "control"), signal.SIGKILL)
+    assert run.end() == 1, run.output
+    assert bench.servos.torque == [1, 1]
+    bench.servos.at_rest()
+
+
+@pytest.mark.parametrize("moment", ["at once", "under way"])
+def test_the_servos_are_relaxed_and_all_processes_end_when_the_supervisor_is_killed(bench, moment):
+    run = under_way(bench) if moment == "under way" else bench.run("--target", "smooth")
+    control = wait_for(lambda: child(run, "control"))
+    run.process.kill()
+    wait_for(lambda: has_ended(control))
+    assert bench.servos.torque == [0, 0]
+
+
+@needs_opencv
+def test_cameras_and_detectors_that_are_killed_are_started_again_as_they_were(bench):
+    run = bench.start("head_tracking", "--sim", "--target", "ball")
+    person = bench.person
+    enabled = person.hear("visual_target/enabled", Bool, LATCHED)
+    wait_for(lambda: person.state("head_tracker") == "tracking")
+    assert person.call("visual_target/enable", False).success
+    wait_for(lambda: enabled and not enabled[-1].data)
+    control, vision = child(run, "control"), child(run, "vision")
+    time.sleep(0.3)  # the supervisor is told within a tenth of a second
+    os.kill(vision, signal.SIGKILL)
+    enabled.clear()
+    wait_for(lambda: child(run, "vision") not in (0, vision))
+    wait_for(lambda: enabled and not enabled[-1].data)
+    assert person.call("visual_target/enable", True).success
+    wait_for(lambda: person.state("head_tracker") == "tracking")
+    assert child(run, "control") == control
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+@pytest.mark.skipif(find_spec("viser") is None, reason="needs viser")
+def test_a_page_that_is_killed_is_served_again(bench):
+    run = bench.start("head_tracking", "--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
+    run.read_until("the robot is at http")
+    page = child(run, "page")
+    os.kill(page, signal.SIGKILL)
+    wait_for(lambda: child(run, "page") not in (0, page))
+    wait_for(lambda: run.output.count("the robot is at http") == 2)
+    run.process.kill()
+    wait_for(lambda: has_ended(page))
+
+
+def test_the_supervisor_has_no_ros_in_it(bench):
+    run = bench.start("head_tracking", "--sim")
+    bench.person.wait_for_joints()
+    assert "rclpy" not in Path(f"/proc/{run.process.pid}/maps").read_text()
+    assert "rclpy" in Path(f"/proc/{child(run, 'control')}/maps").read_text()
+    assert run.end(signal.SIGINT) == 0
+
+
+@needs_opencv
+def test_what_a_camera_process_cannot_start_with_ends_the_run(bench):
+    words = ("--ros-args", "-p", "visual_target:max_distance:=-1.0")
+    run = bench.start("head_tracking", "--sim", "--target", "face", *words)
+    assert run.end() == 1
+    assert "max_distance" in run.last_line
+    assert "Traceback" not in run.output

@@ -1,0 +1,239 @@
+"""One head for each domain and namespace: on a machine by a lock, between machines by claims."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
+from waiting import eventually, wait_for
+
+from head_tracking.exceptions import RefusedError
+from head_tracking.ros.head_claim import HeadClaim, is_heard_elsewhere
+from head_tracking.ros.head_lock import HeadLock, namespace
+from head_tracking.tf.qos import LATCHED
+
+NAMED = ("--ros-args", "-r", "__ns:=/b")
+
+
+@pytest.fixture
+def lock(tmp_path):
+    made = []
+
+    def make(*arguments, simulated=False):
+        made.append(HeadLock(arguments, simulated=simulated, folder=tmp_path))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.release()
+
+
+def sleep(seconds):
+    time.sleep(seconds)
+    return False
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_the_second_head_is_refused_and_the_first_is_named(lock, simulated):
+    lock(simulated=simulated).acquire(sleep)
+    with pytest.raises(RefusedError, match=f"process {os.getpid()} of"):
+        lock(simulated=simulated).acquire(sleep)
+    lock(*NAMED, simulated=simulated).acquire(sleep)
+
+
+def test_a_simulated_head_is_refused_beside_a_real_one_and_not_after_it(lock):
+    real = lock()
+    real.acquire(sleep)
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    real.release()
+    lock(simulated=True).acquire(sleep)
+
+
+def test_a_simulated_head_makes_way_for_a_real_one_which_waits_for_it(lock):
+    simulated, real = lock(simulated=True), lock()
+    simulated.acquire(sleep)
+    assert not simulated.is_wanted
+    waiting = threading.Thread(target=real.acquire, args=(sleep,))
+    waiting.start()
+    wait_for(lambda: simulated.is_wanted)
+    assert waiting.is_alive()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    simulated.release()
+    waiting.join(10.0)
+    assert len(real.descriptors) == 2
+
+
+def test_a_real_head_that_waits_too_long_is_refused(lock):
+    lock(simulated=True).acquire(sleep)
+    with pytest.raises(RefusedError):
+        lock().acquire(sleep, patience=0.1)
+
+
+def test_buses_without_a_run_share_and_each_keeps_simulated_heads_away(lock):
+    first, second = lock(), lock()
+    first.acquire(sleep, shared=True)
+    second.acquire(sleep, shared=True)
+    first.release()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+
+
+def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
+    simulated = lock(simulated=True)
+    simulated.acquire(sleep)
+    child = subprocess.Popen(
+        [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=simulated.descriptors
+    )
+    simulated.release()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    child.kill()
+    child.communicate()
+    lock(simulated=True).acquire(sleep)
+
+
+def test_whoever_comes_when_there_is_never_a_simulated_head_beside_a_real_one(lock):
+    real, simulated = set(), set()
+    beside = []
+    ending = time.monotonic() + 3.0
+
+    def live(number, is_simulated):
+        heads = simulated if is_simulated else real
+        while time.monotonic() < ending:
+            own = lock(simulated=is_simulated)
+            try:
+                own.acquire(lambda s: sleep(s / 20), patience=1.0)
+                heads.add(number)
+                for _ in range(number + 1):
+                    beside.append((len(real), len(simulated)))
+                    time.sleep(0.002)
+                    if own.is_wanted:
+                        break
+            except RefusedError:
+                pass
+            heads.discard(number)
+            own.release()
+            time.sleep(0.002 if is_simulated else 0.02 * number)
+
+    threads = [threading.Thread(target=live, args=(n, n % 2 == 1)) for n in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert max(a + b for a, b in beside) == 1
+    assert any(a for a, _ in beside)
+    assert any(b for _, b in beside)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        ((), "/"),
+        (("--ros-args", "-r", "__ns:=/a/b"), "/a/b"),
+        (("--ros-args", "--remap", "__ns:=a"), "/a"),
+        (("--ros-args", "-r", "target_point:=/x", "-r", "viewer:__ns:=/y"), "/"),
+    ],
+)
+def test_the_namespace_of_all_nodes_is_read_as_ros_does(arguments, found):
+    assert namespace(arguments) == found
+
+
+# between machines
+
+
+@pytest.fixture
+def node(domain, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    made = []
+
+    def make():
+        """Return a node of a process of its own, for all that DDS knows."""
+        context = Context()
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        node = Node("head_claim", context=context)
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        made.append((node, executor, context, thread))
+        return node
+
+    yield make
+    for node, executor, context, thread in made:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def refused(claim):
+    try:
+        claim.check()
+    except RefusedError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_of_two_heads_that_hear_of_each_other_the_older_goes_on(node, begun):
+    older = HeadClaim(node(), simulated=False)
+    younger = HeadClaim(node(), simulated=False)
+    if begun:
+        older.begin()
+        younger.begin()
+    assert eventually(lambda: refused(younger))
+    older.check()
+
+
+def test_a_head_that_has_begun_goes_before_an_older_one_that_looks(node):
+    older = HeadClaim(node(), simulated=False)
+    younger = HeadClaim(node(), simulated=False)
+    younger.begin()
+    assert eventually(lambda: refused(older))
+
+
+def test_a_simulated_head_ends_for_a_real_one_that_comes_later(node):
+    simulated = HeadClaim(node(), simulated=True)
+    simulated.begin()
+    real = HeadClaim(node(), simulated=False)
+    real.begin()
+    assert eventually(lambda: refused(simulated))
+    real.check()
+
+
+@pytest.mark.parametrize("data", ["", "7", "{}", json.dumps({"rank": [None], "head": 3}), "\x00"])
+def test_what_is_no_claim_changes_nothing(node, data):
+    claim = HeadClaim(node(), simulated=True)
+    claim.begin()
+    other = node()
+    publisher = other.create_publisher(String, "head_claim", LATCHED)
+    wait_for(publisher.get_subscription_count)
+    publisher.publish(String(data=data))
+    assert eventually(lambda: other.count_publishers("head_claim") == 2)
+    time.sleep(0.1)
+    claim.check()
+
+
+@pytest.mark.parametrize(
+    ("environment", "heard"),
+    [
+        ({}, True),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, True),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, False),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "robot"}, True),
+        ({"ROS_LOCALHOST_ONLY": "1"}, False),
+    ],
+)
+def test_whom_other_machines_hear(environment, heard):
+    assert is_heard_elsewhere(environment) is heard

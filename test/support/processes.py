@@ -1,0 +1,33 @@
+"""The processes of a run, as the operating system lists them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def child(run: Any, name: str) -> int:
+    """Return the process id of control, vision or page; 0 if there is none.
+
+    Args:
+        run: a program of the rig, which is the supervisor.
+        name: of the process.
+    """
+    pid = run.process.pid
+    for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        try:
+            words = Path(f"/proc/{word}/cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue  # it has just ended
+        if name.encode() in words[:5]:
+            return int(word)
+    return 0
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended, though nobody may have waited for it."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return True
+    return state == "Z"
