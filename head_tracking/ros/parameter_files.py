@@ -1,22 +1,23 @@
-"""Parameter files: who gave a value, and what in them no node knows."""
+"""Parameter files of this process: where a value comes from, and what in them no node knows."""
 
 from __future__ import annotations
 
 import difflib
 import pkgutil
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import yaml
-from rclpy.node import Node
 
 from head_tracking.exceptions import RefusedError
+from head_tracking.parameter_files import Given, read
 
-_PARAMETERS = "ros__parameters"
+if TYPE_CHECKING:  # the tools that read these files work without ROS
+    from rclpy.node import Node
+
 _LIKELY = 0.75  # how alike a name must be to be meant
 _LISTED = 3
 
@@ -24,32 +25,6 @@ NODE_NAMES = tuple(
     module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[1] / "nodes")])
 )
 """Of all our nodes: one file can be for several of them, each in a process of its own."""
-
-
-class Given(NamedTuple):
-    """One value in a file.
-
-    Attributes:
-        file: which.
-        nodes: the names it is for, wildcards and all: `/**/servo_bus`.
-        name: of the parameter.
-    """
-
-    file: str
-    nodes: str
-    name: str
-
-    def is_for(self, node: str) -> bool:
-        """Whether a node of this full name takes it, by rcl's rules."""
-        pattern = re.escape(self.nodes if self.nodes.startswith("/") else f"/{self.nodes}")
-        pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-        return re.fullmatch(pattern, node) is not None
-
-    @property
-    def node(self) -> str:
-        """The last part of the name; empty if that is a wildcard."""
-        last = self.nodes.rsplit("/", 1)[-1]
-        return "" if "*" in last else last
 
 
 class UnknownParametersError(RefusedError):
@@ -64,13 +39,8 @@ def remember(arguments: Sequence[str]) -> None:
     _given.clear()
     for word, file in pairwise(arguments):
         if word == "--params-file":
-            _given.extend(read(file))
-
-
-def read(file: str) -> Iterator[Given]:
-    """All values in a file; none if it cannot be read, which ROS has said."""
-    with suppress(OSError, ValueError, yaml.YAMLError), open(file, encoding="utf-8") as text:
-        yield from _values(file, "", yaml.safe_load(text))
+            with suppress(OSError, ValueError, yaml.YAMLError):  # ROS has reported it
+                _given.extend(read(file))
 
 
 def source(node: Node, name: str) -> str:
@@ -132,22 +102,3 @@ def _nearest(name: str, known: Iterable[str]) -> str:
         one for one in known if one.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]
     ]
     return f" (is {' or '.join(found[:_LISTED])} meant?)" if found else ""
-
-
-def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
-    if not isinstance(content, Mapping):
-        return
-    for key, value in content.items():
-        if key == _PARAMETERS:
-            for name in _names("", value):
-                yield Given(file, nodes, name)
-        else:
-            yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
-
-
-def _names(prefix: str, content: Any) -> Iterator[str]:
-    if isinstance(content, Mapping):
-        for key, value in content.items():
-            yield from _names(f"{prefix}.{key}" if prefix else str(key), value)
-    elif content is not None:
-        yield prefix
