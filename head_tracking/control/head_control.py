@@ -275,6 +275,7 @@ class HeadControl:
         self._listening_since = round(self.now * 1e9)
         self._stepped, self._fresh = (0.0, 0.0), False
         self._cautious_for = 0.0  # s, with a target
+        self._rejected = ""
         self._before: HeadTask | None = None  # what the task replaces
         self._held: tuple[float, float] | None = None
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
@@ -362,7 +363,7 @@ class HeadControl:
             self.is_cautious, self._cautious_for = True, 0.0
         self._seen = seen
         self.error = None
-        self.end_task(self.off or STOPPED)
+        self.end_task(self.off or STOPPED, TaskEnd.DISABLED)
         self.forget_targets()
         self.mode.enable(self.off, self.now)
 
@@ -689,7 +690,17 @@ class HeadControl:
                     watch.restart()
             self.mode.enable(task.title, self.now)
             self.forget_targets()
-            self.task = task
+            self.task, self._rejected = task, ""
+
+    def reject(self, reason: str) -> None:
+        """Record why a task was not begun."""
+        self.outcome = self._rejected = f"rejected: {reason}"
+
+    @property
+    def task_state(self) -> str:
+        """The state of the task, for a person, and why another one was not begun since."""
+        title = "" if self.task is None else self.task.title
+        return "; ".join(filter(None, (title, self._rejected)))
 
     def cancel(self, task: HeadTask) -> None:
         """End a task, if it is under way, and hold the head."""

@@ -414,6 +414,7 @@ class Diagnosis:
                 return
             if not joint.on or joint.busy:
                 return  # somebody has relaxed it meanwhile
+            watch.goals.append(joint.goal_ticks[watch.index])  # not every cycle is examined
             off = f"it stands {abs(joint.goal_position - servo.position):.2f} rad from its goal"
             stands = suspicion in (Symptom.BLOCKED, Symptom.IDLE)
             symptom, why = _cause(watch, values, off) or (
@@ -504,7 +505,8 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
             "it ignores goals; it is cleared, and the joint holds where it is"
         )
-    if watch.goals and all(abs(values["Goal Position"] - each) > 1 for each in watch.goals):
+    goals = watch.goals
+    if goals and not min(goals) - 1 <= values["Goal Position"] <= max(goals) + 1:
         return Symptom.OVERRULED, (
             f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another program "
             "writes to this bus"

@@ -77,10 +77,10 @@ class JointStatePublisherNode(Node):
         self._loop = loop
         own = ""
         if loop is not None:
-            own = self.resolve_topic_name("servo_states") if loop.driven else ""
-            loop.driven = True
-            loop.complete = self._complete
-            loop.after.append(self._publish)
+            own = self.resolve_topic_name("servo_states") if loop.is_driven else ""
+            loop.drive()
+            loop.complete_by(self._complete)
+            loop.observe(self._publish)
         for topic in p.source_list:
             if self.resolve_topic_name(topic) != own:
                 self.create_subscription(JointStateMsg, topic, self._on_measurement, MEASUREMENT)

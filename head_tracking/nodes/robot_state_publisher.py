@@ -131,7 +131,7 @@ class RobotStatePublisherNode(Node):
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
         if loop is not None:
-            loop.after.append(lambda stamp, _: self._send_moving(stamp))
+            loop.observe(lambda stamp, _: self._send_moving(stamp))
         self.create_service(Trigger, "~/frames", self._on_frames)
 
     def _on_change(self, parameters: RobotStatePublisherParameters) -> None:

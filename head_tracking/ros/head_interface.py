@@ -22,7 +22,7 @@ from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
-from head_tracking.ros.trajectory_output import TrajectoryOutput
+from head_tracking.ros.trajectory_backend import TrajectoryBackend
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch
@@ -124,21 +124,21 @@ class HeadInterface:
         steady_timer(node, _WATCH_PERIOD, self._watch)
         steady_timer(node, _UNHEARD_PERIOD, self._check_publishers)
 
-    def _drive(self, loop: ControlLoop, p: DriveParameters) -> TrajectoryOutput | None:
+    def _drive(self, loop: ControlLoop, p: DriveParameters) -> TrajectoryBackend | None:
         """Connect the loop to what drives the joints."""
         node, control = self._node, self.control
         if p.command_interface == "joint_commands":
-            if not loop.has_driver:
+            if loop.backend is None:
                 JointTopics(node, control.name, control.joints, loop)
             return None
-        if loop.has_driver:
+        if loop.backend is not None:
             name = node.get_name()
             raise HeadTrackingError(
                 "command_interface is joint_trajectory, but the servo bus runs in this process; "
                 f"start {name} alone (ros2 run head_tracking {name}), or leave command_interface "
                 "out"
             )
-        return TrajectoryOutput(
+        return TrajectoryBackend(
             node, p.command_topic, control.name, control.joints, p.time_from_start, loop
         )
 

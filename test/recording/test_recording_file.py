@@ -3,6 +3,7 @@
 import io
 import itertools
 import math
+import tracemalloc
 from typing import Any
 
 import mcap_ros2.writer
@@ -238,6 +239,18 @@ def test_a_chunk_that_unpacks_to_very_much_is_refused(kinectbot, monkeypatch):
     monkeypatch.setattr(recording_file, "_LARGEST", 1_000_000)
     with pytest.raises(RecordingError, match="chunk of 5"):
         read(data)
+
+
+def test_a_chunk_that_unpacks_to_very_much_is_not_unpacked():
+    size = 300_000_000
+    data = bag([(0.0, "robot_description", {"data": " " * size})], chunk_size=2 * size)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError):
+            read(data)
+        assert tracemalloc.get_traced_memory()[1] < size / 2
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
