@@ -21,21 +21,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from head_tracking.control import ControlLoop, JointOwners
-from head_tracking.control.head_control import HeadControl, HeadParameters
+from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.control.head_control import HeadControl
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.control.modes import Following
 from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (
-    Buses,
-    BusReading,
     BusStatistics,
     BusStoppedError,
-    DynamixelError,
-    DynamixelPort,
-    Goal,
     JointConfiguration,
-    ServoBus,
     StoppedError,
-    Torque,
 )
 from head_tracking.exceptions import (
     FrameError,
@@ -138,8 +133,17 @@ class Head:
         self._pan, self._tilt = pan.joint_name, tilt.joint_name
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
-        self._loop.drive_by(self._write)
         self._following = Following()
+        self._servos = DynamixelBackend(
+            port,
+            servos,
+            self._loop,
+            _RATE,
+            baud_rate=baud_rate,
+            reply_timeout=reply_timeout,
+            on_failure=self._fail,
+        )
+        self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
             "head",
@@ -162,22 +166,15 @@ class Head:
         self._relaxed = self._closed = False
         self._failure: BaseException | None = None
         self._torque_error: BaseException | None = None
-        self._measured = threading.Event()
         self._leading = threading.Lock()
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
-        self._bus = ServoBus(
-            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
-            servos,
-            epoch=self._owners.epoch,
-        )
-        self._bus.connect()
-        self._buses = Buses([self._bus], _RATE, lambda *_: None, self._fail, self._update)
-        self._buses.start()
         atexit.register(self._close)
-        if not self._measured.wait(_PATIENCE):
+        try:
+            self._servos.start()
+        except BusStoppedError:
             self.close()
-            raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
+            raise
 
     @classmethod
     def open(
@@ -377,7 +374,7 @@ class Head:
         Returns:
             For each joint what went wrong; empty where its servo has confirmed.
         """
-        problems = self._owners.stop(self._buses.relax_at_once)
+        problems = self._loop.stop()
         self._control.watch()
         return problems
 
@@ -481,7 +478,7 @@ class Head:
     @property
     def statistics(self) -> BusStatistics:
         """Counters of the bus, and the latest measurements of each servo."""
-        return self._bus.statistics()
+        return self._servos.statistics()
 
     def pose(self, link: str, frame: str = "base_link", *, stamp: float | None = None) -> Transform:
         """Return `T_frame_link`: where a link is.
@@ -543,7 +540,11 @@ class Head:
             result.set_result(PointingResult(end is TaskEnd.SUCCEEDED, miss))
         elif end is TaskEnd.PREEMPTED:
             result.set_exception(SupersededError(target.point, miss))
-        elif self._closed or self._relaxed or self._control.off:
+        elif end is TaskEnd.UNREACHABLE:
+            reason = task.result.reason
+            error = UnreachableError(target.point, target.frame_id, miss or math.pi, reason)
+            result.set_exception(error)
+        elif end is TaskEnd.DISABLED:
             state = HeadState.RELAXED if self._relaxed else HeadState.STOPPED
             refusal = RefusedCommandError(HeadState.CLOSED if self._closed else state)
             refusal.__cause__ = self._failure
@@ -601,13 +602,10 @@ class Head:
 
     def _hold_torque(self, epoch: int) -> None:
         """Switch the torque on, and let the head wait for it: else the servos would seem slow."""
-        if self._loop.held or all(
-            self._bus.torque(name) is Torque.ON for name in (self._pan, self._tilt)
-        ):
+        if self._loop.held or self._servos.holds:
             return
         self._loop.hold("the servos do not hold yet")
-        for future in self._ask_for_torque(True, epoch):
-            future.add_done_callback(self._torque_done)
+        self._servos.switch_torque(True, epoch).add_done_callback(self._torque_done)
 
     def _torque_done(self, future: Future[None]) -> None:
         error = None if future.cancelled() else future.exception()
@@ -615,37 +613,13 @@ class Head:
             self._torque_error = error
         self._loop.hold("")
 
-    def _ask_for_torque(self, on: bool, epoch: int | None) -> list[Future[None]]:
-        return self._buses.call(
-            None,
-            lambda bus, joints: bus.switching_torque(joints, on),
-            epoch,
-            despite_stop=not on,
-        )
-
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
-        for future in self._ask_for_torque(on, epoch):
-            try:
-                future.result(_PATIENCE)
-            except StoppedError:
-                raise RefusedCommandError(HeadState.STOPPED) from None
-            except FutureTimeoutError:
-                raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
-
-    def _update(self, _: ServoBus, reading: BusReading) -> None:
-        """Hand on what was measured; in the thread of the servos, before the goals are written."""
-        pan, tilt = (reading.states.get(name) for name in (self._pan, self._tilt))
-        if pan is not None and tilt is not None:
-            stamp = (pan.stamp + tilt.stamp) // 2
-            self._loop.joints_read(stamp, {self._pan: pan, self._tilt: tilt})
-            self._loop.update(self._control.joints)
-            if self._control.failure is not None:
-                raise self._control.failure
-            self._measured.set()
-
-    def _write(self, _: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        with suppress(DynamixelError):  # there was a stop, or a servo is silent: it shows
-            self._bus.command(goals, clamp=True, epoch=epoch)
+        try:
+            self._servos.switch_torque(on, epoch).result(_PATIENCE)
+        except StoppedError:
+            raise RefusedCommandError(HeadState.STOPPED) from None
+        except FutureTimeoutError:
+            raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
 
     def _fail(self, error: BaseException) -> None:
         """End everything: the port has failed, and the servos were relaxed if that was possible."""
@@ -657,7 +631,7 @@ class Head:
         atexit.unregister(self._close)
         self._control.disable(HeadState.CLOSED)
         try:
-            unconfirmed = self._buses.stop()
+            unconfirmed = self._servos.close()
         finally:
             self._resources.close()
         if unconfirmed:

@@ -298,3 +298,35 @@ def test_an_environment_of_somebody_else_is_left_alone(start):
     keep.touch()
     assert "was not made by this script" in start()
     assert keep.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "lists"),
+    [
+        ("--sim", set()),
+        ("--sim --viewer", {"viewer", "vision"}),
+        ("--viewer --mode point --sim", {"viewer", "vision"}),
+        ("--port /dev/ttyUSB0 --viewer", {"viewer"}),
+        ("--port /dev/ttyUSB0 --target face", {"vision"}),
+        ("--target=ball --sim", {"vision"}),
+    ],
+)
+def test_a_complete_environment_starts_with_the_libraries_that_the_words_need(start, words, lists):
+    checkout = start.checkout
+    line = 'source "$0/scripts/environment.bash"; surroundings'
+    key = run("bash", "-c", line, str(checkout), cwd=checkout, env=dict(os.environ))
+    programs = checkout / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    (checkout / ".venv" / "head_tracking.base").write_text(key)
+    (checkout / ".venv" / "head_tracking.in-use").touch()
+    log = checkout / "log"
+    for name in ("python", "head_tracking"):
+        (programs / name).write_text(f'#!/bin/sh\necho {name} "$@" >>"{log}"\n')
+        (programs / name).chmod(0o755)
+    command = [checkout / "scripts" / "run", *words.split()]
+    for _ in range(2):
+        subprocess.run(command, check=True, capture_output=True, timeout=30)
+    done = log.read_text()
+    assert done.count(f"head_tracking {words}\n") == 2
+    for name in ("viewer", "vision"):
+        assert done.count(f"requirements/{name}.txt") == (name in lists)  # once, if at all

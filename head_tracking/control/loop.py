@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
@@ -19,8 +19,12 @@ if TYPE_CHECKING:  # a servo bus alone in its process needs no transforms
     from head_tracking.transforms import JointSample, TransformBuffer
 
 
+Completer: TypeAlias = "Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]]"
+Observer: TypeAlias = "Callable[[int, Mapping[str, JointSample]], object]"
+
+
 class Controller(Protocol):
-    """Turns joints to where it wants them.
+    """Decides where joints go.
 
     Attributes:
         failure: what has ended it; None as long as it works.
@@ -30,17 +34,36 @@ class Controller(Protocol):
 
     @property
     def name(self) -> str:
-        """Who it is."""
+        """The owner that it is."""
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """What it turns."""
+        """The joints that it turns."""
 
     def update(self) -> None:
-        """Looks at the joints as they were just read, and sends goals if it has any."""
+        """Decide by the joints as they were just read, and write goals, if there are any."""
 
     def publish(self) -> None:
-        """Tells others what has come of it."""
+        """Let others know, after the write."""
+
+
+class JointBackend(Protocol):
+    """What drives joints: servos of this process, or another process by topics.
+
+    Attributes:
+        period: between two readings of the joints [s]; 0: not known.
+    """
+
+    period: float
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """Take the goals of an owner, made in an epoch, to the joints; must not wait."""
+
+    def claim(self) -> None:
+        """Let a servo bus of another process know that its joints have an owner here."""
+
+    def relax_now(self) -> Mapping[str, str]:
+        """Relax all joints and return what went wrong, for each joint; empty: confirmed."""
 
 
 class ControlLoop:
@@ -51,28 +74,21 @@ class ControlLoop:
         owners: of the joints, and STOP.
 
     Attributes:
-        complete: adds to measured joint states what follows from them, and what is stated.
-        period: of a cycle [s]; 0: not known.
-        driven: whether a servo bus of this process, or what listens to another one, runs the cycle.
+        buffer: as given.
+        owners: the same.
         held: why the controllers may move nothing now; empty: they may.
-        stuck: joints that cannot go where they are told, and why, as the servo bus of this process
-            has found out; who begins a motion takes its joints out.
-        after: called after the goals were written, with the stamp [ns] and the complete states.
+        stuck: joints that cannot go where they are commanded, and why, as the servo bus of this
+            process has found out; who begins a motion takes its joints out.
     """
 
     def __init__(self, buffer: TransformBuffer | None, owners: JointOwners | None = None) -> None:
         self.buffer = buffer
         self.owners = owners or JointOwners()
-        self.complete: Callable[[Mapping[str, JointSample]], Mapping[str, JointSample]] = (
-            lambda measured: measured
-        )
-        self._write: Callable[[str, Mapping[str, Goal], int], object] | None = None
-        self._claim: Callable[[], object] = lambda: None
-        self.driven = False
         self.held = ""
         self.stuck: dict[str, str] = {}
-        self.period = 0.0
-        self.after: list[Callable[[int, Mapping[str, JointSample]], object]] = []
+        self._backend: JointBackend | None = None
+        self._complete: Completer = lambda measured: measured
+        self._observers: tuple[Observer, ...] = ()
         self._controllers: tuple[Controller, ...] = ()
         self._lock = threading.Lock()
 
@@ -81,45 +97,59 @@ class ControlLoop:
         """Those of this process."""
         return self._controllers
 
+    @property
+    def backend(self) -> JointBackend | None:
+        """What drives the joints; None: nothing does yet."""
+        return self._backend
+
+    @property
+    def period(self) -> float:
+        """Of a cycle [s]; 0: not known."""
+        return 0.0 if self._backend is None else self._backend.period
+
+    def attach(self, backend: JointBackend) -> None:
+        """Let a backend drive the joints."""
+        self._backend = backend
+
     def add(self, controller: Controller) -> None:
-        """Lets a controller take part from the next cycle on."""
+        """Let a controller take part from the next cycle on."""
         with self._lock:
             self._controllers += (controller,)
 
-    @property
-    def has_driver(self) -> bool:
-        """Whether anything drives the joints yet."""
-        return self._write is not None
+    def observe(self, observer: Observer) -> None:
+        """Call back after the goals were written: with the stamp [ns] and the complete states."""
+        with self._lock:
+            self._observers += (observer,)
 
-    def drive_by(
-        self,
-        write: Callable[[str, Mapping[str, Goal], int], object],
-        claim: Callable[[], object] = lambda: None,
-    ) -> None:
-        """Set what drives the joints.
-
-        Args:
-            write: takes the goals of an owner, by its name, to the servos, with the epoch in which
-                they were made.
-            claim: lets a servo bus of another process know that an owner here takes its joints.
-        """
-        self._write, self._claim = write, claim
+    def complete_by(self, complete: Completer) -> None:
+        """Set what adds to measured joint states what follows from them, and what is stated."""
+        self._complete = complete
 
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        """Take the goals of an owner, made in an epoch, to the servos."""
-        assert self._write is not None
-        self._write(owner, goals, epoch)
+        """Take the goals of an owner, made in an epoch, to the joints."""
+        assert self._backend is not None
+        self._backend.write(owner, goals, epoch)
 
     def take_over(self, owner: str, joints: Iterable[str], epoch: int) -> None:
         """Give joints to an owner here, whoever had them; see `JointOwners`."""
         self.owners.take_over(owner, joints, epoch)
-        self._claim()
+        if self._backend is not None:
+            self._backend.claim()
+
+    def stop(self) -> Mapping[str, str]:
+        """STOP: relax all joints, and refuse everything until `resume`.
+
+        Returns:
+            For each joint what went wrong; empty where that is confirmed.
+        """
+        assert self._backend is not None
+        return self.owners.stop(self._backend.relax_now)
 
     def joints_read(
         self, stamp: int, measured: Mapping[str, JointSample]
     ) -> Mapping[str, JointSample]:
-        """Takes joints as they were measured at `stamp` [ns]; these, and what follows from them."""
-        states = self.complete(measured)
+        """Accept joints measured at `stamp` [ns]; return them and what follows from them."""
+        states = self._complete(measured)
         if states and self.buffer is not None:
             self.buffer.set_joint_positions(
                 stamp, {name: state.position for name, state in states.items()}
@@ -127,7 +157,7 @@ class ControlLoop:
         return states
 
     def update(self, joints: Iterable[str]) -> None:
-        """Asks the controllers of these joints, which have just been asked where they are."""
+        """Let the controllers of these joints, which have just been read, decide."""
         for controller in self._controllers:
             if controller.joints[0] in joints and controller.failure is None:
                 try:
@@ -137,26 +167,25 @@ class ControlLoop:
                     controller.failure = error
 
     def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointSample]) -> None:
-        """Tells others, after the write.
+        """Let others know, after the write.
 
         Args:
-            joints: those that were asked where they are.
+            joints: those that were read.
             stamp: when [ns].
             states: what `joints_read` has made of it.
         """
         if states:
-            for tell in self.after:
-                tell(stamp, states)
+            for observer in self._observers:
+                observer(stamp, states)
         for controller in self._controllers:
             if controller.joints[0] in joints:
                 controller.publish()
 
     def heard(self, joints: Iterable[str]) -> None:
-        """Runs the cycle for joints of another process, unless something else runs it."""
-        if not self.driven:
-            self.update(joints)
-            self.publish(joints, 0, {})
+        """Run the cycle for joints of another process, whose states the buffer has received."""
+        self.update(joints)
+        self.publish(joints, 0, {})
 
     def hold(self, reason: str) -> None:
-        """Keeps the controllers from moving anything, and says why; or ends that, if empty."""
+        """Keep the controllers from moving anything, for a reason; an empty one ends that."""
         self.held = reason

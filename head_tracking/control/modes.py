@@ -247,7 +247,7 @@ class LookingOnce(TargetMode):
         if control.trouble:
             return "idle", f"idle: {control.trouble}"
         if control.task is not None:
-            return "turning", control.task.title
+            return "turning", control.task_state
         return "holding" if self._is_over else "turning", control.outcome
 
 

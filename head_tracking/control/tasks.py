@@ -36,7 +36,9 @@ class TaskEnd(StrEnum):
 
     SUCCEEDED = "succeeded"
     MISSED = "did not arrive"
+    UNREACHABLE = "unreachable"
     PREEMPTED = "preempted"
+    DISABLED = "disabled"
     CANCELED = "canceled"
     ABORTED = "aborted"
 
@@ -178,7 +180,7 @@ class PointTask(HeadTask):
         gaze = turn.aim(point, stamp, self.start, positions, now)
         out_of_reach = gaze.status in (GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS)
         if not (gaze.reached or (self._clamp and out_of_reach)):
-            self.end(TaskEnd.ABORTED, gaze.reason)
+            self.end(TaskEnd.UNREACHABLE, gaze.reason)
             return law.stop(reading.joints, now) if moves else None
         self.miss = turn.miss
         self._placed = now

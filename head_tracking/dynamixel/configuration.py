@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import IntFlag
 
-from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
+from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
 
@@ -29,7 +29,8 @@ class ServoCalibration:
         model: The servo's model.
         reversed: Whether rising ticks are falling positions.
         scale: What one tick more is for the joint's position, rad.
-        lowest_turn: Lowest tick of the turn around the middle of the range; see `fold`.
+        lowest_turn: Lowest tick of the turn around the middle of the range. A servo whose scale
+            goes round counts on beyond a turn while it is relaxed.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
@@ -46,45 +47,26 @@ class ServoCalibration:
     lowest_turn: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._check_id()
-        self._check_ticks()
+        last = self.model.ticks - 1
+        limits = (("id", MAX_ID[self.model.protocol]), ("init", last), ("min", last), ("max", last))
+        for name, highest in limits:
+            value = getattr(self, name)
+            if not _is_integer(value) or not 0 <= value <= highest:
+                raise ConfigurationError(
+                    f"{self.joint_name}: {name}: {value!r} is not possible for an "
+                    f"{self.model.name}; allowed are whole numbers from 0 to {highest}"
+                )
+        low, high = self.tick_range
+        if low == high or not low <= self.init <= high:
+            raise ConfigurationError(
+                f"{self.joint_name}: min: {self.min} and max: {self.max} are not possible with "
+                f"init: {self.init}; they must differ, and init, position 0, must lie between them"
+            )
         object.__setattr__(self, "reversed", self.min > self.max)
         scale = self.model.radians_per_tick
         object.__setattr__(self, "scale", -scale if self.reversed else scale)
         middle = (self.min + self.max + 1) // 2
         object.__setattr__(self, "lowest_turn", middle - self.model.ticks // 2)
-
-    def _check_id(self) -> None:
-        highest = MAX_ID[self.model.protocol]
-        if not _is_integer(self.id) or not 0 <= self.id <= highest:
-            raise ConfigurationError(
-                f"{self.joint_name}: id {self.id!r} is no servo id; allowed are 0 to {highest}"
-            )
-
-    def _check_ticks(self) -> None:
-        last = self.model.ticks - 1
-        for name in ("init", "min", "max"):
-            tick = getattr(self, name)
-            if not _is_integer(tick):
-                raise ConfigurationError(
-                    f"{self.joint_name}: {name} must be a whole number of ticks, not {tick!r}"
-                )
-            if not 0 <= tick <= last:
-                raise ConfigurationError(
-                    f"{self.joint_name}: {name}: {tick} is outside the {self.model.name}'s range; "
-                    f"allowed are ticks 0 to {last}; use {0 if tick < 0 else last} for the end "
-                    "of the range"
-                )
-        if self.min == self.max:
-            raise ConfigurationError(
-                f"{self.joint_name}: min and max are both {self.min}, so the joint could not move"
-            )
-        low, high = self.tick_range
-        if not low <= self.init <= high:
-            raise ConfigurationError(
-                f"{self.joint_name}: init: {self.init} is not between min: {self.min} and "
-                f"max: {self.max}; position 0 must be inside the joint's range"
-            )
 
     @property
     def tick_range(self) -> tuple[int, int]:
@@ -96,37 +78,13 @@ class ServoCalibration:
         """Angle of one tick, rad."""
         return self.model.radians_per_tick
 
-    def fold(self, ticks: int) -> int:
-        """Return the tick in the turn around the joint's range that is the same angle.
-
-        Servos with an endless range count on beyond a turn while they are relaxed.
-        """
-        if not self.model.endless:
-            return ticks
-        return (ticks - self.lowest_turn) % self.model.ticks + self.lowest_turn
-
     def position(self, ticks: float) -> float:
         """Return the joint's position, rad, at a tick (a simulated servo has fractions of one)."""
         return (ticks - self.init) * self.scale
 
     def ticks(self, position: float) -> int:
-        """Return the tick next to a position in rad; inverse of `position`.
-
-        Raises:
-            RangeError: The position is not finite or outside the servo's range.
-        """
-        if not math.isfinite(position):
-            raise RangeError(
-                f"{self.joint_name} cannot be at {position} rad; it must be a finite number"
-            )
-        tick = round(self.init + position / self.scale)
-        if not 0 <= tick < self.model.ticks:
-            ends = sorted((self.position(0), self.position(self.model.ticks - 1)))
-            raise RangeError(
-                f"{self.joint_name} cannot be at {position:.4f} rad; the servo's range is "
-                f"{ends[0]:.4f} to {ends[1]:.4f} rad"
-            )
-        return tick
+        """Return the tick next to a position in rad, also beyond the limits."""
+        return round(self.init + position / self.scale)
 
 
 def fastest_speed(model: ServoModel) -> float:

@@ -273,21 +273,17 @@ class Joint:
         self.commanded_at = None
 
     def hold(self, retries: int) -> None:
-        """Make the present position the goal, at the speed of the previous one.
+        """Make the present position the goal, if it is on, at the speed of the previous one.
 
-        A servo that does not answer gets its last known position.
+        A servo that does not answer gets the position that was read last.
         """
         if not self.on:
             return
-        ticks = list(self.goal_ticks)
-        for index, servo in enumerate(self.servos):
-            present = servo.raw_ticks if servo.stamp else None
+        for servo in self.servos:
             with suppress(CommunicationError):
                 if servo.answers:
-                    present = servo.get("Present Position", 1 + retries)
-            if present is not None:
-                ticks[index] = self._inside(servo, present)
-        self._set_goal(tuple(ticks), self.goal_speed, None)
+                    servo.read_feedback(1 + retries)
+        self.hold_last()
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
@@ -331,14 +327,8 @@ class Joint:
         self.confirmed = False
         try:
             for servo in self.servos:
-                for wait in (steps := _Value(servo.pin(self._range(servo), powered))):
-                    yield wait
-                    if self._overtaken != overtaken:
-                        return "somebody has relaxed it meanwhile"
-                ticks.append(steps.value)
-                yield 0.0
-                if self._overtaken != overtaken:
-                    return "somebody has relaxed it meanwhile"
+                steps = servo.pin(self._range(servo), powered)
+                ticks.append((yield from self._unless_overtaken(steps, overtaken)))
         except GeneratorExit:  # given up; the goal alone may have switched torque on
             with suppress(DynamixelError):
                 self.cut()
@@ -354,6 +344,17 @@ class Joint:
         self.on = True
         self._resumes = False
         return ""
+
+    def _unless_overtaken(self, steps: Steps[int], overtaken: int) -> Steps[int]:
+        """Take steps as long as nobody relaxes the joint."""
+        while True:
+            try:
+                yield next(steps)
+            except StopIteration as end:
+                ticks: int = end.value
+                return ticks
+            if self._overtaken != overtaken:
+                raise ServoError("somebody has relaxed it meanwhile")
 
     def identify(self) -> Steps[None]:
         """Find its servos and relax them; raises as `Servo.identify` does."""
@@ -461,17 +462,6 @@ class Joint:
             )
         self.servos[0].check_calibration(new.calibration)
         return new
-
-
-class _Value:
-    """Steps to iterate over, and what came of them."""
-
-    def __init__(self, steps: Steps[int]) -> None:
-        self._steps = steps
-        self.value = 0
-
-    def __iter__(self) -> Steps[None]:
-        self.value = yield from self._steps
 
 
 def _both(one: IntFlag, other: IntFlag) -> IntFlag:

@@ -65,7 +65,7 @@ class Protection:
             if new or now - self._looked_at.get(servo.id, 0) >= _REPEAT:
                 self._looked_at[servo.id] = now
                 with suppress(CommunicationError):
-                    servo.errors = servo.look_at_errors()
+                    servo.errors = servo.read_errors()
         errors = servo.errors
         if isinstance(errors, ErrorBits):
             errors &= ~_PASSING

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
 from itertools import pairwise
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.control_table import SIGN_BIT, Block, ControlTable, Register
@@ -58,9 +58,12 @@ _MAGNITUDES: Final = 2 << SIGN_BIT
 _SIGN: Final = 1 << SIGN_BIT
 _LONGEST_READ: Final = 64  # bytes
 _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
-_POSITION_MODE: Final = 3
-_JOINT_MODE: Final = 2  # XL-320
-_TIME_BASED: Final = 4  # bit of Drive Mode
+_MODES: Final = (
+    ("Operating Mode", 0xFF, 3, "is not in position control"),
+    ("Drive Mode", 0x04, 0, "takes its profile velocity as a time"),
+    ("Control Mode", 0xFF, 2, "is in wheel mode and has no positions"),
+)
+"""Registers that must have a value in some bits (mask, value), and what is wrong otherwise."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -103,20 +106,6 @@ class Counters:
     retries: int = 0
     timeouts: int = 0
     corrupt: int = 0
-
-
-class Feedback(NamedTuple):
-    """One reading, in register values.
-
-    The error is the error byte: bits of state in protocol 1.0, in protocol 2.0 the alert bit.
-    """
-
-    ticks: int
-    speed: int
-    load: int
-    voltage: int
-    temperature: int
-    error: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,15 +246,10 @@ class Servo:
 
     def read(self, block: Block, tries: int = _TRIES) -> tuple[int, ...]:
         """Read registers and return one value for each."""
-        return block.decode(self._read(block.address, block.length, tries))
-
-    def _read_surely(self, block: Block) -> tuple[int, ...]:
-        """Read registers of a servo that has answered a ping; a busy machine may miss answers."""
-        try:
-            return self.read(block)
-        except ReplyTimeoutError:
-            self.ping(_TRIES)
-            return self.read(block)
+        address, length = block.address, block.length
+        read = self._port.read
+        reply = self._try(tries, lambda: read(self.id, address, length, self._protocol))
+        return block.decode(reply.data)
 
     def get(self, name: str, tries: int = _TRIES) -> int:
         """Read one register."""
@@ -279,8 +263,8 @@ class Servo:
             for register, value in zip(block.registers, self.read(block), strict=True)
         ]
 
-    def read_feedback(self, tries: int = 1) -> Feedback:
-        """Read position, speed, load, voltage and temperature in one transaction."""
+    def read_feedback(self, tries: int = 1) -> None:
+        """Read position, speed, load, voltage and temperature, and record them."""
         block = self.model.feedback
 
         def attempt() -> Reply:
@@ -289,10 +273,7 @@ class Servo:
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
             return reply
 
-        reply = self._try(tries, attempt)
-        values = block.decode(reply.data)
-        a, b, c, d, e = self._order
-        return Feedback(values[a], values[b], values[c], values[d], values[e], reply.error)
+        self.take(self._try(tries, attempt), self.stamp)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
@@ -307,15 +288,13 @@ class Servo:
         error = self._try(
             _TRIES, lambda: self._port.write(self.id, address, data, protocol=self._protocol)
         )
-        if self._protocol == 1:
-            refusals = ErrorBits(error & REFUSALS)
-            refusal = describe_errors(refusals) if refusals else ""
-        else:
-            refusal = describe_status(error & ~ALERT) if error & ~ALERT else ""
+        refusal = error & (REFUSALS if self._protocol == 1 else ~ALERT)
         if refusal:
             pairs = zip(block.registers, values, strict=True)
             names = ", ".join(f"{register.name} = {value}" for register, value in pairs)
-            raise RegisterRefusedError(f"servo {self.id} refused {names}: {refusal}")
+            one = self._protocol == 1
+            why = describe_errors(ErrorBits(refusal)) if one else describe_status(refusal)
+            raise RegisterRefusedError(f"servo {self.id} refused {names}: {why}")
 
     def set(self, name: str, value: int) -> None:
         """Write one register and make sure of it; raises as `verify` does."""
@@ -324,16 +303,6 @@ class Servo:
     def set_torque(self, on: bool) -> None:
         """Switch torque and make sure of it; raises as `verify` does."""
         self.set("Torque Enable", int(on))
-
-    def release(self) -> None:
-        """Write torque off once and wait for nothing."""
-        block = self.model.control_table.block("Torque Enable")
-        self._port.write(self.id, block.address, b"\0", acknowledged=False, protocol=self._protocol)
-
-    def _read(self, address: int, length: int, tries: int = _TRIES) -> bytes:
-        return self._try(
-            tries, lambda: self._port.read(self.id, address, length, self._protocol)
-        ).data
 
     def _try(self, tries: int, transaction: Callable[[], _T]) -> _T:
         counters = self.counters
@@ -399,7 +368,7 @@ class Servo:
         joint_name, model = self.calibration.joint_name, self.model
         for span in _spans(model.control_table, model.position_limits):
             try:
-                values = self._read_surely(span)
+                values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoModeError(
@@ -432,13 +401,13 @@ class Servo:
             _has_shut_down(memory, shutdown),
         )
         problem: ServoError | ConfigurationError | None = None
+        known, self.identity = self.identity, identity
         try:
             _check_mode(self, memory, lower, upper)
-            self._admit(self._narrowed(self.calibration, identity), self.calibration)
+            self.recalibrate(self.calibration)
         except (ServoError, ConfigurationError) as cause:
-            problem = cause
+            problem, self.identity = cause, known
         else:  # it can be read from now on
-            self.identity = identity
             self.faulted = identity.faulted
             self.interrupted = False
             self.failed_cycles = self.ask_at = 0
@@ -593,18 +562,14 @@ class Servo:
             changed[name] = (before, value)
         return changed
 
-    def look_at_errors(self) -> IntFlag:
+    def read_errors(self) -> IntFlag:
         """Return the error state that goes with the last error byte.
 
         Protocol 2.0 tells only that there is one: its register is read.
         """
-        return self.state_of(self.error)
-
-    def state_of(self, error: int) -> IntFlag:
-        """Return the error state that goes with an error byte; reads a register if needed."""
         if self._protocol == 1:
-            return ErrorBits(error & 0x7F)
-        if not error & ALERT:
+            return ErrorBits(self.error & 0x7F)
+        if not self.error & ALERT:
             return self.model.errors(0)
         return self.model.errors(self.get("Hardware Error Status") & sum(self.model.errors))
 
@@ -667,20 +632,8 @@ class Servo:
         self.stamp = stamp
 
     def recalibrate(self, calibration: ServoCalibration) -> None:
-        """Take over other limits; raises ConfigurationError if the servo's own leave nothing."""
-        self._admit(self.check_calibration(calibration), calibration)
-
-    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
-        """Return the range, in ticks, that a calibration and the servo allow.
-
-        Raises:
-            ConfigurationError: They have nothing in common.
-        """
-        if self.identity is None:
-            return calibration.tick_range
-        return self._narrowed(calibration, self.identity)
-
-    def _admit(self, ticks: tuple[int, int], calibration: ServoCalibration) -> None:
+        """Use other limits; raises ConfigurationError if the servo's own leave nothing."""
+        self.range = self.check_calibration(calibration)
         self.calibration = calibration
         sign = -1 if calibration.reversed else 1
         model = self.model
@@ -690,12 +643,19 @@ class Servo:
         self._load_scale = sign / model.load_maximum
         self._turn = model.ticks if model.endless else 0
         self._lowest = calibration.lowest_turn
-        self.range = ticks
-        lower, upper = sorted(calibration.position(tick) for tick in ticks)
+        lower, upper = sorted(map(calibration.position, self.range))
         self.limits = (lower, upper)
 
-    def _narrowed(self, calibration: ServoCalibration, identity: ServoIdentity) -> tuple[int, int]:
-        (low, high), (lower, upper) = calibration.tick_range, identity.own_range
+    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
+        """Return the range, in ticks, that a calibration and the servo allow.
+
+        Raises:
+            ConfigurationError: They have nothing in common.
+        """
+        low, high = calibration.tick_range
+        if self.identity is None:
+            return low, high
+        lower, upper = self.identity.own_range
         lowest, highest = max(low, lower), min(high, upper)
         if lowest >= highest:
             raise ConfigurationError(
@@ -866,31 +826,20 @@ def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
 
 def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int) -> None:
     """Refuse a servo that does not go to positions, or counts speeds in another way."""
-    table = servo.model.control_table
-    calibration = servo.calibration
-    who = f"servo {servo.id} ({calibration.joint_name})"
-    how = f"for example with `servo set {servo.id} REGISTER VALUE`"
-    if "Operating Mode" in table:
-        mode = memory["Operating Mode"]
-        if mode != _POSITION_MODE:
+    who = f"servo {servo.id} ({servo.calibration.joint_name})"
+    for name, mask, wanted, what in _MODES:
+        value = memory.get(name, wanted)
+        if value & mask != wanted:
+            address, right = servo.model.control_table[name].address, value & ~mask | wanted
             raise ServoModeError(
-                f"{who} is in operating mode {mode}; set Operating Mode (register "
-                f"{table['Operating Mode'].address}) to {_POSITION_MODE}, position control, {how}"
+                f"{who} {what}: {name} (register {address}) is {value}; set it to {right}, for "
+                f"example with `servo set {servo.id} '{name}' {right}`"
             )
-        if memory["Drive Mode"] & _TIME_BASED:
-            raise ServoModeError(
-                f"{who} takes its profile velocity as a time; clear bit 2 of Drive Mode (register "
-                f"{table['Drive Mode'].address}), {how}"
-            )
-    elif memory.get("Control Mode", _JOINT_MODE) != _JOINT_MODE:
-        raise ServoModeError(
-            f"{who} is in wheel mode and has no positions; set Control Mode (register "
-            f"{table['Control Mode'].address}) to {_JOINT_MODE}, {how}"
-        )
-    elif lower == upper:
+    if servo.model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
+        low, high = servo.calibration.tick_range
         raise ServoModeError(
             f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
-            "turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to "
-            f"{calibration.tick_range[0]} and {calibration.tick_range[1]}, {how}"
+            f"turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to {low} and "
+            f"{high} with `servo set {servo.id} REGISTER VALUE`"
         )

@@ -66,7 +66,7 @@ _SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
-    """Publishes what the servos measure and takes commands for them.
+    """Publishes what the servos measure and takes commands for them: a `JointBackend`.
 
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
@@ -79,6 +79,7 @@ class ServoBusNode(Node):
 
     Attributes:
         failure: what has ended a bus; None as long as all run.
+        period: of a cycle [s].
     """
 
     def __init__(
@@ -108,20 +109,17 @@ class ServoBusNode(Node):
         ]
         self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
         self._baud_rates = [baud_rate for _, baud_rate in ports]
-        self._names = {
-            bus: frozenset([joint.joint_name for joint in bus.joints])
-            for bus, _ in self._buses.threads
-        }
+        self._names = {bus: frozenset([joint.joint_name for joint in bus.joints]) for bus in buses}
         self._connect(p.allow_missing)
-        loop.driven, loop.period = True, 1.0 / p.update_rate
-        loop.drive_by(self._write)
+        self.period = 1.0 / p.update_rate
+        loop.attach(self)
         self._create_topics()
         self._bus_services = BusServices(
             self,
             self._buses,
             loop.owners,
             lambda: self._eeprom.value.settings,
-            self.stop,
+            loop.stop,
             self.resume,
             short_names=p.short_names,
         )
@@ -139,23 +137,28 @@ class ServoBusNode(Node):
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
         """Return port, baud rate and, by id, the models of the servos that were found on it."""
         return [
-            (bus.port_name, baud_rate, {servo.id: servo.model for servo in bus.servos})
-            for (bus, _), baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
+            (each.bus.port_name, baud_rate, {servo.id: servo.model for servo in each.bus.servos})
+            for each, baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
         ]
 
     def status(self) -> BusStatus:
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
 
-    def stop(self) -> dict[str, str]:
-        """STOP: relax all servos, and refuse everything until `resume`; for any thread.
+    def stop(self) -> Mapping[str, str]:
+        """STOP, for any thread; see `ControlLoop`. Whatever else hangs, it does not wait for it."""
+        return self._loop.stop()
 
-        Whatever else hangs, this does not wait for it.
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`."""
+        return self._buses.relax_at_once()
 
-        Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
-        """
-        return self._loop.owners.stop(self._buses.relax_at_once)
+    def claim(self) -> None:
+        """See `JointBackend`; the owners of this process are the servo bus's."""
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """See `JointBackend`."""
+        self._write(owner, goals, epoch)
 
     def resume(self) -> tuple[str, ...]:
         """End a STOP: hold what was not relaxed on request; return the controllers that go on.
@@ -242,7 +245,7 @@ class ServoBusNode(Node):
         log = self.get_logger()
         connected: list[ServoBus] = []
         try:
-            for bus, _ in self._buses.threads:
+            for bus in [thread.bus for thread in self._buses.threads]:
                 summary = bus.connect(allow_missing=allow_missing) or "no servo answers"
                 connected.append(bus)
                 adapter = bus.adapter
@@ -426,14 +429,14 @@ class ServoBusNode(Node):
     def _statuses(self) -> list[BusStatus]:
         return [
             BusStatus(
-                bus.port_name,
-                bus.statistics(),
+                thread.bus.port_name,
+                thread.bus.statistics(),
                 thread.timing,
-                self._states.get(bus, {}),
+                self._states.get(thread.bus, {}),
                 int(self.get_clock().now().nanoseconds),
                 self._settings,
             )
-            for bus, thread in self._buses.threads
+            for thread in self._buses.threads
         ]
 
     def _publish_diagnostics(self) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
-from head_tracking.control.head_control import HeadParameters
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.parameters import NodeParameters
@@ -59,6 +61,31 @@ class ViewerNode(Node):
             self.robot.close()
             raise
         self._say_where(page.host, local=is_loopback(page.host))
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., object], *others: Any, **options: Any
+    ) -> Any:
+        """Create a subscription; an error in its callback costs the message only."""
+        callback = self._surviving(callback)
+        return super().create_subscription(kind, topic, callback, *others, **options)
+
+    def create_timer(
+        self, period: float, callback: Callable[..., object], *others: Any, **options: Any
+    ) -> Any:
+        """Create a timer; an error in its callback costs that call only."""
+        return super().create_timer(period, self._surviving(callback), *others, **options)
+
+    def _surviving(self, callback: Callable[..., object]) -> Callable[..., object]:
+        """Return the callback with its errors logged: STOP must stay, whatever comes in."""
+
+        @wraps(callback)
+        def surviving(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:
+                self._complain(f"{type(error).__name__}: {error}")
+
+        return surviving
 
     def destroy_node(self) -> None:
         """Ends the page; the robot goes on as it is."""

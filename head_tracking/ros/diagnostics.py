@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 
@@ -27,6 +27,13 @@ class Health:
     level: Level
     message: str
     values: Mapping[str, str]
+
+
+def health_from_message(status: DiagnosticStatus) -> Health:
+    """Return what a status says. A level that diagnostic_msgs does not have becomes STALE."""
+    level = Level(min(int.from_bytes(status.level, "little"), Level.STALE))
+    values = {pair.key: pair.value for pair in status.values}
+    return Health(status.name, level, status.message, values)
 
 
 def in_namespace(node: Node, message: DiagnosticArray) -> DiagnosticArray:

@@ -86,7 +86,7 @@ class HeadActions:
             control.watch()
             refusal = control.obstacle or self._point_mistake(goal)
             if refusal:
-                control.outcome = f"rejected: {refusal}"
+                control.reject(refusal)
                 target = target_from_message(goal.target)
                 self._log.warning(f"the goal {target} is rejected: {refusal}")
         return refusal
@@ -150,7 +150,7 @@ class HeadActions:
             self._begin(goal.request.trajectory, goal)
         except TrajectoryError as error:
             self._log.warning(f"a trajectory is rejected: {error}")
-            self._control.outcome = f"rejected: {error}"
+            self._control.reject(str(error))
             goal.abort(
                 FollowJointTrajectory.Result(error_code=int(error.code), error_string=str(error))
             )
@@ -161,7 +161,7 @@ class HeadActions:
         except TrajectoryError as error:
             text = f"a trajectory is rejected: {error}"
             self._log.warning(text, throttle_duration_sec=_PAUSE)
-            self._control.outcome = f"rejected: {error}"
+            self._control.reject(str(error))
 
     def _begin(self, message: Any, goal: Goal | None) -> None:
         """Begins a trajectory.

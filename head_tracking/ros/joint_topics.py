@@ -1,4 +1,4 @@
-"""A head whose servo bus is in another process."""
+"""Joints whose servo bus is in another process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from head_tracking.tf.qos import LATCHED
 
 
 class JointTopics:
-    """Publishes goals on `joint_commands`, and follows the owners and STOP of `joint_control`.
+    """A `JointBackend`: publishes `joint_commands`, and follows the STOP and owners of a servo bus.
 
     Args:
         node: turns the head.
@@ -23,6 +23,8 @@ class JointTopics:
         joints: pan and tilt.
         loop: of the process.
     """
+
+    period = 0.0
 
     def __init__(self, node: Node, name: str, joints: Sequence[str], loop: ControlLoop) -> None:
         self._node = node
@@ -32,7 +34,7 @@ class JointTopics:
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
-        loop.drive_by(self.write, claim=self.claim)
+        loop.attach(self)
 
     def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""
@@ -46,10 +48,14 @@ class JointTopics:
         self._commands.publish(message)
 
     def claim(self) -> None:
-        """Take the joints over, whoever owns them."""
+        """See `JointBackend`."""
         message = JointState(name=list(self._joints))
         message.header.frame_id = sender(self._name, self._loop.owners.epoch.value)
         self._claims.publish(message)
+
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`; only the servo bus can do that."""
+        return dict.fromkeys(self._joints, "the servo bus is another process: call its `stop`")
 
     def _on_control(self, message: DiagnosticStatus) -> None:
         try:

@@ -127,7 +127,7 @@ class OtherParameters:
 
     def values(self) -> Mapping[str, Mapping[str, Any]]:
         """The parameters of all nodes by full name, as far as they have told them."""
-        return {owner: dict(self._values[owner]) for owner in list(self._values)}
+        return {owner: dict(values) for owner, values in list(self._values.items())}
 
     def set(self, owner: str, name: str, value: Any) -> Outcome:
         """Sets a parameter; says what its node answered."""

@@ -10,13 +10,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import yaml
-from rclpy.node import Node
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.head_lock import namespace
+
+if TYPE_CHECKING:  # the tools that read these files work without ROS
+    from rclpy.node import Node
 
 _PARAMETERS = "ros__parameters"
 _LIKELY = 0.75  # how alike a name must be to be meant
@@ -35,11 +37,13 @@ class Given(NamedTuple):
         file: which.
         nodes: the names it is for, wildcards and all: `/**/servo_bus`.
         name: of the parameter.
+        value: as YAML has it.
     """
 
     file: str
     nodes: str
     name: str
+    value: Any = None
 
     def is_for(self, node: str) -> bool:
         """Whether a node of this full name takes it, by rcl's rules."""
@@ -70,7 +74,8 @@ def remember(arguments: Sequence[str]) -> None:
     _given.clear()
     for word, file in pairwise(arguments):
         if word == "--params-file":
-            _given.extend(read(file))
+            with suppress(OSError, ValueError, yaml.YAMLError):  # ROS has reported it
+                _given.extend(read(file))
     for node, values in _rules(arguments)[0].items():
         _given.extend(Given(_COMMAND_LINE, f"/**/{node}", name) for name in values)
 
@@ -110,10 +115,17 @@ def _rules(arguments: Sequence[str]) -> tuple[dict[str, dict[str, str]], list[st
     return rules, others
 
 
-def read(file: str) -> Iterator[Given]:
-    """All values in a file; none if it cannot be read, which ROS has said."""
-    with suppress(OSError, ValueError, yaml.YAMLError), open(file, encoding="utf-8") as text:
-        yield from _values(file, "", yaml.safe_load(text))
+def read(file: str) -> list[Given]:
+    """Return all values in a file.
+
+    Raises:
+        OSError, ValueError, yaml.YAMLError: It cannot be read, or is not YAML.
+    """
+    with open(file, encoding="utf-8") as text:
+        content = yaml.safe_load(text)
+    if not isinstance(content or {}, Mapping):
+        raise ValueError(f"{file} has {content!r}, not nodes and their ros__parameters")
+    return list(_values(file, "", content))
 
 
 def source(node: Node, name: str) -> str:
@@ -190,15 +202,15 @@ def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
         return
     for key, value in content.items():
         if key == _PARAMETERS:
-            for name in _names("", value):
-                yield Given(file, nodes, name)
+            for name, given in _flat("", value):
+                yield Given(file, nodes, name, given)
         else:
             yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
 
 
-def _names(prefix: str, content: Any) -> Iterator[str]:
+def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(content, Mapping):
         for key, value in content.items():
-            yield from _names(f"{prefix}.{key}" if prefix else str(key), value)
+            yield from _flat(f"{prefix}.{key}" if prefix else str(key), value)
     elif content is not None:
-        yield prefix
+        yield prefix, content

@@ -4,6 +4,7 @@
 (() => {
   const PERIOD = 400, SILENT = 3000, PICTURE = 100; // ms
   const PHONE = "(max-width: 576px)"; // viser's own
+  const OPEN = "[role=dialog], [role=listbox], [aria-haspopup][aria-expanded=true]";
   const COLOURS = {
     "on target": "#2b8a3e", moving: "#1971c2", holding: "#495057", relaxed: "#5f3dc4",
     stopped: "#c92a2a", refused: "#d9480f", replay: "#862e9c", fault: "#c92a2a",
@@ -112,7 +113,7 @@
     veil.hidden = true;
     const bar = make("div", "head-bar", "", document.body);
     const stop = make("button", "head-stop", "STOP", bar);
-    stop.title = "Relaxes all servos at once (Esc)";
+    stop.title = "Relaxes all servos at once (Esc, while no menu or question is open)";
     const resume = make("button", "head-resume", "Resume", bar);
     resume.title = "Commands are taken again; the head moves slowly until it has arrived once";
     resume.hidden = true;
@@ -151,10 +152,13 @@
     };
     stop.onclick = press("stop");
     resume.onclick = press("resume");
-    // before anything on the page gets the key
+    // before anything on the page gets the key; what is open is closed by it, and nothing else
+    const open = () => [...document.querySelectorAll(OPEN)].some((one) => one.checkVisibility?.() ?? true);
     window.addEventListener("keydown", (event) => {
-      if (event.key === "Escape" && !event.repeat) stop.click();
+      if (event.key === "Escape" && !event.repeat && !open()) stop.click();
     }, true);
+    // a button that was clicked would keep the focus, and the next Space would press it again
+    bar.onmousedown = (event) => event.preventDefault();
 
     // an emptied number field shows what counts again: the value that it had
     document.addEventListener("focusin", ({ target }) => {

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
@@ -33,6 +34,7 @@ _PATIENCE = 10.0  # s
 _RELEASE = 1.0  # s in which a node that was switched off lets go of the joints
 _REFUSAL = 0.8  # s
 _REFUSED = "targets are refused: "
+_NOTHING_TURNS = "nothing turns the head now: choose a mode (point or track)"
 _POLL = 0.02  # s
 
 
@@ -78,6 +80,20 @@ _SHOWS: Mapping[Mode, tuple[str, ...]] = {
 """The scenes of a simulated camera in which that can be found."""
 
 
+class _Sending(NamedTuple):
+    """Targets that the page itself sends again and again.
+
+    Attributes:
+        mode: what they are sent for.
+        target: the next one; None: nothing is sent now.
+        stops: number of STOPs when that began; another one ends it.
+    """
+
+    mode: Mode
+    target: Callable[[], Target | None]
+    stops: int
+
+
 class HeadModes:
     """Switches the nodes of a head, and sends targets; for any thread.
 
@@ -111,7 +127,8 @@ class HeadModes:
         self._parameters = parameters
         self._buffer = buffer
         self._stop = stop
-        self._stops = 0  # of the head, when what is sent was begun
+        self._changing = threading.RLock()  # one change of modes at a time
+        self._wanted = Mode.OFF, ""
         services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
         services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
         services.know(
@@ -119,12 +136,12 @@ class HeadModes:
             *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)),
         )
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
-        self._kept: Callable[[], Target | None] | None = None
-        self._sends = Mode.TRACK
+        self._sending: _Sending | None = None
+        self._send_lock = threading.Lock()
         self.path: Path | None = None
         self._no_path = "there is no path yet"
         self._speed, self._along, self._stepped = 0.0, 0.0, 0.0
-        self._timer = node.create_timer(_SEND_PERIOD, self._send_kept)
+        self._timer = node.create_timer(_SEND_PERIOD, self._send_next)
         self._timer.cancel()
 
     def mode(self) -> Mode:
@@ -136,7 +153,8 @@ class HeadModes:
             for mode in (Mode.FICTITIOUS, Mode.MUX):
                 if self._is_on(_NEEDED[mode][1]):
                     return mode
-            return Mode.TRACK if self._kept is None else self._sends
+            sending = self._sending
+            return Mode.TRACK if sending is None else sending.mode
         return Mode.POINT if self._is_on(POINTER) else Mode.OFF
 
     def possible(self) -> tuple[Mode, ...]:
@@ -162,7 +180,7 @@ class HeadModes:
         if len(both) > 1:
             return f"{' and '.join(both)} both turn the head"
         senders = [name for name in SENDERS if self._is_on(name)]
-        if self._kept is not None:
+        if self._sending is not None:
             senders.append("this page")
         if self._is_on(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
@@ -182,11 +200,27 @@ class HeadModes:
             return Outcome(False, "the target is refused: x, y and z must be numbers in metres")
         if frame not in self._buffer.frames():
             return Outcome(False, f"the target is refused: there is no frame {frame!r}")
-        stops, mode, said = self._stop.count, self.mode(), ""
+        stops = self._stop.count
         if self._stop.refusal:
             return Outcome(False, self._stop.refusal)
+        before, sent = {name: self._topics.state(name) for name in CONTROLLERS}, time.monotonic()
+        if not self._changing.acquire(timeout=_RELEASE):
+            return Outcome(False, "the mode is being changed: try again in a moment")
+        try:
+            outcome = self._aim(frame, point, stops)
+        finally:
+            self._changing.release()
+        if not (wait and outcome.done):
+            return outcome
+        controller = POINTER if self.mode() is Mode.POINT else TRACKER
+        refused = self._refusal_of(controller, before[controller], sent)
+        return Outcome(False, refused) if refused else outcome
+
+    def _aim(self, frame: str, point: Vector3, stops: int) -> Outcome:
+        """Send a target, in the mode that takes targets from the page."""
+        mode, said = self.mode(), ""
         if mode is Mode.OFF:
-            return Outcome(False, "nothing turns the head now: choose a mode (point or track)")
+            return Outcome(False, _NOTHING_TURNS)
         wanted = Mode.POINT if mode is Mode.POINT else Mode.TRACK
         if mode is not wanted or any(map(self._is_on, SENDERS)):
             outcome = self.set_mode(wanted, "")
@@ -194,47 +228,46 @@ class HeadModes:
                 return outcome
             said = f"; the mode is {wanted} now" if mode is not wanted else ""
         x, y, z = map(float, point)
-        target = Target(0, frame, (x, y, z))
-        text = f"target {target} sent{said}"
-        model = self._buffer.model
+        target, model = Target(0, frame, (x, y, z)), self._buffer.model
         if wanted is Mode.POINT or model is None:
             self.stop_sending()
-            refused = self._refusal_of(POINTER, wait, lambda: self._publish(target))
-            return Outcome(not refused, refused or text)
-        try:
-            placed = self._buffer.transform_point(point, model.root, frame)
-        except TransformException as error:
-            return Outcome(False, f"the target is refused: {error}")
-        kept = Target(0, model.root, placed)
-        refused = self._refusal_of(
-            TRACKER, wait, lambda: self._keep_sending(Mode.TRACK, lambda: kept, stops)
-        )
-        return Outcome(not refused, refused or text)
+            self._publish(target)
+        else:
+            try:
+                placed = self._buffer.transform_point(point, model.root, frame)
+            except TransformException as error:
+                return Outcome(False, f"the target is refused: {error}")
+            kept = Target(0, model.root, placed)
+            self._keep_sending(Mode.TRACK, lambda: kept, stops)
+        return Outcome(True, f"target {target} sent{said}")
 
     def centre(self) -> Outcome:
         """Recentres with the node that turns the head now."""
         if self._services.hold.reason:
             return Outcome(False, self._services.hold.reason)
-        mode = self.mode()
-        if mode is Mode.OFF:
-            return Outcome(False, "nothing turns the head now: choose a mode (point or track)")
-        if mode not in (Mode.POINT, Mode.TRACK):
-            outcome = self.set_mode(Mode.TRACK, "")
-            if not outcome.done:
-                return outcome
-        self.stop_sending()
+        with self._changing:
+            mode = self.mode()
+            if mode is Mode.OFF:
+                return Outcome(False, _NOTHING_TURNS)
+            if mode not in (Mode.POINT, Mode.TRACK):
+                outcome = self.set_mode(Mode.TRACK, "")
+                if not outcome.done:
+                    return outcome
+            self.stop_sending()
         return self._services.trigger(f"{_NEEDED[mode][0]}/recenter")
 
     def stop_sending(self) -> None:
         """Sends no more targets."""
-        self._kept = None
-        self._timer.cancel()
+        with self._send_lock:
+            self._sending = None
+            self._timer.cancel()
 
     def set_mode(self, mode: Mode, frame: str = "") -> Outcome:
         """Lets exactly one node turn the head, and exactly one send it targets.
 
         Nodes that are needed and do not run are started, where the run can do that. What turned
         the head before is switched off first. While the head is stopped only OFF can be chosen.
+        For any thread: a later choice ends a change that is under way; STOP ends it, too.
         """
         if self._services.hold.reason:
             return Outcome(False, self._services.hold.reason)
@@ -244,31 +277,49 @@ class HeadModes:
             return Outcome(False, f"there is no frame {frame!r} to follow")
         if mode is Mode.PATH and self.path is None:
             return Outcome(False, self._no_path)
-        stops, needed = self._stop.count, _NEEDED[mode]
+        stops, wanted = self._stop.count, (mode, frame)
+        self._wanted = wanted
+
+        def ended() -> str:
+            if self._stop.count != stops:
+                return "stopped before the mode was reached"
+            return "" if self._wanted == wanted else "another mode was chosen meanwhile"
+
+        if mode is Mode.OFF:
+            self._disable((*SENDERS, *CONTROLLERS))  # at once, whatever another change waits for
+        with self._changing:
+            outcome = self._change(mode, ended)
+            if outcome.done and mode is Mode.FOLLOW:
+                kept = Target(0, frame, (0.0, 0.0, 0.0))
+                self._keep_sending(mode, lambda: kept, stops)
+            if outcome.done and mode is Mode.PATH:
+                self._along, self._stepped = 0.0, time.monotonic()
+                self._keep_sending(mode, self._next_of_path, stops)
+        if not outcome.done:
+            return outcome
+        return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
+
+    def _change(self, mode: Mode, ended: Callable[[], str]) -> Outcome:
+        """Switch nodes on and off for a mode, until `ended` gives a reason."""
+        needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
-                outcome = self._start(name)
+                outcome = self._start(name, ended)
                 if not outcome.done:
                     return outcome
         if mode in _FINDS:
-            outcome = self._find(mode)
+            outcome = self._find(mode, ended)
             if not outcome.done:
                 return outcome
         self.stop_sending()
-        others = [name for name in (*SENDERS, *CONTROLLERS) if name not in needed]
-        for name, on in (*((name, False) for name in others), *((name, True) for name in needed)):
-            if on and self._stop.count != stops:
-                return Outcome(False, f"stopped before {name} was switched on")
-            outcome = self._enable(name, on)
+        outcome = self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in needed)
+        for name in needed if outcome.done else ():
+            if reason := ended():
+                return Outcome(False, reason)
+            outcome = self._enable(name, True)
             if not outcome.done:
-                return outcome
-        if mode is Mode.FOLLOW:
-            kept = Target(0, frame, (0.0, 0.0, 0.0))
-            self._keep_sending(mode, lambda: kept, stops)
-        if mode is Mode.PATH:
-            self._along, self._stepped = 0.0, time.monotonic()
-            self._keep_sending(mode, self._next_of_path, stops)
-        return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
+                break
+        return outcome
 
     def set_path(self, path: Path | None, speed: float, why: str = "") -> None:
         """The path to look along in that mode.
@@ -300,11 +351,15 @@ class HeadModes:
             return Outcome(False, f"{name} is not running; start it for this mode")
         return self._services.trigger(f"node_starter/{name}")
 
-    def _refusal_of(self, name: str, wait: bool, send: Callable[[], None]) -> str:
-        """What a node has against a target, if it says so within a moment after it was sent."""
-        before, sent = self._topics.state(name), time.monotonic()
-        send()
-        while wait and time.monotonic() - sent < _REFUSAL:
+    def _refusal_of(self, name: str, before: str, sent: float) -> str:
+        """Return what a node has against a target, if it says so within a moment.
+
+        Args:
+            name: the node.
+            before: its state before the target was sent.
+            sent: when that was [s, monotonic].
+        """
+        while time.monotonic() - sent < _REFUSAL:
             state = self._topics.state(name)
             in_state = ""
             if state != before:
@@ -320,15 +375,13 @@ class HeadModes:
     def _publish(self, target: Target) -> None:
         self._targets.publish(target_message(target))
 
-    def _start(self, name: str) -> Outcome:
+    def _start(self, name: str, ended: Callable[[], str]) -> Outcome:
         """Starts a node and waits until it can be switched off again: only one turns the head."""
         outcome = self.start(name)
-        deadline = time.monotonic() + _PATIENCE
-        while outcome.done and not self._services.offered(f"{name}/enable"):
-            if time.monotonic() > deadline:
-                return Outcome(False, f"{name} was started and does not answer; try again")
-            time.sleep(_POLL)
-        return outcome
+        if not outcome.done:
+            return outcome
+        late = f"{name} was started and does not answer; try again"
+        return _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
     def _is_there(self, name: str) -> bool:
         return self._services.offered(f"{name}/enable") or name in self._graph.nodes
@@ -340,38 +393,39 @@ class HeadModes:
         """
         return self._is_there(name) and self._topics.enabled(name) is not False
 
+    def _disable(self, names: Iterable[str]) -> Outcome:
+        """Switches nodes off, one after the other, up to the first that can't be."""
+        for name in names:
+            outcome = self._enable(name, False)
+            if not outcome.done:
+                return outcome
+        return Outcome(True, "")
+
     def _enable(self, name: str, on: bool) -> Outcome:
         """Switches a node on or off, if that can be switched and is not so already."""
         service = f"{name}/enable"
         if self._services.offered(service) and self._topics.enabled(name) is not on:
             outcome = self._services.switch(service, on)
-            deadline = time.monotonic() + _RELEASE
-            while outcome.done and self._topics.enabled(name) is (not on):
-                if time.monotonic() > deadline:
-                    return Outcome(False, f"{name} says that it is {'off' if on else 'on'} still")
-                time.sleep(_POLL)
-            return outcome
+            before, late = not on, f"{name} says that it is {'off' if on else 'on'} still"
+            if not outcome.done:
+                return outcome
+            return _wait(lambda: self._topics.enabled(name) is not before, late, patience=_RELEASE)
         if not on and self._is_on(name):
             return Outcome(False, f"{name} can't be switched off; end it first")
         if not on and not self._is_there(name):
             self._topics.forget(name)
         return Outcome(True, "")
 
-    def _find(self, mode: Mode) -> Outcome:
+    def _find(self, mode: Mode, ended: Callable[[], str]) -> Outcome:
         """Lets `visual_target` look for something; in a simulated room there is one."""
         scene = self._value(CAMERA, "scene")
         if scene is not None and scene not in _SHOWS[mode]:
             self._set(CAMERA, "scene", "everything")
-        deadline = time.monotonic() + _PATIENCE
-        while (follows := self._value(VISUAL, "follow")) is None:  # it has only just been started
-            if time.monotonic() > deadline:
-                return Outcome(False, f"{VISUAL} does not say what it follows; try again")
-            time.sleep(_POLL)
-        return (
-            Outcome(True, "")
-            if follows == _FINDS[mode]
-            else self._set(VISUAL, "follow", _FINDS[mode])
-        )
+        late = f"{VISUAL} does not say what it follows; try again"  # it has only just been started
+        outcome = _wait(lambda: self._value(VISUAL, "follow") is not None, late, ended)
+        if not outcome.done or self._value(VISUAL, "follow") == _FINDS[mode]:
+            return outcome
+        return self._set(VISUAL, "follow", _FINDS[mode])
 
     def _value(self, node: str, name: str) -> Any:
         """A parameter of a node of this robot; None if it is not known."""
@@ -389,9 +443,10 @@ class HeadModes:
         return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
     def _keep_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
-        self._kept, self._sends, self._stops = target, mode, stops
-        self._send_kept()
-        self._timer.reset()
+        with self._send_lock:
+            self._sending = _Sending(mode, target, stops)
+            self._timer.reset()
+        self._send_next()
 
     def _next_of_path(self) -> Target | None:
         now, model, path = time.monotonic(), self._buffer.model, self.path
@@ -402,9 +457,37 @@ class HeadModes:
         stamp = self._node.get_clock().now().nanoseconds
         return Target(stamp, model.root, path.at(self._along))
 
-    def _send_kept(self) -> None:
-        if self._stop.count != self._stops:
-            self.stop_sending()
-        target = None if self._kept is None else self._kept()
-        if target is not None:
-            self._publish(target)
+    def _send_next(self) -> None:
+        """Send the next target, unless a STOP or another mode has ended that."""
+        with self._send_lock:
+            sending = self._sending
+            if sending is None or self._stop.count != sending.stops:
+                self._sending = None
+                self._timer.cancel()
+                return
+            target = sending.target()
+            if target is not None:
+                self._publish(target)
+
+
+def _wait(
+    done: Callable[[], bool],
+    late: str,
+    ended: Callable[[], str] = str,
+    patience: float = _PATIENCE,
+) -> Outcome:
+    """Wait until something is done, for so long [s], or until `ended` gives a reason.
+
+    Args:
+        done: what is waited for.
+        late: the refusal if it does not come.
+        ended: why it is waited for no longer; empty: it is.
+        patience: how long [s].
+    """
+    deadline = time.monotonic() + patience
+    while not done():
+        reason = ended() or (late if time.monotonic() > deadline else "")
+        if reason:
+            return Outcome(False, reason)
+        time.sleep(_POLL)
+    return Outcome(True, "")

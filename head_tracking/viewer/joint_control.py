@@ -142,7 +142,8 @@ class JointControl:
             return Outcome(False, self._services.hold.reason)
         if self.free:
             self._positions.update(positions)
-            self._timer.reset()
+            if self._timer.is_canceled():  # another reset would put off the next message
+                self._timer.reset()
             return Outcome(True, "")
         if self._stop.refusal:
             return Outcome(False, self._stop.refusal)
@@ -181,7 +182,7 @@ class JointControl:
             self._timer.cancel()
             return
         states = JointStates(model, {}, default_positions=True).complete(
-            {name: JointState(position) for name, position in self._positions.items()}
+            {name: JointState(position) for name, position in dict(self._positions).items()}
         )
         message = JointStateMsg(
             name=list(states), position=[state.position for state in states.values()]

@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
 from head_tracking.recording.recording import ERRORS
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.graph import Graph
 from head_tracking.ros.images import camera_of, raw_image
 from head_tracking.ros.joint_owners import owners_from_message
@@ -173,8 +174,14 @@ class OtherTopics:
         return tuple(f"{one.node}: {one.text}" for one in self._logged() if one.level >= _WARN)
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics by name; what is not said any more is stale."""
-        now = time.monotonic()
+        """Return the latest diagnostics by name.
+
+        A node that is there and has said nothing lately is stale. What a node that has gone said,
+        and what one says no more beside its other diagnostics, is left out.
+        """
+        now, latest = time.monotonic(), dict(self._diagnostics)
+        speaking = {_source(name) for name, heard in latest.items() if now - heard.at < _SILENT}
+        silent = set(self._graph.nodes) - speaking
         return tuple(
             heard.what
             if now - heard.at < _SILENT
@@ -184,7 +191,8 @@ class OtherTopics:
                 f"nothing heard for {now - heard.at:.0f} s; last: {heard.what.message}",
                 heard.what.values,
             )
-            for name, heard in sorted(dict(self._diagnostics).items())
+            for name, heard in sorted(latest.items())
+            if now - heard.at < _SILENT or _source(name) in silent
         )
 
     def images(self) -> tuple[str, ...]:
@@ -231,10 +239,8 @@ class OtherTopics:
             node, colon, part = status.name.partition(":")
             if not self._graph.is_own(node):
                 continue
-            level = Level(int.from_bytes(status.level, "little"))
-            values = {pair.key: pair.value for pair in status.values}
             name = node.rpartition("/")[2] + colon + part
-            self._diagnostics[name] = Heard(now, Health(name, level, status.message, values))
+            self._diagnostics[name] = Heard(now, replace(health_from_message(status), name=name))
 
     def _on_log(self, message: Log) -> None:
         node = message.name.replace(".", "/")
@@ -246,6 +252,11 @@ class OtherTopics:
     def _logged(self) -> tuple[Logged, ...]:
         with self._log_lock:
             return tuple(self._log)
+
+
+def _source(name: str) -> str:
+    """Return the node that a name in diagnostics begins with."""
+    return name.partition(":")[0]
 
 
 def _camera_infos(topic: str) -> tuple[str, ...]:

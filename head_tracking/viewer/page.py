@@ -123,6 +123,7 @@ class Page:
         self._framing = Framing(self._server)
         self._head: Any = None
         self._look_notices: tuple[str, ...] = ()
+        self._failing: dict[str, str] = {}
         self._last_minute = LastMinute(_RECORDED)
         self._make_panels()
         self._next_slow = 0.0
@@ -189,15 +190,26 @@ class Page:
             # what is drawn must also be sent: this thread takes no more than four fifths
             pause = max(self._period - taken, 0.25 * taken)
 
+    def _draw(self, part: str, draw: Callable[[], object]) -> None:
+        """Draw a part of the page. One that fails is reported; the others go on."""
+        try:
+            draw()
+            self._failing.pop(part, None)
+        except Exception as error:
+            text = f"{part} can't be shown: {type(error).__name__}: {error}"
+            if self._failing.get(part) != text:
+                self._failing[part] = text
+                self._complain(text)
+
     def _step(self) -> None:
-        self._follow_model()
+        self._draw("the model", self._follow_model)
         live = self._live = self._robot.observe()
         self._stepped = time.monotonic()
         if self._scene is not None:
             self._last_minute.add(live)
         if not self.browsers:
             return
-        self._status.take(live)
+        self._draw("the plots", lambda: self._status.take(live))
         replayed = self._recording.replayed()
         with self._server.atomic():
             self._show(replayed or live)
@@ -208,15 +220,17 @@ class Page:
             self._show_slowly(live, replayed)
 
     def _show(self, shown: Observation) -> None:
-        if self._scene is None or self._gaze is None or self._frames is None:
+        scene, gaze, frames = self._scene, self._gaze, self._frames
+        if scene is None or gaze is None or frames is None:
             return
-        self._scene.show(shown.joints)
-        self._gaze.show(shown.stamp, shown.target, shown.target_stamp)
-        self._frames.show(shown.frames)
-        self._steering.show(shown)
-        self._views.show(shown)
-        self._picture.show(self._gaze)
-        self._framing.show(self._in_view(self._scene, shown))
+        draw = self._draw
+        draw("the robot", lambda: scene.show(shown.joints))
+        draw("the target", lambda: gaze.show(shown.stamp, shown.target, shown.target_stamp))
+        draw("the frames", lambda: frames.show(shown.frames))
+        draw("the handles of the target", lambda: self._steering.show(shown))
+        draw("the camera's view", lambda: self._views.show(shown))
+        draw("the camera's picture", lambda: self._picture.show(gaze))
+        draw("the first view", lambda: self._framing.show(self._in_view(scene, shown)))
 
     def _in_view(self, scene: RobotScene, shown: Observation) -> Any:
         """What a person wants to see at first, shape (N, 3) [m]: robot, view cone and target."""
@@ -236,20 +250,20 @@ class Page:
         return np.concatenate([scene.corners, camera + around])
 
     def _show_slowly(self, live: Observation, replayed: Observation | None) -> None:
-        notices = [*self._look_notices, *self._robot.notices()]
+        notices = [*self._failing.values(), *self._look_notices, *self._robot.notices()]
         if self._scene is None:
             notices.append("waiting for robot_description")
         elif unknown := self._scene.unknown_joints():
             notices.append(f"shown at 0, because nobody tells where they are: {', '.join(unknown)}")
         if replayed is not None:
             notices.append("a recording is shown; the robot may be doing something else")
-        self._status.refresh(live, notices, replayed)
-        self._steering.refresh()
-        self._joints.refresh(live)
-        self._tuning.refresh()
-        self._views.refresh()
-        self._picture.refresh()
-        self._recording.refresh()
+        self._draw("the state", lambda: self._status.refresh(live, notices, replayed))
+        self._draw("Steer", self._steering.refresh)
+        self._draw("Joints", lambda: self._joints.refresh(live))
+        self._draw("Tune", self._tuning.refresh)
+        self._draw("View", self._views.refresh)
+        self._draw("the menu of pictures", self._picture.refresh)
+        self._draw("Record", self._recording.refresh)
 
     def _stop(self, _: Query) -> dict[str, Any]:
         outcome = self._robot.stop_everything()

@@ -12,14 +12,14 @@ import hmac
 import http
 import ipaddress
 import json
+import re
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from websockets.asyncio import server as websocket_server
 
@@ -48,7 +48,6 @@ _SCRIPT = "application/javascript; charset=utf-8"
 _MARK = "X-Head-Tracking"
 """A header that pages of other sites can't send without being asked first (CORS)."""
 
-_COOKIE = "head_tracking_token"
 _LARGEST_UPLOAD = 64 * 1024 * 1024  # bytes
 
 
@@ -104,9 +103,13 @@ class Door:
 
     async def look(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
         """Answers a request, or lets viser do so."""
+        response = await self._answer(connection, request, serve)
+        return None if response is None else self._dressed(response, request.headers)
+
+    async def _answer(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
         refusal = self.refusal(request.headers, request.path)
         if refusal:
-            return self._dressed(connection.respond(http.HTTPStatus.FORBIDDEN, refusal))
+            return connection.respond(http.HTTPStatus.FORBIDDEN, refusal)
         path = urlsplit(request.path).path
         if path in self._actions:
             return await self._act(connection, request, path)
@@ -114,30 +117,22 @@ class Door:
             return self._file(connection, File(_SCRIPT, _BAR.read_bytes()))
         enters = request.headers.get("Upgrade", "").lower() == "websocket"
         if len(self._watching) >= self._limit and (enters or path == "/"):
-            return self._dressed(
-                connection.respond(
-                    http.HTTPStatus.SERVICE_UNAVAILABLE,
-                    f"{len(self._watching)} browsers watch this robot already, and more are not "
-                    "let in (max_browsers); close one and load this page again\n",
-                )
+            return connection.respond(
+                http.HTTPStatus.SERVICE_UNAVAILABLE,
+                f"{len(self._watching)} browsers watch this robot already, and more are not "
+                "let in (max_browsers); close one and load this page again\n",
             )
         if enters:
             self._count(connection)
         response = serve(connection, request)
-        if response is not None:
-            if path in ("/", "/index.html"):
-                self._add_bar(response)
-            self._dressed(response)
+        if response is not None and path in ("/", "/index.html"):
+            self._add_bar(response)
         return response
 
     def _knows_token(self, headers: Mapping[str, str], path: str) -> bool:
         said = parse_qs(urlsplit(path).query).get("token", [])
-        try:
-            cookie = SimpleCookie(headers.get("Cookie", "")).get(_COOKIE)
-        except CookieError:
-            cookie = None
-        if cookie is not None:
-            said.append(cookie.value)
+        cookies = (pair.partition("=") for pair in headers.get("Cookie", "").split(";"))
+        said += [unquote(value) for name, _, value in cookies if name.strip() == _cookie(headers)]
         return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in said)
 
     def _count(self, connection: Any) -> None:
@@ -166,7 +161,7 @@ class Door:
         for name, value in about.items():
             response.headers.pop(name, None)
             response.headers[name] = value
-        return self._dressed(response)
+        return response
 
     def _add_bar(self, response: Any) -> None:
         packed = response.headers.get("Content-Encoding") == "gzip"
@@ -178,16 +173,21 @@ class Door:
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
-    def _dressed(self, response: Any) -> Any:
+    def _dressed(self, response: Any, headers: Mapping[str, str]) -> Any:
         """With what keeps a page of another site from putting this one into a frame."""
         response.headers["Content-Security-Policy"] = "frame-ancestors 'none'"
         response.headers["X-Frame-Options"] = "DENY"
         response.headers["Cache-Control"] = "no-store"
         if self.token and response.status_code == http.HTTPStatus.OK:
             response.headers["Set-Cookie"] = (
-                f"{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+                f"{_cookie(headers)}={quote(self.token)}; HttpOnly; SameSite=Strict; Path=/"
             )
         return response
+
+
+def _cookie(headers: Mapping[str, str]) -> str:
+    """Return the cookie's name: browsers send all cookies of a host to each of its ports."""
+    return "head_tracking_token_" + re.sub("[^0-9a-z]", "_", headers.get("Host", "").lower())
 
 
 @contextmanager
@@ -223,9 +223,34 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
         refuse: is told which client was refused, and why.
     """
     handlers = server._websock_server._incoming_handlers
+    uploads = server.gui._current_file_upload_states
+
+    def start_size(message: Any) -> int:
+        return int(message.size_bytes)
+
+    def size_with_part(message: Any) -> int:
+        """With what has come of all uploads, however large their senders say that they are."""
+        held = sum(one["transferred_bytes"] for one in uploads.values())
+        return held + len(message.content) if message.transfer_uuid in uploads else 0
+
+    def checked(handler: Callable[[int, Any], Any], size: Callable[[Any], int]) -> Any:
+        def handle(client: int, message: Any) -> None:
+            if 0 <= size(message) <= _LARGEST_UPLOAD:
+                handler(client, message)
+                return
+            uploads.pop(message.transfer_uuid, None)
+            refuse(
+                client,
+                f"the file is too large for a recording: up to {_LARGEST_UPLOAD / 1e6:.0f} MB are "
+                "taken",
+            )
+
+        return handle
+
+    sizes = {"FileTransferStartUpload": start_size, "FileTransferPart": size_with_part}
     for kind, registered in handlers.items():
-        if kind.__name__ == "FileTransferStartUpload":
-            handlers[kind] = [_only_small(handler, refuse) for handler in registered]
+        if kind.__name__ in sizes:
+            handlers[kind] = [checked(one, sizes[kind.__name__]) for one in registered]
     tell_all = server._websock_server.queue_message
 
     def tell(message: Any) -> None:
@@ -238,20 +263,6 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
             client._websock_connection.queue_message(message)
 
     server._websock_server.queue_message = tell
-
-
-def _only_small(handler: Callable[[int, Any], Any], refuse: Callable[[int, str], None]) -> Any:
-    def checked(client: int, message: Any) -> Any:
-        if 0 <= message.size_bytes <= _LARGEST_UPLOAD:
-            return handler(client, message)
-        refuse(
-            client,
-            f"{message.filename} is too large for a recording: {message.size_bytes / 1e6:.0f} MB; "
-            f"up to {_LARGEST_UPLOAD / 1e6:.0f} are taken",
-        )
-        return None
-
-    return checked
 
 
 def is_loopback(host: str) -> bool:

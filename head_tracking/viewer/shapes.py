@@ -92,7 +92,7 @@ class Look:
 
 
 def robot_look(urdf: str, find_package: FindPackage = lambda _: None) -> Look:
-    """What a model looks like. Meshes that are missing or broken are told of, never raised.
+    """What a model looks like. Shapes that are missing or broken are told of, never raised.
 
     Args:
         urdf: the model's text.
@@ -109,22 +109,17 @@ def robot_look(urdf: str, find_package: FindPackage = lambda _: None) -> Look:
     loaded: dict[str, trimesh.Trimesh | str] = {}
     for link in robot.links:
         for visual in link.visuals:
-            geometry = _geometry(visual.geometry, partial(_load, find_package, loaded))
-            if geometry is None:
+            try:
+                shape = _shape(link.name, visual, palette, partial(_load, find_package, loaded))
+            except (TypeError, ValueError) as error:  # its size, its place or its colour
+                notices.append(f"{link.name} has a shape that can't be read; left out: {error}")
+                continue
+            if shape is None:
                 notices.append(f"{link.name} has a shape of a kind that is not known; left out")
                 continue
-            if isinstance(geometry, Missing):
-                notices.append(f"{link.name}: {loaded[geometry.filename]}")
-            shapes.append(
-                Shape(
-                    link.name,
-                    Transform.identity()
-                    if visual.origin is None
-                    else Transform.from_matrix(visual.origin),
-                    geometry,
-                    _rgba(visual.material, palette),
-                )
-            )
+            if isinstance(shape.geometry, Missing):
+                notices.append(f"{link.name}: {loaded[shape.geometry.filename]}")
+            shapes.append(shape)
     return Look(tuple(shapes), tuple(dict.fromkeys(notices)))
 
 
@@ -184,6 +179,17 @@ def mesh_file(address: str, find_package: FindPackage) -> Path:
     if not path.is_file():
         raise ValueError(f"the mesh {address!r} is not there: no file {path}")
     return path
+
+
+def _shape(
+    link: str, visual: Any, palette: dict[str, Any], load: Callable[[str], trimesh.Trimesh | None]
+) -> Shape | None:
+    """Return a visual of a link as a shape; None for a kind that is not known."""
+    geometry = _geometry(visual.geometry, load)
+    if geometry is None:
+        return None
+    place = Transform.identity() if visual.origin is None else Transform.from_matrix(visual.origin)
+    return Shape(link, place, geometry, _rgba(visual.material, palette))
 
 
 def _geometry(

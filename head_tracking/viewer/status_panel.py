@@ -6,6 +6,7 @@ import html
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -251,8 +252,9 @@ def _table(servos: Sequence[Health]) -> str:
 def _cell(key: str, value: str) -> str:
     if key == ROWS["torque"]:
         return "on" if value == "torque on" else "off"  # why it is off is in the line below
-    if key == _POSITION and value != "-":
-        return f"{math.degrees(float(value)):.1f}°"
+    if key == _POSITION:
+        with suppress(ValueError):  # it may be anybody's
+            return f"{math.degrees(float(value)):.1f}°"
     return html.escape(value)
 
 

@@ -124,6 +124,25 @@ def test_a_moving_target_is_followed(head, servos):
     assert servos.true != before
 
 
+def test_following_does_not_wait_for_the_servos(head, servos):
+    answering = threading.Event()
+    silence = threading.Thread(target=servos.port.use, args=[lambda _: answering.wait(30.0)])
+    silence.start()
+    try:
+        head.follow(LEFT)
+        assert not answering.is_set()
+    finally:
+        answering.set()
+        silence.join()
+
+    def follows():
+        head.follow(LEFT)
+        return head.error is not None and head.error < 2 * DEGREE
+
+    wait_for(follows)
+    assert servos.torque == [1, 1]
+
+
 def test_a_frame_that_moves_is_met_and_one_on_the_head_stays_where_it_was(head, servos):
     ended = threading.Event()
 

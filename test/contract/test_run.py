@@ -92,6 +92,7 @@ def test_what_the_robot_has_already_is_left_out(bench):
     run = bench.run(*words, "--target", "none")
     states = bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
+    bench.person.wait_for_node("servo_bus")
     nodes = set(bench.person.node.get_node_names())
     assert "servo_bus" in nodes
     assert not nodes & {"head_tracker", *left_out}

@@ -118,7 +118,7 @@ def test_connect_asks_again_for_reads_that_a_busy_machine_missed() -> None:
 
 def test_servo_with_damaged_answers_is_there_but_not_understood() -> None:
     port = FakePort()
-    port.failures[2].extend([CorruptReplyError("noise")] * 6)
+    port.failures[2].extend([CorruptReplyError("noise")] * 9)
     bus, _ = make(port)
     with pytest.raises(CorruptReplyError):
         bus.connect()

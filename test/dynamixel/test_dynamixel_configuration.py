@@ -8,7 +8,6 @@ import pytest
 from head_tracking.dynamixel import (
     ConfigurationError,
     JointConfiguration,
-    RangeError,
     check_configuration,
     servo_model,
 )
@@ -44,12 +43,6 @@ def test_limits_are_ordered_whichever_way_round(joint: JointConfiguration) -> No
     assert {joint.ticks(joint.lower), joint.ticks(joint.upper)} == set(joint.tick_range)
 
 
-@pytest.mark.parametrize("position", [3.0, -3.0, math.nan, math.inf])
-def test_position_outside_the_servo_has_no_tick(position: float) -> None:
-    with pytest.raises(RangeError):
-        PAN.ticks(position)
-
-
 def test_max_speed_is_the_limit() -> None:
     joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
     assert joint.speed_limit == 1.0
@@ -60,23 +53,23 @@ def test_no_load_speed_is_the_limit_unless_configured() -> None:
 
 
 def test_tutorials_max_of_1024_is_refused_and_not_wrapped() -> None:
-    with pytest.raises(ConfigurationError, match=r"max: 1024 is outside .*0 to 1023; use 1023"):
+    with pytest.raises(ConfigurationError, match=r"max: 1024 .*0 to 1023"):
         replace(PAN, max=1024)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"min": -1}, r"min: -1 is outside .* use 0"),
+        ({"min": -1}, "min: -1"),
         ({"init": 1024}, "init: 1024"),
-        ({"init": 200, "min": 300}, "init: 200 is not between min: 300 and max: 1023"),
-        ({"init": 900, "min": 800, "max": 200}, "init: 900 is not between"),
-        ({"min": 512, "max": 512}, "could not move"),
+        ({"init": 200, "min": 300}, "min: 300 and max: 1023 .* init: 200"),
+        ({"init": 900, "min": 800, "max": 200}, "init: 900"),
+        ({"min": 512, "max": 512}, "min: 512 and max: 512"),
         ({"init": 512.0}, "whole number"),
         ({"max": True}, "whole number"),
         ({"id": 254}, "0 to 253"),
         ({"id": -1}, "0 to 253"),
-        ({"id": "1"}, "no servo id"),
+        ({"id": "1"}, "0 to 253"),
         ({"joint_name": " "}, "joint_name must be a name"),
         ({"controller": ""}, "controller must be a name"),
         ({"joint_speed": math.nan}, "joint_speed: nan"),

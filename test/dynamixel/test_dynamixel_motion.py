@@ -455,7 +455,7 @@ def test_hold_makes_the_present_position_the_goal() -> None:
     port.take_log()
     bus.hold()
     assert port.log == [
-        ("read", 1, 36, 2),
+        ("read", 1, 36, 8),
         ("sync", GOAL, {1: goal_bytes(550, speed_ticks(PAN, 2.0))}),
     ]
     bus.step()

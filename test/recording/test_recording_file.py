@@ -3,6 +3,7 @@
 import io
 import itertools
 import math
+import tracemalloc
 from typing import Any
 
 import mcap_ros2.writer
@@ -10,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
+from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.decoder import DecoderFactory
 
 from head_tracking.recording import recording_file
@@ -240,6 +242,18 @@ def test_a_chunk_that_unpacks_to_very_much_is_refused(kinectbot, monkeypatch):
         read(data)
 
 
+def test_a_chunk_that_unpacks_to_very_much_is_not_unpacked():
+    size = 300_000_000
+    data = bag([(0.0, "robot_description", {"data": " " * size})], chunk_size=2 * size)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError):
+            read(data)
+        assert tracemalloc.get_traced_memory()[1] < size / 2
+    finally:
+        tracemalloc.stop()
+
+
 @pytest.mark.parametrize(
     ("messages", "said"),
     [
@@ -256,6 +270,29 @@ def test_what_lacks_the_robot_says_so(messages, said):
 def test_a_robot_without_joint_states_says_so(kinectbot):
     with pytest.raises(RecordingError, match="no joint_states in /"):
         read(bag([(0.0, "robot_description", {"data": kinectbot.urdf})]))
+
+
+@pytest.mark.parametrize("topic", ["/notes", "/other/robot_description"])
+def test_a_channel_without_a_schema_is_left_out(kinectbot, topic):
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    channels = [writer.register_channel(topic, "json", 0)]
+    encoders = []
+    for name in ("robot_description", "joint_states"):
+        kind = TYPES[name]
+        text = message_definition(kind)
+        schema = writer.register_schema(kind, "ros2msg", text.encode())
+        channels.append(writer.register_channel(f"/{name}", "cdr", schema))
+        encoders.append(serialize_dynamic(kind, text)[kind])
+    writer.add_message(channels[0], at(0.0), b"{}", at(0.0))
+    writer.add_message(channels[1], at(0.1), encoders[0]({"data": kinectbot.urdf}), at(0.1))
+    for n in range(20):
+        _, _, message = joints(0.2 + 0.1 * n, 0.1)
+        stamp = at(0.2 + 0.1 * n)
+        writer.add_message(channels[2], stamp, encoders[1](message), stamp)
+    writer.finish()
+    assert read(stream.getvalue()).duration > 1.5
 
 
 def test_nonsense_among_the_messages_is_left_out(kinectbot):

@@ -1,5 +1,7 @@
 """Nodes that turn a head which another controller drives."""
 
+from types import SimpleNamespace
+
 import pytest
 import rclpy
 from head_under_test import LATCHED, Head
@@ -88,7 +90,7 @@ def test_beside_a_servo_bus_it_is_refused():
     rclpy.init()
     try:
         loop = ControlLoop(TransformBuffer())
-        loop.drive_by(lambda sender, goals, epoch: None)
+        loop.attach(SimpleNamespace(period=0.02))
         overrides = [Parameter(name, value=value) for name, value in DRIVEN.items()]
         with pytest.raises(HeadTrackingError, match="the servo bus runs in this process"):
             PointHeadNode(loop=loop, parameter_overrides=overrides)

@@ -121,6 +121,7 @@ def test_a_shaft_that_is_blocked_aborts_with_what_the_servo_bus_says(robot):
 def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot):
     for wrong, words in (
         (goal(math.nan, 0, 0), "not finite"),
+        (goal(1e308, 0, 0), "too far away"),
         (goal(1, 0, 0, "nowhere"), "'nowhere' does not exist"),
         (goal(1, 0, 0, ""), "no frame name"),
         (goal(1, 0, 0, pointing="torso_link"), "not carried by"),

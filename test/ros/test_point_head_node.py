@@ -11,6 +11,7 @@ from robot_under_test import wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
+from head_tracking.nodes.fictitious_target import FictitiousTargetNode
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.ros.joint_owners import control_message
 from head_tracking.tf.qos import LATCHED
@@ -106,7 +107,7 @@ def test_a_goal_in_the_heads_own_frame_does_not_run_before_it(pointed):
 
 def test_a_head_that_is_held_says_that_it_did_not_arrive(pointed):
     assert pointed.look_at((1, 1, 0.1)).status == "succeeded"
-    pointed.world.push("head_pan_joint", 3.0)  # twice what the servo can stand against
+    pointed.world.impede("head_pan_joint", 1.5)  # more than the servo can turn
     assert pointed.look_at((1, -1, 0.1)).status == "aborted"
     pointed.world.run(0.02)
     assert "did not arrive: the head misses the target by" in pointed.said
@@ -207,3 +208,45 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert (held.status, held.answer.error_code) == ("succeeded", 0), held.answer.error_string
     assert pointed.true == pytest.approx((-0.3, 0.0), abs=0.03)
     assert max(speeds) < 0.4  # rad/s
+
+
+@pytest.mark.parametrize("slash", ["", "/"])
+def test_goals_and_targets_pass_the_same_check(pointed, slash):
+    world, frame = pointed.world, slash + pointed.head.base_frame
+    for bearing, send in ((0.8, pointed.look_at), (-0.8, pointed.publish)):
+        send((2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.0), frame)
+        world.run(3.0)
+        assert pointed.true[0] == pytest.approx(bearing, abs=0.02)
+    for far in (1e308, math.nan):
+        assert pointed.node.actions.point_refusal(goal(far, 0.0, 0.0, frame))
+        pointed.publish((far, 0.0, 0.0), frame)
+        world.run(1.0)
+        assert pointed.true[0] == pytest.approx(-0.8, abs=0.02)
+
+
+def test_a_refused_trajectory_is_the_state_also_while_a_goal_is_under_way(pointed):
+    world = pointed.world
+    refused = goals.trajectory((1.0, (9.0, 0.0)))
+    world.publish("/point_head/joint_trajectory", refused)
+    world.run(0.1)
+    assert pointed.said.startswith("rejected: ")
+    held = goals.HeldGoal(goals.following((2.0, (0.5, 0.0))))
+    pointed.node.actions.follow(held)
+    world.run(0.1)
+    assert not pointed.said.startswith("rejected: ")
+    world.publish("/point_head/joint_trajectory", refused)
+    world.run(0.1)
+    assert "rejected: " in pointed.said
+    world.run(4.0)
+    assert held.status == "succeeded"
+
+
+def test_targets_go_the_same_way_whoever_listens(pointed, monkeypatch):
+    world, published = pointed.world, []
+    publish = world.publish
+    monkeypatch.setattr(
+        world, "publish", lambda topic, message: (published.append(topic), publish(topic, message))
+    )
+    world.make(FictitiousTargetNode, {"rate": 10.0})
+    world.run(1.0)
+    assert published.count("/target_point") == pytest.approx(10, abs=1)

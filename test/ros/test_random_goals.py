@@ -57,7 +57,7 @@ class Driven:
         self.stopped = self.off = False
         self.before = ""  # who goes on after resume
         self.written = 0
-        write = self.world._on_goals
+        write = self.world.write
 
         def record(sender, told, epoch):
             assert not self.stopped, "told something although stopped"
@@ -71,7 +71,7 @@ class Driven:
             assert epoch == self.owners.epoch.value
             write(sender, told, epoch)
 
-        self.world.loop.drive_by(record)
+        self.world.write = record
 
     @property
     def mine(self):

@@ -4,7 +4,6 @@ from dataclasses import replace
 from importlib.util import find_spec
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 from robot_under_test import wait_for
 
 from head_tracking.dynamixel import (
@@ -21,7 +20,7 @@ from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.diagnostics import Health as PageHealth
-from head_tracking.ros.diagnostics import Level
+from head_tracking.ros.diagnostics import Level, health_from_message
 from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.robot import JointWatch
 from head_tracking.viewer.status_panel import ROWS, health_table
@@ -45,15 +44,9 @@ STATUS = BusStatus(
 )
 
 
-def shown(entry: DiagnosticStatus) -> PageHealth:
-    level = Level(int.from_bytes(entry.level, "little"))
-    values = {pair.key: pair.value for pair in entry.values}
-    return PageHealth(entry.name, level, entry.message, values)
-
-
 def servo(**changes: object) -> PageHealth:
     statistics = replace(STATUS.statistics, servos=(replace(SERVO, **changes),))
-    return shown(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
+    return health_from_message(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
 
 
 def test_every_column_is_filled():
@@ -95,7 +88,7 @@ def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
 
 def test_there_is_advice_for_a_port_that_has_gone():
     statistics = replace(STATUS.statistics, connected=False)
-    port = shown(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
+    port = health_from_message(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
     assert port.level is Level.ERROR
     assert "cable" in advice(port.message, "servo_bus")
 

@@ -9,7 +9,7 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory, PointHead
 from control_msgs.msg import JointTolerance
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, PointStamped
 from geometry_msgs.msg import Vector3 as Axis
 from lockstep import World
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -125,6 +125,12 @@ class PointedHead:
         while not goal.status and self.world.seconds < end:
             self.world.run(0.01)
         return goal
+
+    def publish(self, point: Vector3, frame: str) -> None:
+        """Publishes a target without a stamp."""
+        message = PointStamped(point=Point(x=point[0], y=point[1], z=point[2]))
+        message.header.frame_id = frame
+        self.world.publish("/target_point", message)
 
     def true_miss(self, point: Vector3) -> float:
         """By how much the head truly misses a point in its base frame [rad]."""

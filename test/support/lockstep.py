@@ -48,13 +48,14 @@ class World:
         heard: the messages of topics that `record` was called for.
     """
 
+    period = _CYCLE * 1e-9
+
     def __init__(self, model: RobotModel) -> None:
         self.now = _START
         self.buffer = Buffer()
         self.buffer.core.set_model(model)
         self.loop = ControlLoop(self.buffer.core)
-        self.loop.driven, self.loop.period = True, _CYCLE * 1e-9
-        self.loop.drive_by(self._on_goals)
+        self.loop.attach(self)
         self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
         self._events: list[tuple[int, int, Callable[[], object]]] = []
         self._number = itertools.count()
@@ -151,7 +152,21 @@ class World:
         servo.advance(self.now)
         servo.push(torque)
 
-    def _on_goals(self, _: str, goals: Mapping[str, Goal], __: int) -> None:
+    def impede(self, joint_name: str, share: float) -> None:
+        """Brakes a joint by this share of its servo's torque until the next call."""
+        _, servo = self._servos[joint_name]
+        servo.advance(self.now)
+        servo.impede(share)
+
+    def claim(self) -> None:
+        """See `JointBackend`."""
+
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`; the servos hold."""
+        return {}
+
+    def write(self, _: str, goals: Mapping[str, Goal], __: int) -> None:
+        """See `JointBackend`."""
         for name, goal in goals.items():
             joint, servo = self._servos[name]
             servo.advance(self.now)

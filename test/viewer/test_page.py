@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -397,6 +398,30 @@ def test_the_page_outlives_what_goes_wrong(kinectbot, show):
     wait_for(lambda: robot.seen > 60)
 
 
+def test_a_part_that_fails_is_named_and_the_others_go_on(kinectbot, show):
+    complaints: list[str] = []
+    robot = FakeRobot(kinectbot)
+    servo = {"torque": "torque on", "position (rad)": "n/a"}
+    robot.health = lambda: (Health("servo_bus: pan", Level.OK, "fine", servo),)
+    robot.modes.possible = lambda: 1 // 0
+    page = show(robot, complaints)
+    client = ReadingClient(page.port)
+    try:
+        wait_for(lambda: "ZeroDivisionError" in page._status._messages.content)
+        assert "<td>n/a</td>" in page._status._bus.content
+        values = set()  # a panel after the one that fails
+        wait_for(
+            lambda: (
+                values.add(page._tuning._inputs["/head_tracker", "k_pan"].value) or len(values) > 2
+            )
+        )
+        robot.modes.possible = lambda: tuple(Mode)
+        wait_for(lambda: "ZeroDivisionError" not in page._status._messages.content)
+    finally:
+        client.close()
+    assert len(complaints) == 1
+
+
 def test_the_page_listens_on_this_machine_only(kinectbot, show):
     page = show(FakeRobot(kinectbot))
     assert page._server.get_host() == "127.0.0.1"
@@ -579,6 +604,20 @@ def test_beyond_this_machine_a_token_is_asked_for(kinectbot, show):
         ReadingClient(page.port)
 
 
+def test_two_pages_of_one_host_keep_a_browser_each(kinectbot, show):
+    tokens = ("one", "two", "a;b c")
+    pages = [show(FakeRobot(kinectbot), host="0.0.0.0", token=token) for token in tokens]
+    jar = {"another": '{"of": "another program"}'}  # a browser's: by host and name
+    for page in pages:
+        status, headers, _ = get(page, f"/?token={quote(page.token)}")
+        assert status == 200
+        name, _, value = headers["Set-Cookie"].partition(";")[0].partition("=")
+        jar[name] = value
+    cookies = "; ".join(f"{name}={value}" for name, value in jar.items())
+    for page in pages:
+        assert get(page, "/head/stop", **PAGE, Cookie=cookies)[0] == 200
+
+
 def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
     page = show(FakeRobot(kinectbot))
     one, other = ReadingClient(page.port, keep=True), ReadingClient(page.port, keep=True)
@@ -643,11 +682,27 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_held_in_memory(kinectb
                 }
             )
 
+        def refusals() -> int:
+            return sum("too large" in str(one) for one in list(client.messages))
+
         upload(1_000_000, "small")
         states = page._server.gui._current_file_upload_states
         wait_for(lambda: "small" in states)
         upload(300_000_000, "large")
-        wait_for(lambda: any("too large" in str(one) for one in list(client.messages)))
+        wait_for(lambda: refusals() == 1)
         assert "large" not in states
+        upload(1_000_000, "also small")
+        for number in range(5):  # more than was said
+            transfer = ("small", "also small")[number % 2]
+            part = {
+                "type": "FileTransferPart",
+                "source_component_uuid": button,
+                "transfer_uuid": transfer,
+                "part_index": number,
+                "content": bytes(15_000_000),
+            }
+            client.send(part)
+        wait_for(lambda: refusals() == 2)
+        assert len(states) == 1
     finally:
         client.close()

@@ -81,6 +81,20 @@ def test_a_mesh_that_can_t_be_shown_leaves_a_mark_and_a_notice(package, address,
     assert words in notice
 
 
+@pytest.mark.parametrize(
+    ("geometry", "material"),
+    [
+        ('<box size="1 2"/>', ""),
+        ('<sphere radius="0.25"/>', '<material name="m"><color rgba="1 2"/></material>'),
+    ],
+)
+def test_a_shape_that_makes_no_sense_is_left_out(geometry, material):
+    whole = '<link name="b"><visual><geometry><sphere radius="1"/></geometry></visual></link>'
+    look = robot_look(urdf(geometry, material).replace("</robot>", f"{whole}</robot>"))
+    assert [shape.link for shape in look.shapes] == ["b"]
+    assert len(look.notices) == 1
+
+
 def test_blanks_in_addresses_may_be_quoted(tmp_path):
     (tmp_path / "a b.stl").touch()
     assert mesh_file(f"file://{tmp_path}/a%20b.stl", lambda _: None) == tmp_path / "a b.stl"

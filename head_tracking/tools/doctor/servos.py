@@ -67,8 +67,8 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
     try:
         servo.ping(3)
         identity = run(servo.identify(keep_torque=True))
-        feedback = servo.read_feedback(3)
-        errors = servo.state_of(feedback.error)
+        servo.read_feedback(3)
+        errors = servo.read_errors()
     except ReplyTimeoutError:
         text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and its cable; "
         yield Finding(name, Level.RED, f"{text}`servo scan` tries other ids and baud rates")
@@ -88,7 +88,7 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
     if identity.firmware_version in _SPOILT:
         text = f"firmware {identity.firmware_version}: an update was broken off; recover it with "
         problems.append((Level.RED, f"{text}Dynamixel Wizard"))
-    volts, celsius = feedback.voltage * 0.1, float(feedback.temperature)
+    volts, celsius = servo.voltage, servo.temperature
     if volts < lowest_supply(model, identity.lowest_voltage, 0.9):  # nothing moves
         level = Level.RED if volts < identity.lowest_voltage else Level.AMBER
         text = f"its supply is low, {model.nominal_voltage:.1f} V is nominal: charge the battery"

@@ -120,9 +120,9 @@ def _set_return_level(workshop: Workshop, link: Servo, register: Register, value
     """Set what a servo answers; it may be one that answers nothing but pings."""
     kept = register.eeprom
     _ask(workshop, link, f"{register.name} = {value}" + (", and relax it" if kept else ""))
-    if kept:
-        link.release()
     link.acknowledges_writes = False  # the answer, if any, is by the new level
+    if kept:
+        link.write(link.model.control_table.block("Torque Enable"), 0)
     link.write(link.model.control_table.block(register.name), value)
     workshop.pause(EEPROM_PAUSE)
     if value == 0:

@@ -23,7 +23,7 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
-from head_tracking.dynamixel.servo import Feedback, Servo, model_name
+from head_tracking.dynamixel.servo import Servo, model_name
 from head_tracking.tools.servo.bench import (
     ToolError,
     Workshop,
@@ -192,9 +192,9 @@ def monitor(
 def _add_row(table: Table, link: Servo, measured: dict[int, list[str]]) -> None:
     """Read a servo and add what is known of it; what is old is dim."""
     try:
-        feedback, torque = link.read_feedback(), link.get("Torque Enable")
-        errors = describe_errors(link.state_of(feedback.error))
-        measured[link.id] = _measured(link.model, feedback, torque)
+        link.read_feedback()
+        measured[link.id] = _measured(link, link.get("Torque Enable"))
+        errors = describe_errors(link.read_errors())
         style = "red" if errors != "none" else ""
     except CommunicationError as error:
         errors = "damaged answer" if isinstance(error, CorruptReplyError) else "no answer"
@@ -205,18 +205,14 @@ def _add_row(table: Table, link: Servo, measured: dict[int, list[str]]) -> None:
     table.add_row(*map(Text, cells), style=style)
 
 
-def _measured(model: ServoModel, feedback: Feedback, torque: int) -> list[str]:
-    registers = [model.feedback.registers[place] for place in model.feedback_order]
-    position, speed, load, volts, celsius = (
-        register.in_unit(value) for register, value in zip(registers, feedback[:5], strict=True)
-    )
+def _measured(link: Servo, torque: int) -> list[str]:
     return [
         "on" if torque else "off",
-        str(feedback.ticks),
-        f"{position:+.3f}",
-        f"{math.degrees(position):+.1f}",
-        f"{speed:+.2f}",
-        f"{load:+.0f} {registers[2].unit.symbol}",
-        f"{volts:.1f}",
-        f"{celsius:.0f}",
+        str(link.raw_ticks),
+        f"{link.position:+.3f}",
+        f"{math.degrees(link.position):+.1f}",
+        f"{link.velocity:+.2f}",
+        f"{100.0 * link.load:+.0f} %",
+        f"{link.voltage:.1f}",
+        f"{link.temperature:.0f}",
     ]

@@ -24,8 +24,8 @@ except ImportError:
 _PERIOD = 0.02  # s
 
 
-class TrajectoryOutput:
-    """Streams trajectories of one point to a joint_trajectory_controller.
+class TrajectoryBackend:
+    """A `JointBackend`: streams trajectories of one point to a joint_trajectory_controller.
 
     Nobody but that controller can relax the joints. So `stop` and `resume`, which it offers in the
     place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. They have
@@ -45,6 +45,7 @@ class TrajectoryOutput:
     """
 
     failure: Exception | None = None
+    period = 0.0
 
     def __init__(
         self,
@@ -69,9 +70,9 @@ class TrajectoryOutput:
         self._loop = loop
         self._own = OwnThread(node, f"{node.get_name()}_stop")
         OwnersOutput(self._own.node, loop.owners, joints)
-        offer_stop(self._own.node, self._stop, loop.owners.resume)
+        offer_stop(self._own.node, loop.stop, loop.owners.resume)
         self._own.start()
-        loop.drive_by(self.write)
+        loop.attach(self)
         node.get_logger().info(
             f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
         )
@@ -80,8 +81,11 @@ class TrajectoryOutput:
         """Withdraw the services."""
         self._own.close()
 
-    def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        """Publish positions on the way to new goals."""
+    def claim(self) -> None:
+        """See `JointBackend`; no servo bus has owners of these joints."""
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """See `JointBackend`: publish positions on the way to new goals."""
         pan, tilt = (goals[joint] for joint in self.joints)
         self._advance(
             HeadCommand(pan.position, tilt.position, pan.speed or 0.0, tilt.speed or 0.0), epoch
@@ -123,15 +127,13 @@ class TrajectoryOutput:
         # stamp 0: at once, by the controller's own clock
         self._publisher.publish(JointTrajectory(joint_names=list(self.joints), points=[point]))
 
-    def _stop(self) -> dict[str, str]:
-        self._loop.owners.stop(self._hold)
-        topic = self._publisher.topic_name
-        problem = f"{topic} was told to hold, and nothing else is sent; it was not relaxed"
-        return dict.fromkeys(self.joints, problem)
-
-    def _hold(self) -> None:
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`: hold the head, for that is all that can be done."""
         with self._lock:
             measured = self._measured()
             if measured is not None and self._stream.active:
                 self._publish(measured)
             self._stream.stop()
+        topic = self._publisher.topic_name
+        problem = f"{topic} was told to hold, and nothing else is sent; it was not relaxed"
+        return dict.fromkeys(self.joints, problem)

@@ -1,0 +1,166 @@
+"""What strangers publish on the topics that the page listens to: nothing of the page ends."""
+
+import http.client
+import math
+import random
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import pytest
+from contract_nodes import BusStandIn, ControllerStandIn
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from robot_under_test import wait_for
+
+from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.diagnostics import Level
+
+pytestmark = pytest.mark.skipif(
+    find_spec("viser") is None,
+    reason="viser is missing: pip install -r requirements/viewer.txt",
+)
+PATIENCE = 30.0
+NUMBERS = (0.0, -1.0, 1e-320, 1e308, math.nan, math.inf, -math.inf)
+TEXTS = (
+    "",
+    "n/a",
+    "/",
+    "<robot",
+    "servo_bus: head_pan_joint",
+    "on target: ",
+    "ä\n\t\x01",
+    "x" * 999,
+)
+OTHERS = {"/tf", "/tf_static", "/clock"}
+"""Topics of frames and time: they have tests of their own (test_fuzzed_subscriptions.py)."""
+
+
+@pytest.fixture
+def viewer(threads) -> ViewerNode:
+    threads.start(RobotStatePublisherNode())
+    node = ViewerNode(parameter_overrides=[Parameter("port", value=0)])
+    threads.start(node)
+    wait_for(node.robot.model, PATIENCE)
+    return node
+
+
+def filled(rnd: random.Random, kind: str) -> Any:
+    """A value of a message's field, as bad as its type allows."""
+    name, _, rest = kind.partition("[")
+    if kind.startswith("sequence<"):
+        inner = kind[len("sequence<") : -1].partition(",")[0]
+        return [filled(rnd, inner) for _ in range(rnd.choice((0, 1, 3)))]
+    if rest:
+        return [filled(rnd, name) for _ in range(int(rest[:-1]))]
+    if kind in ("float", "double"):
+        return rnd.choice(NUMBERS if kind == "double" else NUMBERS[:3])
+    if kind == "boolean":
+        return rnd.random() < 0.5
+    if kind == "octet":
+        return bytes([rnd.choice((0, 2, 3, 4, 9, 255))])
+    if kind.startswith("string"):
+        return rnd.choice(TEXTS)
+    if "/" in kind:
+        from head_tracking.ros.message_types import message_class
+
+        package, _, message = kind.partition("/")
+        return message_with(rnd, message_class(f"{package}/msg/{message}"))
+    unsigned, bits = kind.startswith("u"), int(kind.strip("uint"))
+    highest = 2**bits - 1 if unsigned else 2 ** (bits - 1) - 1
+    return rnd.choice((0, 1, highest, 0 if unsigned else -highest - 1))
+
+
+def message_with(rnd: random.Random, kind: type) -> Any:
+    fields = kind.get_fields_and_field_types()
+    return kind(**{name: filled(rnd, of) for name, of in fields.items()})
+
+
+def status(viewer: ViewerNode, what: str = "status") -> int:
+    connection = http.client.HTTPConnection("127.0.0.1", viewer.page.port, timeout=30)
+    try:
+        connection.request("GET", f"/head/{what}", headers={"X-Head-Tracking": "page"})
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens") -> Any:
+    """What the page makes of a stranger's diagnostics."""
+    said = DiagnosticStatus(
+        level=bytes([level]), name=name, message=f"level {level}",
+        values=[KeyValue(key="torque", value="n/a"), KeyValue(key="position (rad)", value="n/a")],
+    )  # fmt: skip
+
+    def heard() -> Any:
+        publisher.publish(DiagnosticArray(status=[said]))
+        return next((one for one in robot.health() if one.message == said.message), None)
+
+    wait_for(heard, PATIENCE)
+    return heard()
+
+
+@pytest.mark.parametrize(
+    ("level", "shown"), [(2, Level.ERROR), (9, Level.STALE), (255, Level.STALE)]
+)
+def test_diagnostics_of_any_level_are_shown(threads, viewer, level, shown):
+    stranger = Node("camera")
+    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    assert diagnosed(publisher, viewer.robot, level).level is shown
+    assert threads.failure is None
+    assert status(viewer) == 200
+    stranger.destroy_node()
+
+
+def test_no_message_ends_the_page(threads, viewer):
+    """Random messages on all topics; the values are as bad as their types allow."""
+    bus, rnd, stranger = BusStandIn(), random.Random(4), Node("stranger")
+    threads.start(bus)
+    threads.start(ControllerStandIn("head_tracker"))
+    stranger_publishers: dict[str, Callable[[], None]] = {}
+    for subscription in viewer.subscriptions:
+        if subscription.topic_name in OTHERS:
+            continue
+        publisher = stranger.create_publisher(
+            subscription.msg_type, subscription.topic_name, subscription.qos_profile
+        )
+        stranger_publishers[subscription.topic_name] = lambda one=publisher: one.publish(
+            message_with(rnd, one.msg_type)
+        )
+    assert len(stranger_publishers) > 10
+    for _ in range(100):
+        for publish in stranger_publishers.values():
+            publish()
+        viewer.robot.observe()
+        viewer.robot.notices()
+        viewer.robot.badge(viewer.robot.observe())
+    assert threads.failure is None
+    assert diagnosed(
+        stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
+    )
+    assert status(viewer) == 200
+    wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
+    assert "stop" in bus.calls
+    stranger.destroy_node()
+
+
+def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(viewer):
+    nodes = {name: Node(name) for name in ("gone", "hanging", "arm")}
+    publishers = {
+        name: node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        for name, node in nodes.items()
+    }
+    for name, publisher in publishers.items():
+        assert diagnosed(publisher, viewer.robot, 0, f"{name}: first").level is Level.OK
+    nodes.pop("gone").destroy_node()
+
+    def levels() -> dict[str, Level]:
+        other = DiagnosticStatus(name="arm: second", level=DiagnosticStatus.OK)
+        publishers["arm"].publish(DiagnosticArray(status=[other]))
+        return {one.name: one.level for one in viewer.robot.health()}
+
+    wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
+    for node in nodes.values():
+        node.destroy_node()
