@@ -659,6 +659,39 @@ def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
         other.close()
 
 
+def test_each_browser_has_a_point_of_its_own(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    browsers = [ReadingClient(page.port, keep=True) for _ in range(2)]
+
+    def made(browser: ReadingClient, kind: str, label: str) -> list[str]:
+        return [
+            message["uuid"]
+            for message in list(browser.messages)
+            if message["type"] == kind and message["props"]["label"] == label
+        ]
+
+    def update(browser: ReadingClient, kind: str, label: str, value: Any) -> None:
+        (uuid,) = made(browser, kind, label)
+        browser.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+
+    button = "GuiButtonMessage", "Point head"
+    try:
+        wait_for(lambda: all(made(browser, *button) for browser in browsers))
+        update(browsers[0], "GuiVector3Message", "x y z (m)", [1.0, 2.0, 3.0])
+        for number, point in ((0, (1.0, 2.0, 3.0)), (1, (1.0, 0.0, 0.0))):
+            robot.asked.clear()
+            update(browsers[number], *button, True)
+            wait_for(lambda: robot.asked)
+            assert robot.asked[0][2] == point
+        browsers[0].close()
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: len(page._steering._inputs) == 1)
+    finally:
+        for browser in browsers:
+            browser.close()
+
+
 def test_a_limit_is_shown_as_it_is_while_a_browser_asks_and_after_it_has_gone(kinectbot, show):
     robot = FakeRobot(kinectbot)
     limit = Setting("/servo_bus", "head_pan_controller.motor.max", 1023, "", -math.inf, math.inf)
