@@ -15,7 +15,7 @@ from head_tracking.control.head_control import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.diagnostics import Health
 from head_tracking.ros.graph import Graph
 from head_tracking.ros.other_parameters import OtherParameters
 from head_tracking.ros.other_services import OtherServices, Outcome
@@ -183,13 +183,8 @@ class Robot:
         )
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics, by name; not those of a tracker that is not needed any more."""
-        tracked = self.modes.mode() not in (Mode.POINT, Mode.OFF)
-        return tuple(
-            one
-            for one in self.topics.health()
-            if tracked or one.level is not Level.STALE or not one.name.startswith(TRACKER)
-        )
+        """The latest diagnostics, by name."""
+        return self.topics.health()
 
     def stop_everything(self) -> Outcome:
         """Relaxes all servos, and ends what turned the head; says within 0.5 s how it went."""
