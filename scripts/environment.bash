@@ -68,7 +68,7 @@ print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
   install "$numpy" -r "$root/requirements/libraries.txt"
   install --no-deps -r "$root/requirements/yourdfpy.txt"
   install --no-deps -e "$root"
-  "$venv/bin/python" -c 'import dynamixel_sdk, numpy, rclpy, sensor_msgs.msg, xacro, yaml, yourdfpy'
+  "$venv/bin/python" -c 'import numpy, rclpy, sensor_msgs.msg, serial, xacro, yaml, yourdfpy'
   : >"$venv/head_tracking.in-use"
   trap - EXIT
 }

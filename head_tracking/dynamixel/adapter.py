@@ -25,13 +25,11 @@ class Adapter:
         driver: Kernel driver, such as ftdi_sio; empty if it is not known.
         latency: How long it may keep received bytes to itself, s; None where it has no such knob.
         advice: What to do about a latency that is too long; empty if all is well.
-        serial: Serial number of the USB device; empty if it has none.
     """
 
     driver: str = ""
     latency: float | None = None
     advice: str = ""
-    serial: str = ""
 
     def __str__(self) -> str:
         name = self.driver or "serial adapter"
@@ -70,31 +68,21 @@ def prepare_adapter(
     driver = ""
     with suppress(OSError):
         driver = os.path.basename(os.readlink(device / "driver"))
-    serial = _serial_number(device)
     timer = device / "latency_timer"
     before = _latency(timer)
     if before is None or before > _WANTED:
         with suppress(OSError, ValueError):
             set_low_latency()
     if before is None:
-        return Adapter(driver, serial=serial)
+        return Adapter(driver)
     if (_latency(timer) or 0) > _WANTED:
         with suppress(OSError):
             timer.write_text(f"{_WANTED}\n")
     latency = _latency(timer)
     if latency is None:
-        return Adapter(driver, serial=serial)
+        return Adapter(driver)
     advice = _advice(latency, timer) if latency > _WANTED else ""
-    return Adapter(driver, latency * 1e-3, advice, serial)
-
-
-def _serial_number(device: Path) -> str:
-    """Return the serial number of the USB device that a serial device belongs to; "" if none."""
-    place = device.resolve()
-    for folder in (place, *place.parents[:3]):  # port, interface, USB device
-        with suppress(OSError):
-            return (folder / "serial").read_text().strip()
-    return ""
+    return Adapter(driver, latency * 1e-3, advice)
 
 
 def _latency(timer: Path) -> int | None:

@@ -15,11 +15,10 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     check_configuration,
 )
-from head_tracking.dynamixel.cycle import Cycle
+from head_tracking.dynamixel.cycle import Cycle, advice
 from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
-    CommunicationError,
     CorruptReplyError,
     DynamixelError,
     GoalError,
@@ -44,8 +43,6 @@ from head_tracking.dynamixel.state import (
 _T = TypeVar("_T")
 
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
-_BRAKING: Final = 0.6  # s that a joint may take to stop
-_STANDS: Final = 0.1  # rad/s
 
 
 class ServoBus:
@@ -317,7 +314,7 @@ class ServoBus:
             run(servo.identify())
             servo.read_feedback(3)
         except CorruptReplyError as cause:
-            raise CorruptReplyError(f"{cause}; {self._cycle.advice(servo)}") from cause
+            raise CorruptReplyError(f"{cause}; {advice(servo)}") from cause
 
     def close(self) -> tuple[str, ...]:
         """Brake, relax every servo, close the port. Never raises for what happens on the wire.
@@ -330,35 +327,13 @@ class ServoBus:
         try:
             if self._connected:
                 with suppress(DynamixelError):
-                    self._brake()
+                    self.hold()
+                    run(self._procedures.braking(), self._pause)
                 problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
-
-    def _brake(self) -> None:
-        """Hold every joint where it is, and wait until it stands."""
-        self.hold()
-        moving = [joint for joint in self._all if joint.on]
-        deadline = self._monotonic() + round(_BRAKING * 1e9)
-        for _ in range(round(_BRAKING / 0.002)):
-            moving = [joint for joint in moving if not self._stands(joint)]
-            if not moving or self._monotonic() > deadline:
-                return
-            self._pause(0.002)
-
-    def _stands(self, joint: Joint) -> bool:
-        for servo in joint.servos:
-            if servo.lost:
-                continue
-            try:
-                servo.read_feedback()
-            except CommunicationError:
-                return False
-            if abs(servo.velocity) > _STANDS:
-                return False
-        return True
 
     def hold(self) -> None:
         """Stop now: make the present position the goal of every joint with torque on.

@@ -35,6 +35,7 @@ from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, Servo
 _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
+_DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; what is looked for lasts 60 ms and more
 _MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
 
 
@@ -86,13 +87,19 @@ class Cycle:
         self._protection = Protection(events.note, procedures.cut, settings)
         self._told = self._protection.told
         self.diagnosis = Diagnosis(
-            events.note, procedures.cut, procedures.begin, procedures.clear_watchdog, settings
+            self._all,
+            events.note,
+            procedures.cut,
+            procedures.begin,
+            procedures.clear_watchdog,
+            settings,
         )
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
         self._last = 0
         self._took = self._spent = 0  # ns of this cycle: reading; asking one that is lost
+        self._diagnose_at = 0  # not before this time, ns
         self._longest = 0  # ns that a step of this cycle has taken
         self._there = self._troubled = False  # the port, in this cycle; anything not as usual
         self._plan: list[_Part] = []
@@ -125,7 +132,7 @@ class Cycle:
         self._look_again_at = None
         self._last = self._monotonic()
         self._planned = -1
-        self.diagnosis.swapped(self._all)
+        self.diagnosis.report_swapped()
 
     def read(self) -> BusReading:
         """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
@@ -149,12 +156,14 @@ class Cycle:
                 if self._read(stamp, states) or self._troubled:
                     self._troubled = True
                     failed = self._settle(states, start)
-                self.diagnosis.look(self._all, start)
+                if start >= self._diagnose_at:
+                    self._diagnose_at = start + _DIAGNOSIS_PERIOD
+                    self.diagnosis.examine(start)
                 self._incomplete = self.absent[1]
                 self._spent = self._poll_one_lost() if self._incomplete else 0
                 self._there = True
         except PortLostError as cause:
-            self._forgive(cause)
+            self._lose_port(cause)
         self._took = self._monotonic() - start - self._spent
         events = self._events.take() if self._events.waiting else ()
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
@@ -176,7 +185,7 @@ class Cycle:
                     self._take_goals()  # of a joint whose torque has come on
             self.write_goals()
         except PortLostError as cause:
-            self._forgive(cause)
+            self._lose_port(cause)
         return self._events.take() if self._events.waiting else ()
 
     # Reading
@@ -366,7 +375,7 @@ class Cycle:
         try:
             return self._there and self._advance(until)
         except PortLostError as cause:
-            self._forgive(cause)
+            self._lose_port(cause)
             return False
 
     # Who goes and who comes
@@ -385,26 +394,12 @@ class Cycle:
         now = self._monotonic()
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= self._settings.lost_after:
-            text = (
-                f"damaged replies in {servo.damaged_cycles} cycles in a row; {self.advice(servo)}"
-            )
+            text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
             servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
         self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
-
-    def advice(self, servo: Servo) -> str:
-        """Return what damaged replies of a servo mean, and what to do."""
-        if self._port.surplus[servo.id]:
-            return (
-                f"two servos answer as id {servo.id}, or its replies are repeated on their way: "
-                "connect one servo alone and give it another id (`servo set-id`)"
-            )
-        return (
-            f"two servos answer as id {servo.id} (connect one alone and give it another id with "
-            "`servo set-id`), or something disturbs the line"
-        )
 
     def _poll_one_lost(self) -> int:
         """Ask one lost servo whose time has come; return how long that took, ns.
@@ -428,10 +423,7 @@ class Cycle:
     def _find_port(self) -> bool:
         """Look for a port that has gone; return whether there is one."""
         if self._look_again_at is None:
-            lost = PortLostError(self._port.name, "it went between two cycles")
-            if not self._port.comes_back:
-                raise lost
-            self._lose_port(str(lost))
+            self._lose_port(PortLostError(self._port.name, "it went between two cycles"))
         now = self._monotonic()
         assert self._look_again_at is not None
         if now < self._look_again_at:
@@ -466,26 +458,31 @@ class Cycle:
                 found = True
         return found
 
-    def _forgive(self, cause: PortLostError) -> None:
+    def _lose_port(self, cause: PortLostError) -> None:
         if not self._port.comes_back:
             raise cause
-        self._lose_port(str(cause))
-
-    def _lose_port(self, why: str) -> None:
         self._port.close()
         self.port_losses += 1
         self._look_again_at = self._monotonic()
-        self._requests.end_all(PortLostError(self._port.name, why))
+        self._requests.end_all(cause)
         self._requests.drop_goals()
         for joint in self._all:
             if not joint.stopped:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
-        self._events.note_port(EventKind.PORT_LOST, why)
+        self._events.note_port(EventKind.PORT_LOST, str(cause))
 
     def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
         return ((joint, servo) for joint in self._all for servo in joint.servos)
+
+
+def advice(servo: Servo) -> str:
+    """Return what damaged replies of a servo mean, and what to do."""
+    return (
+        f"two servos answer as id {servo.id} (connect one alone and give it another id with "
+        "`servo set-id`), or something disturbs the line"
+    )
 
 
 def _method(servo: Servo) -> ReadMethod:

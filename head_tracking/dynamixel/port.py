@@ -55,7 +55,12 @@ from head_tracking.dynamixel.reading import (
     request_for,
     single_read_group,
 )
-from head_tracking.dynamixel.serial_port import Line, SerialDevice, check_baud_rate, serial_ports
+from head_tracking.dynamixel.serial_port import (
+    SerialDevice,
+    SerialLine,
+    check_baud_rate,
+    serial_ports,
+)
 from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
 _LOST: Final = (OSError, termios.error)
@@ -121,7 +126,7 @@ class DynamixelPort:
         self._was_open = False
         self._stable_name = ""  # by its serial number, once it has been open
         self._device: SerialDevice | None = None
-        self._line: Line | None = None
+        self._line: SerialLine | None = None
         self._timeout = ReplyTimeout(reply_timeout)
         self._late = LateReplies(clock)
         self._seconds_per_byte = 10.0 / baud_rate
@@ -575,7 +580,7 @@ class DynamixelPort:
         except _LOST as cause:
             raise self._lost(cause) from cause
 
-    def _open_line(self) -> Line:
+    def _open_line(self) -> SerialLine:
         if self._line is None:
             raise NotConnectedError(f"{self.name} is not open; call open() first")
         return self._line

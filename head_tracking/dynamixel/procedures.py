@@ -30,6 +30,8 @@ from head_tracking.dynamixel.state import EventKind
 
 _T = TypeVar("_T")
 _CONVINCED: Final = 3  # times that a servo must seem unusable
+_BRAKING: Final = 0.6  # s that a joint may take to stop
+_STANDS: Final = 0.1  # rad/s
 _GONE: Final = (PortLostError, NotConnectedError)
 
 
@@ -89,6 +91,23 @@ class Procedures:
             return (yield from steps)
         finally:
             joint.busy = False
+
+    def braking(self) -> Steps[None]:
+        """Wait until the joints that hold where they are stand."""
+        moving = [servo for joint in self._joints if joint.on for servo in joint.servos]
+        deadline = self._monotonic() + round(_BRAKING * 1e9)
+        for _ in range(round(_BRAKING / 0.002)):  # should the clock stand still
+            moving = [servo for servo in moving if not (servo.lost or self._stands(servo))]
+            if not moving or self._monotonic() > deadline:
+                return
+            yield 0.002
+
+    def _stands(self, servo: Servo) -> bool:
+        try:
+            servo.read_feedback()
+        except CommunicationError:
+            return False
+        return abs(servo.velocity) <= _STANDS
 
     # Torque off
 

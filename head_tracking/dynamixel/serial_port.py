@@ -16,7 +16,7 @@ import termios
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import serial
 from serial.tools import list_ports
@@ -37,19 +37,6 @@ BAUD_RATES: Final = (
     4_000_000, 4_500_000,
 )  # fmt: skip
 """Bits per second that Dynamixel servos know, and those that serial adapters usually do."""
-
-
-class Line(Protocol):
-    """Bytes in and out; `SerialLine` is the real one."""
-
-    def discard_input(self) -> None:
-        """Forget everything received so far."""
-
-    def write(self, data: bytes, timeout: float) -> None:
-        """Write all bytes, within `timeout` s."""
-
-    def read(self, limit: int, deadline: float) -> bytes:
-        """Return some bytes, or none when the deadline, s, has passed."""
 
 
 class SerialLine:

@@ -11,7 +11,6 @@ from functools import partial
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
-from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     ConfigurationError,
@@ -58,6 +57,11 @@ class BusThread:
         update: Gets every reading before the goals are written, in this thread; it commands the
             bus. While it runs nobody waits for the bus.
 
+    Attributes:
+        bus: The bus.
+        error: The exception that ended the thread, if one did.
+        unconfirmed: Joints that did not confirm at the end that they are relaxed.
+
     Raises:
         ConfigurationError: The rate is not from 1 to 1000.
     """
@@ -74,7 +78,7 @@ class BusThread:
             raise ConfigurationError(
                 f"update_rate {update_rate} is not possible; allowed are 1 to 1000 cycles/s"
             )
-        self._bus = bus
+        self.bus = bus
         self._update_rate = update_rate
         self._on_reading = on_reading
         self._on_error = on_error
@@ -84,8 +88,8 @@ class BusThread:
         self._owner = threading.Lock()  # held while the bus is used
         self._stopping = False
         self._closing = self._ended = False
-        self._error: BaseException | None = None
-        self._unconfirmed: tuple[str, ...] = ()
+        self.error: BaseException | None = None
+        self.unconfirmed: tuple[str, ...] = ()
         self._longest = 0
         self._reached = 0.0
         self._missed = 0
@@ -95,16 +99,6 @@ class BusThread:
     def running(self) -> bool:
         """Whether the thread runs cycles."""
         return self._thread.is_alive() and not self._ended
-
-    @property
-    def error(self) -> BaseException | None:
-        """The exception that ended the thread, if one did."""
-        return self._error
-
-    @property
-    def unconfirmed(self) -> tuple[str, ...]:
-        """Joints that did not confirm at the end that they are relaxed."""
-        return self._unconfirmed
 
     @property
     def timing(self) -> BusTiming:
@@ -143,13 +137,13 @@ class BusThread:
             if self._thread.is_alive():
                 if not self._owner.acquire(timeout=timeout):
                     raise BusStoppedError(
-                        f"the servo bus on {self._bus.port_name} did not end within {timeout} s; "
+                        f"the servo bus on {self.bus.port_name} did not end within {timeout} s; "
                         "its port hangs, and the servos may have torque on"
                     )
                 self._owner.release()
                 self._finish()
                 raise BusStoppedError(
-                    f"the servo bus on {self._bus.port_name} did not end within {timeout} s; a "
+                    f"the servo bus on {self.bus.port_name} did not end within {timeout} s; a "
                     "callback does not return. The servos were relaxed without it"
                 )
 
@@ -175,7 +169,7 @@ class BusThread:
             Its result or exception; StoppedError if STOP came after it was made; BusStoppedError
             if the thread does not run (any more).
         """
-        return self._requests.add(lambda: function(self._bus), epoch, despite_stop)
+        return self._requests.add(lambda: function(self.bus), epoch, despite_stop)
 
     def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
         """Run a function in this thread, whatever the owner's does, as soon as the port is free.
@@ -188,11 +182,11 @@ class BusThread:
             BusStoppedError: The bus has stopped, or the port hangs.
         """
         if not self._owner.acquire(timeout=timeout):
-            raise BusStoppedError(f"the port {self._bus.port_name} hangs")
+            raise BusStoppedError(f"the port {self.bus.port_name} hangs")
         try:
             if self._ended:
                 raise BusStoppedError("the servo bus has stopped")
-            return function(self._bus)
+            return function(self.bus)
         finally:
             self._owner.release()
 
@@ -200,11 +194,11 @@ class BusThread:
         try:
             self._run_cycles()
         except BaseException as error:  # kept and reported; the servos come first
-            self._error = error
+            self.error = error
         finally:
             self._finish()
-        if self._error is not None and self._on_error is not None:
-            self._on_error(self._error)
+        if self.error is not None and self._on_error is not None:
+            self._on_error(self.error)
 
     def _finish(self) -> None:
         """Close the bus, once, whoever comes first."""
@@ -213,7 +207,7 @@ class BusThread:
                 return
             self._closing = True
             try:
-                self._unconfirmed = self._bus.close()
+                self.unconfirmed = self.bus.close()
             finally:
                 self._ended = True
                 self._requests.close()
@@ -226,12 +220,12 @@ class BusThread:
             with self._owner:
                 if self._ended:  # somebody has closed the bus while a callback hung
                     return
-                reading = self._bus.read()
+                reading = self.bus.read()
             self._update(reading)
             with self._owner:
                 if self._ended:
                     return
-                events = self._bus.write()
+                events = self.bus.write()
             end = time.monotonic_ns()
             if events:
                 reading = reading._replace(events=(*reading.events, *events))
@@ -258,7 +252,7 @@ class BusThread:
                 if found := self._requests.has_waiting():
                     self._requests.begin_next()
                 else:
-                    found = self._bus.fill(due)
+                    found = self.bus.fill(due)
             left = due - time.monotonic_ns()
             if left <= 0:
                 return not self._stopping
@@ -281,6 +275,8 @@ class Buses:
 
     Attributes:
         epoch: The same.
+        threads: Of each bus.
+        joints: The configured joints of all buses.
 
     Raises:
         ConfigurationError: Two buses have a joint or a controller of the same name, or not the same
@@ -301,47 +297,33 @@ class Buses:
             raise ConfigurationError(
                 "these buses do not share an epoch; make them with the same one"
             )
-        self._threads = [
-            (
-                bus,
-                BusThread(
-                    bus, update_rate, partial(on_reading, bus), on_error, partial(update, bus)
-                ),
-            )
+        self.threads = tuple(
+            BusThread(bus, update_rate, partial(on_reading, bus), on_error, partial(update, bus))
             for bus in buses
-        ]
-        self._by_joint: dict[str, tuple[ServoBus, BusThread]] = {}
+        )
+        self.joints = tuple(joint for bus in buses for joint in bus.joints)
+        self._by_joint: dict[str, BusThread] = {}
         controllers: set[str] = set()
-        for bus, thread in self._threads:
-            for joint in bus.joints:
+        for thread in self.threads:
+            for joint in thread.bus.joints:
                 if joint.joint_name in self._by_joint or joint.controller in controllers:
                     raise ConfigurationError(
                         f"{joint.joint_name} ({joint.controller}) is on two buses"
                     )
-                self._by_joint[joint.joint_name] = (bus, thread)
+                self._by_joint[joint.joint_name] = thread
                 controllers.add(joint.controller)
-
-    @property
-    def threads(self) -> Sequence[tuple[ServoBus, BusThread]]:
-        """Each bus and its thread."""
-        return self._threads
-
-    @property
-    def joints(self) -> tuple[JointConfiguration, ...]:
-        """The configured joints of all buses."""
-        return tuple(joint for bus, _ in self._threads for joint in bus.joints)
 
     def bus_of(self, joint: str) -> ServoBus:
         """Return the bus of a joint; raises GoalError if it is unknown."""
-        return self._find(joint)[0]
+        return self._find(joint).bus
 
     def torque(self, joint: str) -> Torque:
         """Return the torque of a joint; raises GoalError if it is unknown."""
-        return self._find(joint)[0].torque(joint)
+        return self._find(joint).bus.torque(joint)
 
     def start(self) -> None:
         """Start the cycles of all buses."""
-        for _, thread in self._threads:
+        for thread in self.threads:
             thread.start()
 
     def stop(self) -> tuple[str, ...]:
@@ -353,10 +335,10 @@ class Buses:
         Raises:
             BusStoppedError: A thread did not end; says which and whether its servos are relaxed.
         """
-        for _, thread in self._threads:
+        for thread in self.threads:
             thread.ask_to_stop()
         failures: list[str] = []
-        for _, thread in self._threads:
+        for thread in self.threads:
             try:
                 thread.stop()
             except BusStoppedError as failure:
@@ -368,7 +350,7 @@ class Buses:
     @property
     def unconfirmed(self) -> tuple[str, ...]:
         """Joints that did not confirm at the end that they are relaxed."""
-        return tuple(joint for _, thread in self._threads for joint in thread.unconfirmed)
+        return tuple(joint for thread in self.threads for joint in thread.unconfirmed)
 
     def command(
         self,
@@ -389,7 +371,7 @@ class Buses:
             epoch = self.epoch.value
         shares: dict[ServoBus, dict[str, Goal]] = {}
         for name, goal in goals.items():
-            bus = self.bus_of(name) if len(self._threads) > 1 else self._threads[0][0]
+            bus = self.bus_of(name)
             shares.setdefault(bus, {})[name] = goal
         results: list[CommandResult] = []
         refusals: list[str] = []
@@ -428,7 +410,7 @@ class Buses:
         names = tuple(self._by_joint) if joints is None else tuple(joints)
         shares: dict[BusThread, list[str]] = {}
         for name in names:
-            shares.setdefault(self._find(name)[1], []).append(name)
+            shares.setdefault(self._find(name), []).append(name)
 
         def on(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
             return thread.call(lambda bus: function(bus, share), epoch, despite_stop=despite_stop)
@@ -449,22 +431,22 @@ class Buses:
         epoch = self.epoch.advance()  # first: a thread that cannot be waited for relaxes, too
         problems: dict[str, str] = {}
 
-        def relax(bus: ServoBus, thread: BusThread) -> None:
+        def relax(thread: BusThread) -> None:
             try:
                 stop = partial(ServoBus.relax_at_once, timeout=timeout, epoch=epoch)
                 problems.update(thread.at_once(stop, timeout / 2))
             except DynamixelError as cause:
-                problems.update((joint.joint_name, str(cause)) for joint in bus.joints)
+                problems.update((joint.joint_name, str(cause)) for joint in thread.bus.joints)
 
-        helpers = [threading.Thread(target=relax, args=pair) for pair in self._threads[1:]]
+        helpers = [threading.Thread(target=relax, args=(each,)) for each in self.threads[1:]]
         for helper in helpers:
             helper.start()
-        relax(*self._threads[0])
+        relax(self.threads[0])
         for helper in helpers:
             helper.join()
         return problems
 
-    def _find(self, joint: str) -> tuple[ServoBus, BusThread]:
+    def _find(self, joint: str) -> BusThread:
         try:
             return self._by_joint[joint]
         except KeyError:

@@ -109,14 +109,10 @@ class ServoBusNode(Node):
         ]
         self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
         self._baud_rates = [baud_rate for _, baud_rate in ports]
-        self._names = {
-            bus: frozenset([joint.joint_name for joint in bus.joints])
-            for bus, _ in self._buses.threads
-        }
+        self._names = {bus: frozenset([joint.joint_name for joint in bus.joints]) for bus in buses}
         self._connect(p.allow_missing)
         self.period = 1.0 / p.update_rate
         loop.attach(self)
-        loop.drive()
         self._create_topics()
         self._bus_services = BusServices(
             self,
@@ -141,8 +137,8 @@ class ServoBusNode(Node):
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
         """Return port, baud rate and, by id, the models of the servos that were found on it."""
         return [
-            (bus.port_name, baud_rate, {servo.id: servo.model for servo in bus.servos})
-            for (bus, _), baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
+            (each.bus.port_name, baud_rate, {servo.id: servo.model for servo in each.bus.servos})
+            for each, baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
         ]
 
     def status(self) -> BusStatus:
@@ -249,7 +245,7 @@ class ServoBusNode(Node):
         log = self.get_logger()
         connected: list[ServoBus] = []
         try:
-            for bus, _ in self._buses.threads:
+            for bus in [thread.bus for thread in self._buses.threads]:
                 summary = bus.connect(allow_missing=allow_missing) or "no servo answers"
                 connected.append(bus)
                 adapter = bus.adapter
@@ -433,14 +429,14 @@ class ServoBusNode(Node):
     def _statuses(self) -> list[BusStatus]:
         return [
             BusStatus(
-                bus.port_name,
-                bus.statistics(),
+                thread.bus.port_name,
+                thread.bus.statistics(),
                 thread.timing,
-                self._states.get(bus, {}),
+                self._states.get(thread.bus, {}),
                 int(self.get_clock().now().nanoseconds),
                 self._settings,
             )
-            for bus, thread in self._buses.threads
+            for thread in self._buses.threads
         ]
 
     def _publish_diagnostics(self) -> None:

@@ -15,16 +15,13 @@ from head_tracking.tracking.multiple_model import Bearings, Motion
 
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
-_FASTEST = 3.0  # rad/s; a target that has jumped must hold together like this to be believed
 _FEWEST = 8  # points that are kept, however old
-_NEAR, _FAR = 0.6, 1.5  # of `jump_threshold`; nearer points are used, farther ones suspected
-_FAST = 2.5  # rad/s; a likely point that needs less speed than this is used
-_UNLIKELY = 4.0  # standard deviations; between the two, a point farther off is suspected
-_JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
+_NEAR = 0.5  # of `jump_threshold`; so near the prediction a point is used, if the last one was
+_FASTEST = 1.5  # rad/s; suspects that are farther apart than this do not confirm each other
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
-_RETURN = 10.0  # s; within this
-_LEFT = 4  # places that are remembered
-_SAME = 0.5  # of `jump_threshold`: so near to such a place a point is there
+_RETURN = 10.0  # s; within this,
+_SAME = 0.5  # of `jump_threshold`: so near to that place
+_JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
 _SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
 _TRUST = 1.2  # of the horizon
@@ -37,10 +34,8 @@ _LEAST_RANGE_NOISE = 1e-3
 _FIRST_RANGE_RATE = 1.0  # 1/s
 _RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
 _RANGE_MEMORY = 1.0  # s; over which the noise is learned
-_RANGE_OUTLIER = 9.0  # variances
-_RANGE_OUTLIERS = 3  # in a row: the filter is wrong, not the points
+_RANGE_OUTLIER = 3.0  # deviations; no more of a difference is believed
 _SMALLEST_RANGE = 1e-3  # m
-_NEAREST = 0.3  # of the distance; so near a walker is taken to come
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
 
@@ -99,50 +94,37 @@ class Range(NamedTuple):
         rate: its change [1/s].
         covariance: of both: pp, pv, vv.
         variance: of the measured logarithms.
-        outliers: points in a row that were not used because they were too far off.
     """
 
     log: float
     rate: float
     covariance: tuple[float, float, float]
     variance: float
-    outliers: int = 0
 
     @staticmethod
     def seen_once(distance: float) -> Range:
-        """After one point [m]."""
+        """Return what one point tells [m]."""
         noise = _FIRST_RANGE_NOISE**2
         log = math.log(max(distance, _SMALLEST_RANGE))
         return Range(log, 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
 
-    def after(self, dt: float, distance: float, turning: float) -> Range:
-        """After another point [m], a time `dt` [s] later; the target turned so fast [rad/s]."""
+    def after(self, dt: float, distance: float) -> Range:
+        """Return what another point [m] tells, a time `dt` [s] later."""
         pp, pv, vv = self.covariance
         pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
         pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
         vv += _RANGE_ACCELERATION * dt
-        away, aside = max(1.0 + self.rate * dt, _NEAREST), turning * dt
-        square = away * away + aside * aside
-        log = self.log + 0.5 * math.log(square)
-        rate = (self.rate * away + turning * aside) / square
+        log = self.log + self.rate * dt
         off = math.log(max(distance, _SMALLEST_RANGE)) - log
         expected = pp + self.variance
-        unexpected = min(off * off / expected, _RANGE_OUTLIER)
+        off = math.copysign(min(abs(off), _RANGE_OUTLIER * math.sqrt(expected)), off)
         share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
-        variance = max(self.variance * (1.0 + share * (unexpected - 1.0)), _LEAST_RANGE_NOISE**2)
-        if unexpected == _RANGE_OUTLIER:
-            if self.outliers + 1 >= _RANGE_OUTLIERS:
-                return Range.seen_once(distance)
-            return Range(log, rate, (pp, pv, vv), variance, self.outliers + 1)
+        variance = self.variance * (1.0 + share * (off * off / expected - 1.0))
         k, by_rate = pp / expected, pv / expected
         left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
-        return Range(log + k * off, rate + by_rate * off, left, variance)
-
-    @property
-    def receding(self) -> float:
-        """The change of the logarithm [1/s] as far as it can be told from noise."""
-        square = self.rate * self.rate
-        return self.rate * max(0.0, 1.0 - self.covariance[2] / square) if square else 0.0
+        return Range(
+            log + k * off, self.rate + by_rate * off, left, max(variance, _LEAST_RANGE_NOISE**2)
+        )
 
     def distance(self, dt: float) -> float:
         """The distance [m] a time `dt` [s] later."""
@@ -245,24 +227,12 @@ class _Snapshot(NamedTuple):
     range: Range
 
 
-class _Suspect(NamedTuple):
-    """A point far from where the target should be; nothing of it is used.
-
-    Attributes:
-        stamp: of the point [s].
-        sight: the point.
-        off: how far aside and down from where the target should be [rad].
-    """
-
-    stamp: float
-    sight: Sight
-    off: tuple[float, float]
-
-
-def _same_side(a: _Suspect, b: _Suspect) -> bool:
-    """Whether two suspects are off to the same side."""
-    (x, y), (u, v) = a.off, b.off
-    return x * u + y * v > 0.5 * min(x * x + y * y, u * u + v * v)
+def _line(a: tuple[float, Sight], b: tuple[float, Sight], time: float) -> Sight:
+    """Return where a target is at a time [s] that moves steadily through two points."""
+    (start, first), (end, last) = a, b
+    ratio = (time - start) / (end - start)
+    pan = first.pan + ratio * (last.pan - first.pan)
+    return Sight(pan, first.tilt + ratio * (last.tilt - first.tilt), last.distance)
 
 
 class TargetEstimator:
@@ -292,9 +262,9 @@ class TargetEstimator:
         self._pans: list[float] = []
         self._tilts: list[float] = []
         self._snapshots: list[_Snapshot] = []
-        self._suspects: list[_Suspect] = []
-        self._left: list[tuple[float, Sight]] = []
-        self._began = 0.0
+        self._suspects: list[tuple[float, Sight]] = []
+        self._left: tuple[float, Sight] | None = None
+        self._began = self._off = 0.0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -305,7 +275,7 @@ class TargetEstimator:
     def reset(self) -> None:
         """Forget the target."""
         self._suspects.clear()
-        self._left.clear()
+        self._left = None
         self._cut(0)
         self._estimate = None
 
@@ -345,76 +315,76 @@ class TargetEstimator:
         estimate = self._estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
-        off, unlikely = self._off(estimate, stamp, sight)
-        away = math.hypot(*off)
-        threshold = self.parameters.jump_threshold
-        farthest = max(_FAR * threshold, _FAST * (stamp - estimate.stamp))
-        if away <= _NEAR * threshold or (unlikely <= _UNLIKELY and away <= farthest):
-            self._suspects = [each for each in self._suspects if each.stamp > stamp]
+        if self._expected(estimate, stamp, sight):
+            self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, sight)
             return Verdict.TAKEN
-        if index == len(self._stamps) and self._returns(stamp, sight, away):
-            return self._jump([(stamp, sight)])
         timeout = self.parameters.target_timeout
-        suspects = [each for each in self._suspects if abs(stamp - each.stamp) < timeout]
-        new = _Suspect(stamp, sight, off)
-        self._suspects = [*suspects, new]
-        moving = [each for each in suspects if self._alike(each, new) and _same_side(each, new)]
-        points = sorted((each.stamp, each.sight) for each in (*moving, new))
-        if moving and not self._jumped(estimate, points):
-            self._suspects.clear()
-            for point in points:
-                self._insert(*point)
-            return Verdict.TAKEN
-        staying = [each for each in suspects if self._alike(each, new) and self._near(each, new)]
-        points = sorted((each.stamp, each.sight) for each in (*staying, new))
-        (start, _), (end, _) = points[0], points[-1]
-        among = sum(start <= each.stamp <= end for each in self._suspects)
+        suspects = [each for each in self._suspects if abs(stamp - each[0]) < timeout]
+        if any(each[0] == stamp for each in suspects):
+            return Verdict.DOUBLED
+        self._suspects = [*suspects, (stamp, sight)]
+        alike = self._confirming(suspects, stamp, sight)
+        points = sorted((*alike, (stamp, sight)))
         confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
-        if not staying or 2 * len(points) <= among or end - start < confirmation:
+        if self._returns(stamp, sight):
+            points = [(stamp, sight)]
+        elif not alike or points[-1][0] - points[0][0] < confirmation:
             return Verdict.JUMP
-        return self._jump(points)
-
-    def _jump(self, points: Sequence[tuple[float, Sight]]) -> Verdict:
-        """Start anew from points that are believed, and judge later ones by them."""
         self._suspects.clear()
+        if self._jumped(estimate, points):
+            self._restart(points)
+            return Verdict.NEW_TARGET
+        for point in points:
+            self._insert(*point)
+        return Verdict.TAKEN
+
+    def _confirming(
+        self, suspects: list[tuple[float, Sight]], stamp: float, sight: Sight
+    ) -> list[tuple[float, Sight]]:
+        """Return the suspects by which a further one is believed; empty: none."""
+        threshold = self.parameters.jump_threshold
+        alike = [each for each in suspects if self._angle(each[1], sight) < threshold]
+        if alike or not suspects:
+            return alike
+        before, last = suspects[-1]
+        if self._angle(last, sight) < _FASTEST * abs(stamp - before):
+            return suspects[-1:]
+        line = suspects[-2:]
+        if len(line) > 1 and self._angle(_line(line[0], line[1], stamp), sight) < threshold:
+            return line
+        return []
+
+    def _returns(self, stamp: float, sight: Sight) -> bool:
+        """Return whether the target is where it stayed before its last jump: two take turns."""
+        if self._left is None or stamp - self._left[0] > _RETURN:
+            return False
+        return self._angle(self._left[1], sight) < _SAME * self.parameters.jump_threshold
+
+    def _expected(self, before: TargetEstimate, stamp: float, sight: Sight) -> bool:
+        """Return whether a point is near the prediction; one that was off widens the gate."""
+        pan, tilt = before.bearing(stamp)
+        away = self._angle(sight, Sight(pan, tilt, sight.distance))
+        expected = away <= _NEAR * self.parameters.jump_threshold + self._off
+        if expected:
+            self._off = away
+        return expected
+
+    def _restart(self, points: Sequence[tuple[float, Sight]]) -> None:
+        """Start anew from points that are believed, and judge later ones by them."""
         index = max(bisect_right(self._stamps, points[0][0]), 1)
         before = self._snapshots[index - 1]
         later = [(each.stamp, each.sight) for each in self._snapshots[index:]]
-        if before.stamp - self._began >= _STAYED:
-            self._left = [*self._left[1 - _LEFT :], (before.stamp, before.sight)]
+        stayed = before.stamp - self._began > _STAYED
+        self._left = (before.stamp, before.sight) if stayed else None
         self._begin(points, before)
         for stamp, sight in later:
             place = bisect_right(self._stamps, stamp)
             if place:
                 self._judge(place, stamp, sight)
-        return Verdict.NEW_TARGET
-
-    def _returns(self, stamp: float, sight: Sight, away: float) -> bool:
-        """Whether the target is back where it stayed before: two persons who take turns.
-
-        A target must have stayed there, and must stay there again before this is believed once
-        more; so a false detection that recurs throws the head once.
-        """
-        for place in self._left:
-            left, there = place
-            near = self._angle(there, sight) < _SAME * self.parameters.jump_threshold
-            if near and away > 2.0 * self.parameters.jump_threshold and stamp - left < _RETURN:
-                self._left.remove(place)
-                return True
-        return False
-
-    def _alike(self, a: _Suspect, b: _Suspect) -> bool:
-        """Whether a target can have moved from the one to the other."""
-        farthest = 0.8 * self.parameters.jump_threshold + _FASTEST * abs(b.stamp - a.stamp)
-        return self._angle(a.sight, b.sight) < farthest
-
-    def _near(self, a: _Suspect, b: _Suspect) -> bool:
-        """Whether two suspects are nearer to each other than to where the target should be."""
-        return self._angle(a.sight, b.sight) < 0.5 * min(math.hypot(*a.off), math.hypot(*b.off))
 
     def _jumped(self, before: TargetEstimate, points: Sequence[tuple[float, Sight]]) -> bool:
-        """Whether the way to these points was no part of the motion that they show."""
+        """Return whether the way to these points was no part of the motion that they show."""
         (stamp, first), (end, last) = points[0], points[-1]
         speed = self._angle(before.sight, first) / max(stamp - before.stamp, 1e-3)
         since = self._angle(first, last) / max(end - stamp, 1e-3)
@@ -435,7 +405,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing)
         )
-        self._began, self._estimate = stamp, None
+        self._began, self._off, self._estimate = stamp, 0.0, None
         self._append(stamp, sight, bearings)
         for each in others:
             self._append(*each)
@@ -460,32 +430,16 @@ class TargetEstimator:
             before = snapshots[-1]
             earlier = bisect_right(stamps, stamp - self.horizon) - 1
             judged = snapshots[min(max(earlier, 0), len(snapshots) - 1)]
-            turning = math.hypot(*(bearing.motion.speed for bearing in before.bearings.joints))
-            distance = before.range.after(stamp - before.stamp, sight.distance, turning)
+            distance = before.range.after(stamp - before.stamp, sight.distance)
             bearings = before.bearings.after(
                 stamps,
                 (self._pans, self._tilts),
-                distance.receding,
                 judged.bearings,
                 stamp - judged.stamp,
             )
         snapshots.append(_Snapshot(stamp, sight, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
-
-    def _off(
-        self, before: TargetEstimate, stamp: float, sight: Sight
-    ) -> tuple[tuple[float, float], float]:
-        """How far a point is from where it should be: aside and down [rad], and in deviations."""
-        pan, tilt = before.bearing(stamp)
-        offs = sight.pan - pan, sight.tilt - tilt
-        unlikely = math.hypot(
-            *(
-                off / math.hypot(before.deviation(joint, stamp), before.noise[joint])
-                for joint, off in enumerate(offs)
-            )
-        )
-        return (offs[0] * math.cos(0.5 * (sight.tilt + tilt) - self._level), offs[1]), unlikely
 
     def _angle(self, a: Sight, b: Sight) -> float:
         """The angle between two rays that are near each other [rad]."""

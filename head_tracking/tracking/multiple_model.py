@@ -14,53 +14,39 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from enum import Enum
 from itertools import pairwise
 from operator import mul
 from typing import NamedTuple, TypeAlias
 
 
-class Kind(Enum):
-    """How a model moves between two points."""
-
-    STEADY = 0
-    WALKING = 1
-    HARMONIC = 2
-
-
 class Model(NamedTuple):
-    """One model of a bearing.
+    """One model of a bearing; that of order 3 is harmonic.
 
     Attributes:
-        kind: of its motion.
         order: number of its states; white noise drives the last one.
         density: spectral density of that noise over the variance of a point [1/s^(2 order - 1)].
         first_score: of a new target, in variances of a point.
     """
 
-    kind: Kind
     order: int
     density: float
     first_score: float
 
 
 MODELS = (
-    Model(Kind.STEADY, 1, 1e4, 2.0),  # near-constant position: the latest point
-    Model(Kind.STEADY, 1, 10.0, 1.0),  # near-constant position, averaged
-    Model(Kind.STEADY, 2, 1e5, 10.0),  # near-constant velocity
-    Model(Kind.WALKING, 2, 1e3, 3.0),  # straight on in space
-    Model(Kind.HARMONIC, 3, 1e3, 4.0),  # harmonic, low process noise
-    Model(Kind.HARMONIC, 3, 2e6, 10.0),  # harmonic, high process noise
+    Model(1, 1e4, 2.0),  # near-constant position: the latest point
+    Model(1, 10.0, 1.0),  # near-constant position, averaged
+    Model(2, 1e5, 10.0),  # near-constant velocity, high process noise
+    Model(2, 1e4, 3.0),  # near-constant velocity, low process noise
+    Model(3, 1e3, 4.0),  # harmonic, low process noise
+    Model(3, 2e6, 10.0),  # harmonic, high process noise
 )
-"""A new target is expected to be calm until it shows that it is not."""
-
-_KINDS = tuple(model.kind for model in MODELS)
-_WALKING = _KINDS.index(Kind.WALKING)
+"""A new target is expected to stand still until it shows that it moves."""
 
 _USUAL_NOISE = 0.003  # rad; until the points have shown their own
 _SPEED = 0.5  # rad/s; standard deviation of a target's velocity before anything is known
 _ACCELERATION = 2.0  # rad/s^2; the same of its acceleration
-_MEMORY = 0.5  # s; over which the models are judged
+_MEMORY = 0.8  # s; over which the models are judged
 _LARGEST_SHARE = 0.12  # of one point in that judgement
 _ERROR_MEMORY = 0.9  # s; over which the mixture is judged: a kink now and then is remembered
 _NOISE_MEMORY = 2.0  # s; over which the variance of the points is learned
@@ -69,8 +55,6 @@ _OUTLIER = 9.0  # variances
 _NOISE_OFF = 0.8  # of the noise of a point, which no model can predict, is taken off the scores
 _LEAST_SCORE = 0.02  # of that noise
 _FINEST = 1e-12  # rad^2; noise below this is rounding
-_NEAREST = 0.75  # of the distance; no walker is predicted to come nearer
-_LEAST_SHARE = 1e-9  # of the models
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
 
 _LAG = 1.0 / 6.0  # s between the points that are compared: swings up to 3 Hz can be told
@@ -90,13 +74,10 @@ Covariance: TypeAlias = tuple[float, float, float, float, float, float]
 
 
 class Motion(NamedTuple):
-    """How a bearing moves: by a walk along a straight line, a steady turn and a swing.
+    """How a bearing moves: steadily, and by a swing.
 
     Attributes:
         position: [rad].
-        walk: velocity of a target that walks straight on [rad/s].
-        share: of all models, those that say so; `walk` is this share of its velocity.
-        receding: change of the logarithm of the distance [1/s].
         velocity: of the steady part [rad/s].
         swing_velocity: of the swinging part [rad/s].
         swing_acceleration: of the swinging part [rad/s^2].
@@ -104,9 +85,6 @@ class Motion(NamedTuple):
     """
 
     position: float
-    walk: float
-    share: float
-    receding: float
     velocity: float
     swing_velocity: float
     swing_acceleration: float
@@ -115,33 +93,14 @@ class Motion(NamedTuple):
     @property
     def speed(self) -> float:
         """The velocity now [rad/s]."""
-        return self.walk + self.velocity + self.swing_velocity
+        return self.velocity + self.swing_velocity
 
     def after(self, dt: float) -> tuple[float, float]:
         """Return position [rad] and velocity [rad/s] a time `dt` [s] later."""
-        x, walk, share, receding, v, u, b, w = self
+        x, v, u, b, w = self
         sine, cosine = math.sin(w * dt), math.cos(w * dt)
-        turned, slowed = walked(walk / share, receding, dt)
-        position = x + share * turned + dt * v + (u * sine + b * (1.0 - cosine) / w) / w
-        return position, slowed * walk + v + u * cosine + b * sine / w
-
-
-def walked(velocity: float, receding: float, dt: float) -> tuple[float, float]:
-    """Return how far a bearing turns in a time `dt` [s] if the target walks straight on.
-
-    As seen from where the target was, it has gone aside and away (Aidala and Hammel, modified polar
-    coordinates, 1983).
-
-    Args:
-        velocity: of the bearing [rad/s].
-        receding: change of the logarithm of the distance [1/s].
-        dt: [s].
-
-    Returns:
-        The angle [rad], and what is left of the velocity as a share of it.
-    """
-    aside, away = velocity * dt, max(1.0 + receding * dt, _NEAREST)
-    return math.atan2(aside, away), 1.0 / (away * away + aside * aside)
+        position = x + dt * v + (u * sine + b * (1.0 - cosine) / w) / w
+        return position, v + u * cosine + b * sine / w
 
 
 class Oscillation(NamedTuple):
@@ -249,7 +208,7 @@ class Bearings(NamedTuple):
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
         error = variance + (_SPEED * lead) ** 2
-        still = Motion(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
+        still = Motion(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
         unknown = Bearing((), variance, scores, error, (), still, (0.0, 0.0))
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
 
@@ -280,7 +239,6 @@ class Bearings(NamedTuple):
                 bearing.variance,
                 bearing.scores,
                 bearing.error,
-                0.0,
                 rate,
             )
             for bearing, point in zip(self.joints, points, strict=True)
@@ -291,7 +249,6 @@ class Bearings(NamedTuple):
         self,
         stamps: Sequence[float],
         points: tuple[Sequence[float], Sequence[float]],
-        receding: float,
         judged: Bearings,
         ahead: float,
     ) -> Bearings:
@@ -300,7 +257,6 @@ class Bearings(NamedTuple):
         Args:
             stamps: of the points [s], rising; the new one is the last.
             points: pan and tilt of them [rad].
-            receding: change of the logarithm of the distance [1/s].
             judged: what was known after an earlier point; its predictions are judged now.
             ahead: the time from then until now [s].
         """
@@ -320,7 +276,7 @@ class Bearings(NamedTuple):
             self.joints, judged.joints, points, variances, strict=True
         ):
             point = angles[-1]
-            predicted = _moved(earlier.states, ahead, later, earlier.motion.receding)
+            predicted = _moved(earlier.states, later, ahead)
             scores = tuple(
                 [
                     score + share * ((position - point) ** 2 - score) + _FINEST
@@ -333,11 +289,11 @@ class Bearings(NamedTuple):
                 [
                     (x + k * (point - x), v + kv * (point - x), a + ka * (point - x))
                     for (x, v, a), (k, kv, ka, _, _, _) in zip(
-                        _moved(bearing.states, dt, swing, receding), covariances, strict=True
+                        _moved(bearing.states, swing, dt), covariances, strict=True
                     )
                 ]
             )
-            joints.append(_mixed(states, covariances, variance, scores, error, receding, rate))
+            joints.append(_mixed(states, covariances, variance, scores, error, rate))
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
 
     def _noise(self, stamps: Sequence[float], points: Sequence[Sequence[float]]) -> list[float]:
@@ -393,19 +349,15 @@ def _corrected(model: Model, covariance: Covariance, dt: float, swing: Transitio
     return k, kv, ka, vv - kv * pv, va - kv * pa, aa - ka * pa
 
 
-def _moved(states: Sequence[State], dt: float, swing: Transition, receding: float) -> list[State]:
+def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]:
     """The states a time `dt` [s] later."""
     s, c, r, b = swing
-    moved = [
+    return [
         (x + s * v + r * a, c * v + s * a, c * a - b * v)
-        if kind is Kind.HARMONIC
+        if model.order == 3
         else (x + dt * v, v, a)
-        for (x, v, a), kind in zip(states, _KINDS, strict=True)
+        for (x, v, a), model in zip(states, MODELS, strict=True)
     ]
-    x, v, a = states[_WALKING]
-    turned, slowed = walked(v, receding, dt)
-    moved[_WALKING] = x + turned, v * slowed, a
-    return moved
 
 
 def _mixed(
@@ -414,7 +366,6 @@ def _mixed(
     variance: float,
     scores: tuple[float, ...],
     error: float,
-    receding: float,
     rate: float,
 ) -> Bearing:
     """A bearing with the mixture of its models, and the variances within and between them."""
@@ -423,10 +374,10 @@ def _mixed(
     total = sum(raw)
     weights = tuple([each / total for each in raw])
     origin = states[0][0]
-    offset = square = steady = walk = swing = acceleration = speeds = within = 0.0
+    offset = square = steady = swing = acceleration = speeds = within = 0.0
     moving = 0.0
-    for weight, (x, v, a), kind, (pp, _, _, vv, _, _) in zip(
-        weights, states, _KINDS, covariances, strict=True
+    for weight, (x, v, a), model, (pp, _, _, vv, _, _) in zip(
+        weights, states, MODELS, covariances, strict=True
     ):
         away, speed = weight * (x - origin), weight * v
         offset += away
@@ -434,18 +385,13 @@ def _mixed(
         speeds += speed * v
         within += weight * pp
         moving += weight * vv
-        if kind is Kind.HARMONIC:
+        if model.order == 3:
             swing += speed
             acceleration += weight * a
-        elif kind is Kind.WALKING:
-            walk += speed
         else:
             steady += speed
     motion = Motion(
         origin + offset,
-        walk,
-        max(weights[_WALKING], _LEAST_SHARE),
-        receding,
         steady,
         swing,
         acceleration,

@@ -11,7 +11,7 @@ from contextlib import suppress
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
-from head_tracking.control.head_control import HeadParameters
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames

@@ -108,17 +108,6 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     assert stable_name(str(device), tmp_path / "nowhere") == ""
 
 
-def test_serial_number_of_the_usb_device_is_read(tmp_path: Path) -> None:
-    kernel = Kernel(tmp_path / "sys", "1\n")
-    assert prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root).serial == ""
-    usb = tmp_path / "sys" / "devices" / "1-1"
-    (usb / "1-1:1.0" / "ttyUSB1").mkdir(parents=True)
-    (usb / "serial").write_text("FT1234\n")
-    (kernel.root / "class" / "tty" / "ttyUSB1").mkdir()
-    os.symlink(usb / "1-1:1.0" / "ttyUSB1", kernel.root / "class" / "tty" / "ttyUSB1" / "device")
-    assert prepare_adapter("/dev/ttyUSB1", kernel.refuse, kernel.root).serial == "FT1234"
-
-
 class Udev:
     """Two adapters, the names that they have now, and what was opened."""
 

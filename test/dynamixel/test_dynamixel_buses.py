@@ -42,7 +42,7 @@ def test_command_reaches_the_bus_of_each_joint() -> None:
     result = buses.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(9.0)}, clamp=True)
     assert set(result.positions) == {"head_pan_joint", "head_tilt_joint"}
     assert set(result.clamped) == {"head_tilt_joint"}
-    for bus, _ in buses.threads:
+    for bus in [thread.bus for thread in buses.threads]:
         for _ in range(10):
             bus.step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
@@ -54,7 +54,7 @@ def test_unknown_joint_moves_nothing() -> None:
     buses, ports = make(PAN, TILT)
     with pytest.raises(GoalError, match="'elbow' on any bus; there are head_pan_joint, head_tilt"):
         buses.command({"head_pan_joint": Goal(0.1), "elbow": Goal(0.1)})
-    for bus, _ in buses.threads:
+    for bus in [thread.bus for thread in buses.threads]:
         bus.step()
     assert ports[0].servos[1]["Torque Enable"] == 0
     buses.stop()
@@ -65,7 +65,7 @@ def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
     with pytest.raises(GoalError, match="head_tilt_joint: goal position 9"):
         buses.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(9.0)})
     for _ in range(10):
-        buses.threads[0][0].step()
+        buses.threads[0].bus.step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
     buses.stop()
 

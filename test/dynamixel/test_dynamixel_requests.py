@@ -192,7 +192,7 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
         bus.connect()
         bus.run(bus.switching_torque(None, True))
     buses = Buses(single, 50.0, lambda *_: None, lambda _: None, epoch=epoch)
-    held = buses.threads[1][1]._owner
+    held = buses.threads[1]._owner
     with held:
         problems = buses.relax_at_once(0.02)
     assert not problems[PAN.joint_name] and problems[TILT.joint_name]

@@ -530,7 +530,7 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
     bus.connect()
     bus.run(bus.switching_torque(None, True))
     buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
-    ((_, thread),) = buses._threads
+    (thread,) = buses.threads
     buses.start()
     try:
         with thread._owner:  # as a cycle holds it that the machine does not let end

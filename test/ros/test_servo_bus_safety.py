@@ -29,7 +29,7 @@ def register(robot, servo_id, name):
 
 
 def bus_thread(robot):
-    return robot.composition.nodes["servo_bus"]._buses.threads[0][1]
+    return robot.composition.nodes["servo_bus"]._buses.threads[0]
 
 
 def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot):

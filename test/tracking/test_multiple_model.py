@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from head_tracking.tracking.multiple_model import MODELS, Bearings, Kind, Oscillation, walked
+from head_tracking.tracking.multiple_model import MODELS, Bearings, Oscillation
 
 
 def expm(matrix):
@@ -49,7 +49,7 @@ def textbook(order, index, rate, points, times):
     return state, covariance
 
 
-def fed(times, points, rate=None, receding=0.0, lead=0.1):
+def fed(times, points, rate=None, lead=0.1):
     """What is known after all points; with a rate of the swing of its own if none is given."""
     tilts = [0.5 * point for point in points]
     bearings = Bearings.seen_once((points[0], tilts[0]), lead)
@@ -61,7 +61,6 @@ def fed(times, points, rate=None, receding=0.0, lead=0.1):
         bearings = bearings.after(
             times[: k + 1],
             (points[: k + 1], tilts[: k + 1]),
-            receding,
             kept[index],
             times[k] - times[index],
         )
@@ -88,29 +87,10 @@ def test_every_model_is_the_textbooks(rate):
         known = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
         expected = [whole[i, j] for i, j in known]
         assert bearings.covariances[m] == pytest.approx(expected, rel=1e-4, abs=1e-6)
-        if model.kind is not Kind.WALKING:
-            found = pan.states[m][: model.order]
-            assert found == pytest.approx(state, rel=1e-5, abs=1e-5)
-            halves = [0.5 * number for number in found]
-            assert tilt.states[m][: model.order] == pytest.approx(halves, rel=1e-5, abs=1e-5)
-
-
-def test_who_walks_straight_on_is_where_the_walking_model_expects():
-    def place(t):
-        return 1.0, -1.5 + t
-
-    for t, dt in ((0.0, 0.3), (1.0, 0.3), (1.5, 0.5), (2.0, 0.4)):
-        (x, y), (u, v) = place(t), place(t + dt)
-        square = x * x + y * y
-        turned, slowed = walked(x / square, y / square, dt)
-        assert turned == pytest.approx(math.atan2(v, u) - math.atan2(y, x), abs=1e-12)
-        assert slowed * x / square == pytest.approx(u / (u * u + v * v), abs=1e-12)
-
-
-def test_one_who_would_walk_through_the_head_stays_before_it():
-    turned, slowed = walked(0.5, -3.0, 1.0)
-    assert 0.0 < turned < math.pi / 2
-    assert math.isfinite(slowed)
+        found = pan.states[m][: model.order]
+        assert found == pytest.approx(state, rel=1e-5, abs=1e-5)
+        halves = [0.5 * number for number in found]
+        assert tilt.states[m][: model.order] == pytest.approx(halves, rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.02])

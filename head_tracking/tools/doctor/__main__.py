@@ -13,7 +13,6 @@ from head_tracking.tools.doctor.findings import Finding, Level, show
 
 _UNKNOWN: Final = 3
 _LIBRARIES: Final = {
-    "dynamixel_sdk": "sudo apt install ros-jazzy-dynamixel-sdk",
     "numpy": "sudo apt install python3-numpy",
     "rich": "sudo apt install python3-rich",
     "serial": "sudo apt install python3-serial",

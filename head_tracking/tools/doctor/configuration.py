@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -29,6 +29,7 @@ from head_tracking.ros.bus_parameters import (
     bus_settings,
     configured_joint,
 )
+from head_tracking.ros.parameter_files import read
 from head_tracking.share import robot_file
 from head_tracking.tools.doctor.findings import Finding, Level
 from head_tracking.transforms import load_robot_model
@@ -152,29 +153,9 @@ def _read(
 
 def _parameters_of(node: str, files: Sequence[Path]) -> dict[str, Any]:
     """Return the parameters of a node in files, whatever its namespace; later files win."""
-    found: dict[str, Any] = {}
-    for file in files:
-        content = yaml.safe_load(file.read_text())
-        if not isinstance(content or {}, dict):
-            raise ValueError(f"{file}: it must hold nodes and their ros__parameters")
-        for values in _sections(content or {}, node, "**"):
-            found.update(_flat(values))
-    return found
-
-
-def _sections(content: Mapping[Any, Any], node: str, name: str) -> Iterator[Mapping[Any, Any]]:
-    for key, value in content.items():
-        if not isinstance(value, dict):
-            continue
-        if key != "ros__parameters":
-            yield from _sections(value, node, str(key).rpartition("/")[2])
-        elif name in (node, "*", "**"):
-            yield value
-
-
-def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
+    return {
+        given.name: given.value
+        for file in files
+        for given in read(str(file))
+        if given.node in (node, "")
+    }
