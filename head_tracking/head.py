@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
-from head_tracking.control.head_control import HeadControl, HeadParameters
+from head_tracking.control.head_control import HeadControl
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.control.modes import Following
 from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (

@@ -8,15 +8,15 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.control.loop import ControlLoop
 from head_tracking.control.owners import STOPPED, OwnershipError
 from head_tracking.control.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingResult
-from head_tracking.parameters import parameter
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     ClockWatch,
@@ -46,89 +46,6 @@ _CAUTIOUS_TIME = 2.0  # s with a target after a stop, until the speed rises
 _FAST = 3.0  # rad/s: a head as fast as that is not cautious any more
 _FASTEST = 12.0  # rad/s of a task; usually the model's limit is lower
 _START_TIME = 0.3  # s; so long after its command a joint may stand still
-
-
-@dataclass(frozen=True, slots=True)
-class HeadParameters:
-    """Which joints make up the head, and how far they go."""
-
-    head_pan_joint: str = parameter(
-        "head_pan_joint", "The joint that turns the head left and right.", fixed=True
-    )
-    head_tilt_joint: str = parameter(
-        "head_tilt_joint", "The joint that turns it up and down.", fixed=True
-    )
-    pointing_axis: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0),
-        "The direction in the pointed frame to point; 0 0 0: z of an optical frame, else x.",
-        fixed=True,
-    )
-    min_pan: float = parameter(
-        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
-    max_pan: float = parameter(
-        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
-    min_tilt: float = parameter(
-        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
-    max_tilt: float = parameter(
-        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
-    fixed_frame: str = parameter(
-        "",
-        "The frame that stands still: targets are placed and their motion is estimated in it. "
-        "Empty: the link that carries the pan joint; odom or map for a robot that drives.",
-        fixed=True,
-    )
-    transform_timeout: float = parameter(
-        1.0,
-        "How long a target waits for its frame or for the joint states of its time.",
-        unit="s",
-        minimum=0.0,
-        maximum=60.0,
-        fixed=True,
-    )
-    target_latency: float = parameter(
-        0.0,
-        "Targets are so much older than their stamps say, as of a camera that stamps late.",
-        unit="s",
-        minimum=-1.0,
-        maximum=1.0,
-        fixed=True,
-    )
-    joint_state_timeout: float = parameter(
-        0.5,
-        "Without joint states for so long the head is left alone.",
-        unit="s",
-        minimum=0.05,
-        maximum=60.0,
-        fixed=True,
-    )
-
-    def head(
-        self, model: RobotModel, pointing_frame: str, axis: tuple[float, ...] | None = None
-    ) -> PanTiltHead:
-        """Return the head of a robot.
-
-        Args:
-            model: of the robot.
-            pointing_frame: the frame to point.
-            axis: the direction in it to point; None: `pointing_axis`.
-
-        Raises:
-            RobotModelError: the model has no such head.
-        """
-        axis = self.pointing_axis if axis is None else axis
-        return PanTiltHead(
-            model,
-            self.head_pan_joint,
-            self.head_tilt_joint,
-            pointing_frame,
-            axis if any(axis) else None,
-            (self.min_pan, self.max_pan),
-            (self.min_tilt, self.max_tilt),
-        )
 
 
 class Log(Protocol):

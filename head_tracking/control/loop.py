@@ -24,7 +24,7 @@ Observer: TypeAlias = "Callable[[int, Mapping[str, JointSample]], object]"
 
 
 class Controller(Protocol):
-    """Turns joints to where it wants them.
+    """Decides where joints go.
 
     Attributes:
         failure: what has ended it; None as long as it works.
@@ -34,17 +34,17 @@ class Controller(Protocol):
 
     @property
     def name(self) -> str:
-        """Who it is."""
+        """The owner that it is."""
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """What it turns."""
+        """The joints that it turns."""
 
     def update(self) -> None:
-        """Looks at the joints as they were just read, and sends goals if it has any."""
+        """Decide by the joints as they were just read, and write goals, if there are any."""
 
     def publish(self) -> None:
-        """Tells others what has come of it."""
+        """Let others know, after the write."""
 
 
 class JointBackend(Protocol):
@@ -87,7 +87,6 @@ class ControlLoop:
         self.held = ""
         self.stuck: dict[str, str] = {}
         self._backend: JointBackend | None = None
-        self._is_driven = False
         self._complete: Completer = lambda measured: measured
         self._observers: tuple[Observer, ...] = ()
         self._controllers: tuple[Controller, ...] = ()
@@ -108,18 +107,9 @@ class ControlLoop:
         """Of a cycle [s]; 0: not known."""
         return 0.0 if self._backend is None else self._backend.period
 
-    @property
-    def is_driven(self) -> bool:
-        """Whether the cycle is run by a servo bus of this process, or by what listens to one."""
-        return self._is_driven
-
     def attach(self, backend: JointBackend) -> None:
         """Let a backend drive the joints."""
         self._backend = backend
-
-    def drive(self) -> None:
-        """Run the cycle by `joints_read`, `update` and `publish` from now on, not by `heard`."""
-        self._is_driven = True
 
     def add(self, controller: Controller) -> None:
         """Let a controller take part from the next cycle on."""
@@ -158,7 +148,7 @@ class ControlLoop:
     def joints_read(
         self, stamp: int, measured: Mapping[str, JointSample]
     ) -> Mapping[str, JointSample]:
-        """Takes joints as they were measured at `stamp` [ns]; these, and what follows from them."""
+        """Accept joints measured at `stamp` [ns]; return them and what follows from them."""
         states = self._complete(measured)
         if states and self.buffer is not None:
             self.buffer.set_joint_positions(
@@ -167,7 +157,7 @@ class ControlLoop:
         return states
 
     def update(self, joints: Iterable[str]) -> None:
-        """Asks the controllers of these joints, which have just been asked where they are."""
+        """Let the controllers of these joints, which have just been read, decide."""
         for controller in self._controllers:
             if controller.joints[0] in joints and controller.failure is None:
                 try:
@@ -177,10 +167,10 @@ class ControlLoop:
                     controller.failure = error
 
     def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointSample]) -> None:
-        """Tells others, after the write.
+        """Let others know, after the write.
 
         Args:
-            joints: those that were asked where they are.
+            joints: those that were read.
             stamp: when [ns].
             states: what `joints_read` has made of it.
         """
@@ -192,11 +182,10 @@ class ControlLoop:
                 controller.publish()
 
     def heard(self, joints: Iterable[str]) -> None:
-        """Runs the cycle for joints of another process, unless something else runs it."""
-        if not self._is_driven:
-            self.update(joints)
-            self.publish(joints, 0, {})
+        """Run the cycle for joints of another process, whose states the buffer has received."""
+        self.update(joints)
+        self.publish(joints, 0, {})
 
     def hold(self, reason: str) -> None:
-        """Keeps the controllers from moving anything, and says why; or ends that, if empty."""
+        """Keep the controllers from moving anything, for a reason; an empty one ends that."""
         self.held = reason

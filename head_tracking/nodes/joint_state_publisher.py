@@ -60,8 +60,7 @@ class JointStatePublisherNode(Node):
     `publish_default_positions` is set.
 
     Args:
-        loop: that of the process. If the servos are in it, they need not be listened to; else this
-            node runs it.
+        loop: of the process, which has the servos; None: they are in another one.
     """
 
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
@@ -77,8 +76,7 @@ class JointStatePublisherNode(Node):
         self._loop = loop
         own = ""
         if loop is not None:
-            own = self.resolve_topic_name("servo_states") if loop.is_driven else ""
-            loop.drive()
+            own = self.resolve_topic_name("servo_states")
             loop.complete_by(self._complete)
             loop.observe(self._publish)
         for topic in p.source_list:

@@ -113,7 +113,6 @@ class ServoBusNode(Node):
         self._connect(p.allow_missing)
         self.period = 1.0 / p.update_rate
         loop.attach(self)
-        loop.drive()
         self._create_topics()
         self._bus_services = BusServices(
             self,

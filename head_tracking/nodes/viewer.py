@@ -11,7 +11,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
-from head_tracking.control.head_control import HeadParameters
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.parameters import NodeParameters

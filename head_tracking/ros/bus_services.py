@@ -6,13 +6,12 @@ which takes it in steps between its cycles, and answers when that is done. Relax
 
 from __future__ import annotations
 
-import time
-from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, wait
 from functools import partial
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -30,7 +29,7 @@ from head_tracking.ros.own_thread import OwnThread
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
 _MEMORY = 10.0  # s
-_POLL = 0.002  # s
+_PER_JOINT, _PER_BUS = 5, 11  # services
 
 Joints = tuple[str, ...]
 Request = Callable[[ServoBus, Joints], object]
@@ -39,8 +38,8 @@ Request = Callable[[ServoBus, Joints], object]
 class BusServices:
     """Offers torque, relaxing, recovery, stopping and starting, and the servos' memory.
 
-    They have an executor and a thread of their own: no callback of another node of the process
-    delays them, least of all `stop`.
+    They have an executor and threads of their own: no callback of another node of the process
+    delays them, and none of them another one, least of all `stop`.
 
     Args:
         bus: the node servo_bus.
@@ -67,10 +66,12 @@ class BusServices:
         self._owners = owners
         self._eeprom = eeprom
         self._stop_all = stop
-        self._group = ReentrantCallbackGroup()  # one that waits keeps no other waiting
-        self._own = OwnThread(bus, f"{bus.get_name()}_services")
-        self._node = self._own.node
         everything = tuple(joint.joint_name for joint in buses.joints)
+        # Each service has a callback group and so holds one thread at most: one is left for STOP.
+        self._own = OwnThread(
+            bus, f"{bus.get_name()}_services", threads=_PER_JOINT * len(everything) + _PER_BUS
+        )
+        self._node = self._own.node
         for joint in buses.joints:
             one, controller = (joint.joint_name,), joint.controller
             self._offer_torque(f"{controller}/torque_enable", one)
@@ -92,46 +93,46 @@ class BusServices:
         """Offers nothing any more."""
         self._own.close()
 
-    def _offer(self, name: str, act: Callable[[], Awaitable[str]]) -> None:
-        async def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            return await _answer(response, act)
+    def _offer(self, name: str, act: Callable[[], str]) -> None:
+        def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            return _answer(response, act)
 
-        self._node.create_service(Trigger, name, callback, callback_group=self._group)
+        self._node.create_service(
+            Trigger, name, callback, callback_group=MutuallyExclusiveCallbackGroup()
+        )
 
     def _offer_torque(self, name: str, joints: Joints) -> None:
-        async def callback(
-            request: SetBool.Request, response: SetBool.Response
-        ) -> SetBool.Response:
-            return await _answer(response, lambda: self._switch(joints, request.data))
+        def callback(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+            return _answer(response, lambda: self._switch(joints, request.data))
 
-        self._node.create_service(SetBool, name, callback, callback_group=self._group)
+        self._node.create_service(
+            SetBool, name, callback, callback_group=MutuallyExclusiveCallbackGroup()
+        )
 
-    async def _switch(self, joints: Joints, on: bool) -> str:
+    def _switch(self, joints: Joints, on: bool) -> str:
         if not on and self._owners.stopped:  # relaxed they are; a cable may have been out
             problems = {j: problem for j, problem in self._stop_all().items() if problem}
             if problems:
                 raise TorqueError(False, problems)
         else:
-            await self._run(
-                joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on
-            )
+            self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
-    async def _take_out(self, joints: Joints) -> str:
-        await self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
+    def _take_out(self, joints: Joints) -> str:
+        self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
         return f"{', '.join(joints)}: stopped"
 
-    async def _start(self, joints: Joints) -> str:
-        await self._run(joints, lambda bus, share: bus.starting(share))
+    def _start(self, joints: Joints) -> str:
+        self._run(joints, lambda bus, share: bus.starting(share))
         return f"{', '.join(joints)}: started, relaxed until a command comes"
 
-    async def _restart(self, joints: Joints) -> str:
+    def _restart(self, joints: Joints) -> str:
         self._owners.permit()
-        await self._take_out(joints)
-        return await self._start(joints)
+        self._take_out(joints)
+        return self._start(joints)
 
-    async def _recover(self, joints: Joints) -> str:
-        found = await self._run(
+    def _recover(self, joints: Joints) -> str:
+        found = self._run(
             joints, lambda bus, share: bus.recovering(share, _RESTART), _RESTART + _TIMEOUT
         )
         faulted = [joint for share in found for joint in share]
@@ -139,11 +140,11 @@ class BusServices:
             return "no servo has a fault"
         return f"{', '.join(faulted)}: recovered, relaxed until a command comes"
 
-    async def _write_eeprom(self, joints: Joints) -> str:
+    def _write_eeprom(self, joints: Joints) -> str:
         settings = self._eeprom()
         changes: list[str] = []
         for joint in joints:
-            (found,) = await self._run(
+            (found,) = self._run(
                 (joint,), lambda bus, share: bus.writing_eeprom(share[0], settings), _MEMORY
             )
             for servo_id, changed in found.items():
@@ -153,7 +154,7 @@ class BusServices:
                 ]
         return "; ".join(changes) or "nothing to change"
 
-    async def _run(
+    def _run(
         self,
         joints: Joints,
         request: Request,
@@ -178,8 +179,7 @@ class BusServices:
         timeout = timeout or _TIMEOUT
         epoch = None if relaxes else self._owners.permit()
         futures: list[Future[Any]] = self._buses.call(joints, request, epoch, despite_stop=relaxes)
-        await _Done(futures, time.monotonic() + timeout)
-        late = [future for future in futures if not future.done()]
+        late = list(wait(futures, timeout).not_done)
         if late and not relaxes:
             late = [future for future in late if future.cancel()]
         if late:
@@ -191,27 +191,9 @@ class BusServices:
         return [future.result() for future in futures]
 
 
-class _Done:
-    """Waits for futures, and lets the executor do something else meanwhile.
-
-    An rclpy executor asks a waiting callback again as fast as it can, hence the short sleep.
-    """
-
-    def __init__(self, futures: Sequence[Future[Any]], deadline: float) -> None:
-        self._futures = futures
-        self._deadline = deadline
-
-    def __await__(self) -> Generator[None, None, None]:
-        while not all(future.done() for future in self._futures):
-            if time.monotonic() > self._deadline:
-                return
-            time.sleep(_POLL)
-            yield
-
-
-async def _answer(response: Any, act: Callable[[], Awaitable[str]]) -> Any:
+def _answer(response: Any, act: Callable[[], str]) -> Any:
     try:
-        response.message = await act()
+        response.message = act()
         response.success = True
     except (DynamixelError, TimeoutError) as error:
         response.success, response.message = False, str(error)

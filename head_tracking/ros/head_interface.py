@@ -12,18 +12,19 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop
-from head_tracking.control.head_control import HeadControl, HeadParameters, TargetMode
+from head_tracking.control.head_control import HeadControl, TargetMode
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_topics import JointTopics
-from head_tracking.ros.listening import TopicListener, listen_for, unheard
+from head_tracking.ros.listening import TopicListener, unheard
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.output import Output
 from head_tracking.ros.parameters import NodeParameters
 from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_backend import TrajectoryBackend
-from head_tracking.tf import Buffer
+from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch
 
@@ -102,8 +103,8 @@ class HeadInterface:
         self._last_published: tuple[str, Mapping[str, str]] = "", {}
         if loop is None:
             buffer = buffer or Buffer(node=node)
-            loop = ControlLoop(buffer.core)
-            listen_for(loop, buffer, node)
+            own = loop = ControlLoop(buffer.core)
+            TransformListener(buffer, node, on_joints=lambda message: own.heard(message.name))
         self.control = HeadControl(
             loop,
             str(node.get_fully_qualified_name()),

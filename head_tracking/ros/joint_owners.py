@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool, String
@@ -119,8 +120,9 @@ def offer_stop(
         return response
 
     for prefix in prefixes:
-        node.create_service(Trigger, f"{prefix}stop", on_stop)
-        node.create_service(Trigger, f"{prefix}resume", on_resume)
+        for name, callback in (("stop", on_stop), ("resume", on_resume)):
+            group = MutuallyExclusiveCallbackGroup()  # nothing else keeps STOP waiting
+            node.create_service(Trigger, f"{prefix}{name}", callback, callback_group=group)
 
 
 class OwnersOutput:

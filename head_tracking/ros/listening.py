@@ -1,4 +1,4 @@
-"""What a process hears: joints that run its cycle, and publishers that it cannot hear."""
+"""Hearing publishers of any reliability, and naming those that cannot be heard."""
 
 from __future__ import annotations
 
@@ -9,22 +9,9 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
-from head_tracking.control import ControlLoop
-from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tf.qos import MEASUREMENT
 
 _RELIABLE = QoSProfile(depth=10)
-
-
-def listen_for(loop: ControlLoop, buffer: Buffer, node: Node) -> TransformListener:
-    """Feed a buffer from what a node hears; joint states run the cycle unless something else does.
-
-    Args:
-        loop: of the process.
-        buffer: of the same frames as the loop's.
-        node: listens.
-    """
-    return TransformListener(buffer, node, on_joints=lambda message: loop.heard(message.name))
 
 
 class TopicListener:

@@ -6,7 +6,11 @@ import threading
 import time
 import traceback
 
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 
 _POLL = 1.0  # s
@@ -22,13 +26,14 @@ class OwnThread:
     Args:
         beside: the node that it belongs to.
         name: of the new one, which offers no parameters.
+        threads: how many callbacks, each of a group of its own, may wait at the same time.
 
     Attributes:
         node: the new node. Clients, services and subscriptions may be added from any thread until
             `start`, afterwards from its callbacks.
     """
 
-    def __init__(self, beside: Node, name: str) -> None:
+    def __init__(self, beside: Node, name: str, threads: int = 1) -> None:
         self.node = Node(
             name,
             namespace=beside.get_namespace(),
@@ -38,7 +43,11 @@ class OwnThread:
         self._ending = threading.Event()
         # At Executor.wake spin_once looks around and waits on.
         self._end = self.node.create_guard_condition(lambda: None)
-        self._executor = SingleThreadedExecutor(context=beside.context)
+        self._executor = (
+            SingleThreadedExecutor(context=beside.context)
+            if threads == 1
+            else MultiThreadedExecutor(threads, context=beside.context)
+        )
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def start(self) -> None:
@@ -58,7 +67,7 @@ class OwnThread:
         executor = self._executor
         executor.add_node(self.node)
         try:
-            while not self._ending.is_set():
+            while not self._ending.is_set() and self.node.context.ok():
                 try:
                     executor.spin_once(timeout_sec=_POLL)
                 except ExternalShutdownException:

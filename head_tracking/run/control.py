@@ -19,7 +19,6 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros import parameter_files
 from head_tracking.ros.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.joint_owners import resume_report, stop_report
-from head_tracking.ros.listening import listen_for
 from head_tracking.ros.spinning import NodeThreads, describe
 from head_tracking.ros.start import start_ros
 from head_tracking.ros.stop_signal import StoppedError, StopSignal
@@ -31,7 +30,7 @@ from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, StopKey
 from head_tracking.run.true_positions import TruePositionsOutput
 from head_tracking.simulation import SimulatedJoints
-from head_tracking.tf import Buffer
+from head_tracking.tf import Buffer, TransformListener
 
 _START_PATIENCE = 30.0  # s for a node of another process, on a busy machine
 _POLL = 0.1  # s
@@ -145,7 +144,7 @@ def compose(
             driven = [servo.joint_name for servo in servo_bus.status().statistics.servos]
             _check_reversed(plan.reversed, driven)
             if all(other.name != FEEDS_BUFFER for other in plan.nodes):
-                listen_for(loop, buffer, servo_bus)
+                TransformListener(buffer, servo_bus)
             if plan.simulated and start_elsewhere is not None:
                 TruePositionsOutput(servo_bus, driven, true_position)
     return Composition(

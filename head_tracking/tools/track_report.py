@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from head_tracking.command_line import seconds, writable_file
-from head_tracking.control.head_control import HeadParameters
+from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.parameters import parameter
 from head_tracking.ros.messages import target_from_message
 from head_tracking.ros.parameters import NodeParameters

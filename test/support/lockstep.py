@@ -55,7 +55,6 @@ class World:
         self.buffer = Buffer()
         self.buffer.core.set_model(model)
         self.loop = ControlLoop(self.buffer.core)
-        self.loop.drive()
         self.loop.attach(self)
         self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
         self._events: list[tuple[int, int, Callable[[], object]]] = []

@@ -1,0 +1,92 @@
+"""Which joints make up a head, how far they go, and what targets wait for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.parameters import parameter
+from head_tracking.transforms import RobotModel
+
+
+@dataclass(frozen=True, slots=True)
+class HeadParameters:
+    """Which joints make up the head, and how far they go."""
+
+    head_pan_joint: str = parameter(
+        "head_pan_joint", "The joint that turns the head left and right.", fixed=True
+    )
+    head_tilt_joint: str = parameter(
+        "head_tilt_joint", "The joint that turns it up and down.", fixed=True
+    )
+    pointing_axis: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        "The direction in the pointed frame to point; 0 0 0: z of an optical frame, else x.",
+        fixed=True,
+    )
+    min_pan: float = parameter(
+        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+    )
+    max_pan: float = parameter(
+        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+    )
+    min_tilt: float = parameter(
+        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+    )
+    max_tilt: float = parameter(
+        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+    )
+    fixed_frame: str = parameter(
+        "",
+        "The frame that stands still: targets are placed and their motion is estimated in it. "
+        "Empty: the link that carries the pan joint; odom or map for a robot that drives.",
+        fixed=True,
+    )
+    transform_timeout: float = parameter(
+        1.0,
+        "How long a target waits for its frame or for the joint states of its time.",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+        fixed=True,
+    )
+    target_latency: float = parameter(
+        0.0,
+        "Targets are so much older than their stamps say, as of a camera that stamps late.",
+        unit="s",
+        minimum=-1.0,
+        maximum=1.0,
+        fixed=True,
+    )
+    joint_state_timeout: float = parameter(
+        0.5,
+        "Without joint states for so long the head is left alone.",
+        unit="s",
+        minimum=0.05,
+        maximum=60.0,
+        fixed=True,
+    )
+
+    def head(
+        self, model: RobotModel, pointing_frame: str, axis: tuple[float, ...] | None = None
+    ) -> PanTiltHead:
+        """Return the head of a robot.
+
+        Args:
+            model: of the robot.
+            pointing_frame: the frame to point.
+            axis: the direction in it to point; None: `pointing_axis`.
+
+        Raises:
+            RobotModelError: the model has no such head.
+        """
+        axis = self.pointing_axis if axis is None else axis
+        return PanTiltHead(
+            model,
+            self.head_pan_joint,
+            self.head_tilt_joint,
+            pointing_frame,
+            axis if any(axis) else None,
+            (self.min_pan, self.max_pan),
+            (self.min_tilt, self.max_tilt),
+        )
