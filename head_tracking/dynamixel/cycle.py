@@ -87,7 +87,12 @@ class Cycle:
         self._protection = Protection(events.note, procedures.cut, settings)
         self._told = self._protection.told
         self.diagnosis = Diagnosis(
-            events.note, procedures.cut, procedures.begin, procedures.clear_watchdog, settings
+            self._all,
+            events.note,
+            procedures.cut,
+            procedures.begin,
+            procedures.clear_watchdog,
+            settings,
         )
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
@@ -127,7 +132,7 @@ class Cycle:
         self._look_again_at = None
         self._last = self._monotonic()
         self._planned = -1
-        self.diagnosis.swapped(self._all)
+        self.diagnosis.report_swapped()
 
     def read(self) -> BusReading:
         """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
@@ -153,7 +158,7 @@ class Cycle:
                     failed = self._settle(states, start)
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
-                    self.diagnosis.look(self._all, start)
+                    self.diagnosis.examine(start)
                 self._incomplete = self.absent[1]
                 self._spent = self._poll_one_lost() if self._incomplete else 0
                 self._there = True

@@ -1,9 +1,8 @@
-"""Names what is wrong with a servo from what it says in each cycle, and what became of commands.
+"""Name what is wrong with a servo, from what it measures in each cycle and what was asked of it.
 
-A healthy servo is never called sick: each detector needs a contradiction that lasts, between what
-was asked, what is measured, and what the servo says of itself. Where the cause is not seen, a few
-registers are read that tell it. Thresholds are ours, tried against the simulator: see
-test/dynamixel/test_dynamixel_named_faults.py.
+A detector finds a contradiction that lasts, so that it names nothing on a healthy servo. Before a
+servo that does not follow is reported, a few of its registers are read, which tell the cause.
+The thresholds are ours, tried against the simulator: test/dynamixel/test_dynamixel_named_faults.py.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.exceptions import CommunicationError
@@ -86,7 +85,6 @@ class _Watch:
         self.identity: ServoIdentity | None = None
         self.stamp = 0
         self.position = 0.0
-        self.ticks = -1
         self.symptoms: dict[Symptom, str] = {}
         self.seen: dict[Symptom, int] = {}
         self.since: dict[str, tuple[int, int]] = {}  # ns, and the last cycle in which it held
@@ -116,7 +114,7 @@ class _Watch:
         self.rest_position, self.owed = self.position, 0.0
 
 
-# Detectors: each returns what it has found, a sentence; or nothing
+# Detectors: each returns a sentence about what it has found, or nothing
 
 
 def _jump(watch: _Watch) -> str:
@@ -137,10 +135,9 @@ def _jump(watch: _Watch) -> str:
 def _frozen(watch: _Watch) -> str:
     """Find a position that stands, not at the end of its scale, while the speed does not."""
     servo, speed = watch.servo, abs(watch.servo.velocity)
-    stands = servo.ticks == watch.ticks and servo.ticks not in (0, servo.model.ticks - 1)
-    watch.ticks = servo.ticks
-    patience = 0.12 if speed < _MOVES else max(0.12, 10.0 * watch.tick / speed)
-    if not (stands and speed >= _MOVES and watch.lasting("frozen", patience)):
+    if watch.step or speed < _MOVES or servo.ticks in (0, servo.model.ticks - 1):
+        return ""
+    if not watch.lasting("frozen", max(0.12, 10.0 * watch.tick / speed)):
         return ""
     return (
         f"it says that it turns at {servo.velocity:+.1f} rad/s, but its position stands at "
@@ -260,39 +257,31 @@ def _stuck(watch: _Watch) -> str:
     return ""
 
 
-class Detector(NamedTuple):
-    """What a servo may show.
+Detector = tuple[Symptom, Callable[[_Watch], str]]
 
-    Attributes:
-        symptom: Its name.
-        find: Looks at a servo once a cycle; returns a sentence if the servo shows it.
-    """
-
-    symptom: Symptom
-    find: Callable[[_Watch], str]
-
-
-ALWAYS: Final = (
-    Detector(Symptom.JUMP, _jump),
-    Detector(Symptom.FROZEN, _frozen),
-    Detector(Symptom.SUPPLY, _low_supply),
-    Detector(Symptom.SAG, _sag),
-    Detector(Symptom.WARM, _warmth),
-)
+MOTION: Final[tuple[Detector, ...]] = ((Symptom.JUMP, _jump), (Symptom.FROZEN, _frozen))
 """For every servo that was read."""
 
-FOLLOWING: Final = (
-    Detector(Symptom.AWAY, _away),
-    Detector(Symptom.SLOW, _slow),
-    Detector(Symptom.BLOCKED, _stuck),
+SUPPLY: Final[tuple[Detector, ...]] = (
+    (Symptom.SUPPLY, _low_supply),
+    (Symptom.SAG, _sag),
+    (Symptom.WARM, _warmth),
+)
+"""For a servo whose voltage is not as usual, or that is not cool."""
+
+FOLLOWING: Final[tuple[Detector, ...]] = (
+    (Symptom.AWAY, _away),
+    (Symptom.SLOW, _slow),
+    (Symptom.BLOCKED, _stuck),
 )
 """For a servo that follows goals. Before one of these is reported, registers tell the cause."""
 
 
 class Diagnosis:
-    """Looks at all servos once a cycle, after they were read.
+    """Examines all servos once a cycle, after they were read.
 
     Args:
+        joints: All joints of the bus.
         note: Takes an event: its kind, the joint, a text, whether the joint is stuck.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         enqueue: Takes steps before goals are written, in this cycle and the next ones.
@@ -302,6 +291,7 @@ class Diagnosis:
 
     def __init__(
         self,
+        joints: Iterable[Joint],
         note: Callable[[EventKind, Joint, str, bool], None],
         cut: Callable[[Joint], None],
         enqueue: Callable[[Steps[None]], object],
@@ -311,53 +301,51 @@ class Diagnosis:
         self._note, self._cut, self._enqueue = note, cut, enqueue
         self._clear_watchdog = clear_watchdog
         self._warm = settings.warm
-        self._watches: dict[int, _Watch] = {}
+        self._joints = [
+            (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
+            for joint in joints
+        ]
+        self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
 
     def of(self, servo_id: int) -> tuple[Mapping[Symptom, str], str]:
         """Return what is wrong with a servo, a sentence each, and the result of its last goal."""
-        watch = self._watches.get(servo_id)
-        return ({}, "") if watch is None else (dict(watch.symptoms), watch.outcome)
+        watch = self._watches[servo_id]
+        return dict(watch.symptoms), watch.outcome
 
-    def swapped(self, joints: Iterable[Joint]) -> None:
+    def report_swapped(self) -> None:
         """Report servos whose own angle limits are those of another joint's, not their own's."""
-        joint_of = {servo.id: joint for joint in joints for servo in joint.servos}
-        servos = [servo for joint in dict.fromkeys(joint_of.values()) for servo in joint.servos]
-        for servo_id, other in swapped(servos).items():
-            joint = joint_of[servo_id]
-            (index,) = (i for i, servo in enumerate(joint.servos) if servo.id == servo_id)
-            watch = self._begin(joint, joint.servos[index], index)
+        for servo_id, other in swapped(each.servo for each in self._watches.values()).items():
             name = other.calibration.joint_name
             text = f"its memory holds the angle limits of {name}: have two servos been swapped?"
-            self._report(watch, Symptom.SWAPPED, text)
+            self._report(self._watches[servo_id], Symptom.SWAPPED, text)
 
-    def look(self, joints: Iterable[Joint], now: int) -> None:
-        """Look at what was read in this cycle; `now` is monotonic, ns."""
-        watches = self._watches
-        for joint in joints:
+    def examine(self, now: int) -> None:
+        """Examine what was read in this cycle; `now` is monotonic, ns."""
+        for joint, watches in self._joints:
             if joint.stopped:
                 continue
-            for index, servo in enumerate(joint.servos):
-                watch = watches.get(servo.id) or self._begin(joint, servo, index)
+            for watch in watches:
+                servo = watch.servo
                 watch.now = now
                 watch.cycle += 1
                 if watch.symptoms:
                     self._clear(watch)
                 if joint.goal_ticks:
-                    watch.goals.append(joint.goal_ticks[index])  # also if no answer came meanwhile
-                failed = servo.counters.timeouts + servo.counters.corrupt
-                if failed != watch.failed:
-                    self._count(watch, failed)
+                    watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
+                counters = servo.counters
+                if counters.timeouts + counters.corrupt != watch.failed:
+                    self._count(watch, counters.timeouts + counters.corrupt)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
-                    self._look_at(watch)
+                    self._examine(watch)
                 else:
                     watch.forget_motion()
                     if servo.lost and watch.target:
                         self._end(watch, "not reached: the servo does not answer")
-            if len(joint.servos) > 1:
-                self._compare(joint)
+            if len(watches) > 1:
+                self._compare(*watches)
 
-    def _look_at(self, watch: _Watch) -> None:
-        """Look at a servo that was read in this cycle."""
+    def _examine(self, watch: _Watch) -> None:
+        """Examine a servo that was read in this cycle."""
         joint, servo = watch.joint, watch.servo
         watch.elapsed = (servo.stamp - watch.stamp) * 1e-9
         step = servo.position - watch.position
@@ -366,9 +354,15 @@ class Diagnosis:
         watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
         if watch.identity is not servo.identity:
             self._know(watch)
-        for symptom, find in ALWAYS:
+        volts = servo.voltage
+        usual = volts == watch.usual_voltage and volts >= watch.lowest
+        for symptom, find in MOTION:
             if text := find(watch):
                 self._report(watch, symptom, text)
+        if not usual or servo.temperature >= watch.warm - 3.0:
+            for symptom, find in SUPPLY:
+                if text := find(watch):
+                    self._report(watch, symptom, text)
         if not joint.on or joint.busy or not joint.goal_ticks:
             watch.forget_motion()
             if watch.target and not joint.busy:
@@ -383,9 +377,6 @@ class Diagnosis:
             if text := find(watch):
                 self._suspect(watch, symptom, text)
 
-    def _begin(self, joint: Joint, servo: Servo, index: int) -> _Watch:
-        return self._watches.setdefault(servo.id, _Watch(joint, servo, index))
-
     def _know(self, watch: _Watch) -> None:
         """Take over what a servo says of itself when it is found."""
         servo = watch.servo
@@ -399,7 +390,7 @@ class Diagnosis:
     def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
         """Ask a servo why, unless that is known and it is still the same."""
         for known in watch.symptoms:
-            if known not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE):
+            if known.serious:
                 watch.seen[known] = watch.now
         if watch.now - watch.examined < _AGAIN * 1e9:
             return
@@ -423,6 +414,7 @@ class Diagnosis:
                 return
             if not joint.on or joint.busy:
                 return  # somebody has relaxed it meanwhile
+            watch.goals.append(joint.goal_ticks[watch.index])  # not every cycle is examined
             off = f"it stands {abs(joint.goal_position - servo.position):.2f} rad from its goal"
             stands = suspicion in (Symptom.BLOCKED, Symptom.IDLE)
             symptom, why = _cause(watch, values, off) or (
@@ -437,18 +429,18 @@ class Diagnosis:
         elif symptom is Symptom.TRIPPED:
             self._clear_watchdog(joint)
 
-    def _compare(self, joint: Joint) -> None:
-        """Look whether the two servos of a joint are apart."""
-        first, second = joint.servos
-        watch = self._watches[first.id]
+    def _compare(self, watch: _Watch, other: _Watch) -> None:
+        """Find that the two servos of a joint are apart."""
+        first, second = watch.servo, other.servo
         apart = abs(first.position - second.position)
-        comparable = first.answers and second.answers and not joint.busy
+        comparable = first.answers and second.answers and not watch.joint.busy
         far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
         if far and watch.lasting("apart", 0.06):
-            self._report(watch, Symptom.APART,
-                         f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad "
-                         "apart: a horn has slipped, or one is mounted or calibrated the wrong "
-                         "way round")  # fmt: skip
+            text = (
+                f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a "
+                "horn has slipped, or one is mounted or calibrated the wrong way round"
+            )
+            self._report(watch, Symptom.APART, text)
 
     def _count(self, watch: _Watch, failed: int) -> None:
         """Note failed transactions of the last cycle; 4 within 0.3 s are too many."""
@@ -456,9 +448,11 @@ class Diagnosis:
         watch.failed = failed
         watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
         if len(watch.failures) >= 4 and not watch.servo.failed_cycles:
-            self._report(watch, Symptom.LINE,
-                         f"{len(watch.failures)} transactions failed within 0.3 s, though it "
-                         "answers: plugs, cables, ground, or two servos with one id")  # fmt: skip
+            text = (
+                f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: "
+                "plugs, cables, ground, or two servos with one id"
+            )
+            self._report(watch, Symptom.LINE, text)
 
     def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
         watch.seen[symptom] = watch.now
@@ -511,7 +505,8 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
             "it ignores goals; it is cleared, and the joint holds where it is"
         )
-    if watch.goals and all(abs(values["Goal Position"] - each) > 1 for each in watch.goals):
+    goals = watch.goals
+    if goals and not min(goals) - 1 <= values["Goal Position"] <= max(goals) + 1:
         return Symptom.OVERRULED, (
             f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another program "
             "writes to this bus"

@@ -171,18 +171,24 @@ class _Overview:
         cameras = [
             channel.topic
             for channel in self.channels.values()
-            if self.schemas[channel.schema_id].name == _COMPRESSED
+            if self._kind(channel) == _COMPRESSED
             and channel.topic.startswith(self.namespace)
             and not channel.topic.endswith("compressedDepth")
         ]
         self.camera = min(cameras, key=lambda topic: (_FOUND not in topic, topic), default="")
 
+    def _kind(self, channel: Channel) -> str:
+        """Return the name of a channel's message type; empty for one without a schema."""
+        schema = self.schemas.get(channel.schema_id)
+        return "" if schema is None else schema.name
+
     def _text(self, message: Message) -> str:
         channel = self.channels[message.channel_id]
+        if self._kind(channel) != "std_msgs/msg/String":
+            return ""
         schema = self.schemas[channel.schema_id]
         decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-        is_text = decode is not None and schema.name == "std_msgs/msg/String"
-        return str(decode(message.data).data) if decode is not None and is_text else ""
+        return "" if decode is None else str(decode(message.data).data)
 
 
 class _Reading:

@@ -343,16 +343,17 @@ class TargetEstimator:
         self, suspects: list[tuple[float, Sight]], stamp: float, sight: Sight
     ) -> list[tuple[float, Sight]]:
         """Return the suspects by which a further one is believed; empty: none."""
-        if not suspects:
-            return []
-        threshold, (before, last) = self.parameters.jump_threshold, suspects[-1]
-        if self._angle(last, sight) < max(threshold, _FASTEST * abs(stamp - before)):
+        threshold = self.parameters.jump_threshold
+        alike = [each for each in suspects if self._angle(each[1], sight) < threshold]
+        if alike or not suspects:
+            return alike
+        before, last = suspects[-1]
+        if self._angle(last, sight) < _FASTEST * abs(stamp - before):
             return suspects[-1:]
-        if len(suspects) > 1:
-            line = _line(suspects[-2], suspects[-1], stamp)
-            if self._angle(line, sight) < threshold:
-                return suspects[-2:]
-        return [each for each in suspects if self._angle(each[1], sight) < threshold]
+        line = suspects[-2:]
+        if len(line) > 1 and self._angle(_line(line[0], line[1], stamp), sight) < threshold:
+            return line
+        return []
 
     def _returns(self, stamp: float, sight: Sight) -> bool:
         """Return whether the target is where it stayed before its last jump: two take turns."""

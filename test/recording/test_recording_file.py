@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
+from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.decoder import DecoderFactory
 
 from head_tracking.recording import recording_file
@@ -269,6 +270,29 @@ def test_what_lacks_the_robot_says_so(messages, said):
 def test_a_robot_without_joint_states_says_so(kinectbot):
     with pytest.raises(RecordingError, match="no joint_states in /"):
         read(bag([(0.0, "robot_description", {"data": kinectbot.urdf})]))
+
+
+@pytest.mark.parametrize("topic", ["/notes", "/other/robot_description"])
+def test_a_channel_without_a_schema_is_left_out(kinectbot, topic):
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    channels = [writer.register_channel(topic, "json", 0)]
+    encoders = []
+    for name in ("robot_description", "joint_states"):
+        kind = TYPES[name]
+        text = message_definition(kind)
+        schema = writer.register_schema(kind, "ros2msg", text.encode())
+        channels.append(writer.register_channel(f"/{name}", "cdr", schema))
+        encoders.append(serialize_dynamic(kind, text)[kind])
+    writer.add_message(channels[0], at(0.0), b"{}", at(0.0))
+    writer.add_message(channels[1], at(0.1), encoders[0]({"data": kinectbot.urdf}), at(0.1))
+    for n in range(20):
+        _, _, message = joints(0.2 + 0.1 * n, 0.1)
+        stamp = at(0.2 + 0.1 * n)
+        writer.add_message(channels[2], stamp, encoders[1](message), stamp)
+    writer.finish()
+    assert read(stream.getvalue()).duration > 1.5
 
 
 def test_nonsense_among_the_messages_is_left_out(kinectbot):

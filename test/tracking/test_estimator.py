@@ -130,6 +130,16 @@ def test_a_target_that_stays_elsewhere_is_believed():
     )
 
 
+@pytest.mark.parametrize("rate", [5, 15, 30, 60, 100, 200])
+def test_a_jump_is_believed_at_every_rate(rate):
+    estimator = TargetEstimator(EstimatorParameters())
+    for k in range(2 * rate):
+        t = k / rate
+        estimator.add(t, Sight(0.0 if t < 1.0 else 0.5, 0.0, 2.0), t)
+        if t > 1.035 + 1 / rate:
+            assert estimator.estimate.bearing(t)[0] == pytest.approx(0.5, abs=0.02)
+
+
 def test_outliers_here_and_there_are_not_a_new_target():
     estimator = fed(circle)
     start, rnd = estimator.estimate.stamp, random.Random(3)
