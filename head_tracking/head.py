@@ -284,6 +284,7 @@ class Head:
         )
         with control.lock:
             self._permit(epoch)
+            self._loop.hold("")  # the servos hold, whatever a `follow` before still waits for
             control.carry_out(task)
         try:
             return result.result(timeout)
