@@ -23,10 +23,9 @@ _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
 _TRUST = 1.2  # of the horizon
 _REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
-_FADING = 0.2  # s; after that it comes to a stop within this
+_FADING = 0.3  # s; after that it comes to a stop within this
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
@@ -450,7 +449,7 @@ class TargetEstimator:
         """The estimate after one of the points."""
         stamp, sight, bearings, distance = self._snapshots[index]
         timeout = self.parameters.target_timeout
-        trust = min(max(_SHORTEST_TRUST, _TRUST * self.horizon), stamp - self._began)
+        trust = min(_TRUST * self.horizon, stamp - self._began)
         pan, tilt = bearings.joints
         return TargetEstimate(
             stamp,
