@@ -24,7 +24,7 @@ _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
 _TRUST = 1.2  # of the horizon
-_FADING = 0.3  # s; after that it comes to a stop within this
+_FADING = 0.2  # s; after that it comes to a stop within this
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
