@@ -19,6 +19,8 @@ from head_tracking.dynamixel.exceptions import (
     GoalError,
     ServoError,
 )
+from head_tracking.dynamixel.holding import pin
+from head_tracking.dynamixel.maintenance import recover
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.relaxing import relaxing, release
 from head_tracking.dynamixel.requests import Steps
@@ -327,7 +329,7 @@ class Joint:
         self.confirmed = False
         try:
             for servo in self.servos:
-                steps = servo.pin(self._range(servo), powered)
+                steps = pin(servo, self._range(servo), powered)
                 ticks.append((yield from self._unless_overtaken(steps, overtaken)))
         except GeneratorExit:  # given up; the goal alone may have switched torque on
             with suppress(DynamixelError):
@@ -412,7 +414,7 @@ class Joint:
             for servo in self.servos:
                 if not servo.faulted or servo.lost:
                     continue
-                yield from servo.recover()
+                yield from recover(servo)
                 if servo.model.protocol == 2:
                     servo.lose(now)
         except (CommunicationError, ServoError) as cause:

@@ -22,6 +22,7 @@ from head_tracking.dynamixel.exceptions import (
     TorqueError,
 )
 from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.maintenance import write_eeprom
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.relaxing import confirming, release
 from head_tracking.dynamixel.requests import RequestQueue, Steps
@@ -289,7 +290,7 @@ class Procedures:
         joint.writing = True
         try:
             for servo in joint.servos:
-                changed[servo.id] = yield from servo.write_eeprom(wanted[servo.id])
+                changed[servo.id] = yield from write_eeprom(servo, wanted[servo.id])
             for servo in joint.servos:
                 if not joint.stopped and not servo.lost:
                     yield from servo.identify()

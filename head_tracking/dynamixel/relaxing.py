@@ -15,9 +15,9 @@ from head_tracking.dynamixel.exceptions import (
     LineBusyError,
     NotConnectedError,
     PortLostError,
-    RegisterRefusedError,
     ServoError,
 )
+from head_tracking.dynamixel.holding import holding
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import Steps
@@ -74,22 +74,6 @@ def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
     for (protocol, address), shares in packets.items():
         with suppress(LineBusyError):  # whoever makes sure of it reports it
             port.sync_write(address, shares, protocol, patience=_PATIENCE)
-
-
-def holding(servo: Servo) -> Steps[None]:
-    """Hold a servo that has torque on where it stands; a relaxed one stays relaxed.
-
-    Raises:
-        CommunicationError: It does not answer.
-        ServoError: It does not take the goal.
-    """
-    if not servo.get("Torque Enable"):
-        return
-    yield 0.0
-    if servo.model.watchdog is not None:  # one that has tripped refuses goals until it is cleared
-        with suppress(RegisterRefusedError):  # older firmware has none
-            yield from servo.clear_watchdog()
-    yield from servo.pin(powered=True)
 
 
 def relax_servos(

@@ -7,7 +7,6 @@ cycles; `run` takes them at once.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
-    PositionError,
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
@@ -44,10 +42,6 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 
 _T = TypeVar("_T")
-
-EEPROM_PAUSE: Final = 0.025
-"""Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
-some 6 ms per byte afterwards (fact sheet, section 9)."""
 
 SLOWEST: Final = 1
 """Lowest goal speed; 0 would be full speed."""
@@ -326,6 +320,10 @@ class Servo:
         else:
             self.counters.corrupt += 1
 
+    def reboot(self) -> None:
+        """Restart it (protocol 2.0); it does not answer for a while."""
+        self._try(_TRIES, lambda: self._port.reboot(self.id))
+
     # Steps. All raise what their transactions raise.
 
     def verify(self, block: Block, *values: int) -> Steps[None]:
@@ -418,149 +416,20 @@ class Servo:
             raise problem
         return identity
 
-    def pin(self, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
-        """Switch torque on where the servo stands, without a jump; return the goal, in ticks.
-
-        The goal is written, and read back, before torque is switched on, because a servo starts
-        for its old goal at that moment. It is written together with the lowest speed, because an
-        AX servo switches torque on by itself when a goal arrives, and a relaxed servo may have
-        been moved since its position was read. A shaft outside the range creeps to its end.
-
-        Args:
-            allowed: Lowest and highest tick for the goal; None: its range.
-            powered: Whether its torque is on already.
-
-        Raises:
-            PositionError: It stands where the way to its range could lead the other way round.
-            RegisterRefusedError: The servo does not take the goal or the torque.
-        """
-        if self.watched:
-            # One that has tripped refuses goals until it is cleared.
-            yield from self._set_watchdog(0)
-        before = self.get("Present Position")
-        if not powered:
-            self.require_straight_path(before)
-        yield 0.0
-        lowest, highest = allowed or self.range
-        goal = max(lowest, min(highest, before))
-        values = (goal, SLOWEST) if self.model.position_first else (SLOWEST, goal)
-        yield from self.verify(self.model.goal, *values)
-        yield from self.switch_torque(True)
-        if self.model.endless and not powered:
-            now = self.get("Present Position")
-            yield 0.0
-            if abs(now - before) > self.model.ticks // 4:
-                raise PositionError(
-                    f"servo {self.id} was turned over the end of its scale while its torque came "
-                    "on; hold it still and try again"
-                )
+    def arm(self) -> Steps[None]:
+        """Switch its watchdog on, if it has one."""
         if self.watched:
             units = round(self._wanted_watchdog / _WATCHDOG_UNIT)
-            yield from self._set_watchdog(max(1, min(127, units)))
-        self.interrupted = False
-        return goal
-
-    def require_straight_path(self, ticks: int) -> None:
-        """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
-
-        With torque on, a servo turns towards higher ticks for a higher goal. Its shaft goes all
-        round, and its scale has a seam: from beyond it, the way to a goal leads round the other
-        way, through what is forbidden. So a shaft that is more than half a turn from the middle of
-        its range is taken for one that was turned over the seam by hand. While it is relaxed, an X
-        servo counts the turns; torque on forgets them. In the dead angle of an AX servo its
-        position reads as an end of the scale.
-
-        Raises:
-            PositionError: It is such a position.
-        """
-        lowest, highest = self.range
-        last = self.model.ticks - 1
-        turn = 2.0 * math.pi / self.model.radians_per_tick  # in ticks
-        far = abs(2 * ticks - lowest - highest) > turn
-        if self.model.endless:
-            if 0 <= ticks <= last and not far:
-                return
-        elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
-            return
-        raise PositionError(
-            f"servo {self.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
-            "its way back could lead over the seam of its scale or its dead angle, the other way "
-            "round. Torque stays off; turn it back into its range by hand, then try again"
-        )
+            yield from self.set_watchdog(max(1, min(127, units)))
 
     def disarm(self) -> Steps[None]:
-        """Switch its watchdog off, if it has one."""
-        if self.watched and self.identity is not None:
-            yield from self._set_watchdog(0)
+        """Switch its watchdog off, if it has one; one that has tripped takes goals again."""
+        if self.watched:
+            yield from self.set_watchdog(0)
 
-    def clear_watchdog(self) -> Steps[None]:
-        """Let a servo whose watchdog has tripped take goals again; it watches no more."""
-        return self._set_watchdog(0)
-
-    def _set_watchdog(self, value: int) -> Steps[None]:
+    def set_watchdog(self, value: int) -> Steps[None]:
+        """Write its Bus Watchdog; raises as `verify` does."""
         return self.verify(self.model.control_table.block("Bus Watchdog"), value)
-
-    def recover(self) -> Steps[None]:
-        """Clear a shutdown.
-
-        A protocol 1.0 servo has set its Torque Limit to 0 and gets it back; others restart, do not
-        answer for a while, and are to be identified anew.
-
-        Raises:
-            RegisterRefusedError: The servo does not take its torque limit.
-        """
-        if self._protocol == 2:
-            self._try(_TRIES, lambda: self._port.reboot(self.id))
-            return
-        limit = self.get("Max Torque")
-        yield 0.0
-        yield from self.verify(self.model.control_table.block("Torque Limit"), limit)
-        self.faulted = False
-
-    def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
-        """Write settings that differ, with the pauses that servos need, and read them back.
-
-        The memory wears out: what is there already is not written again.
-
-        Args:
-            wanted: Register values by name.
-
-        Returns:
-            Old and new value of what was changed, by register name.
-
-        Raises:
-            ServoError: Its torque is on, its memory is locked, or it does not keep a value.
-        """
-        table = self.model.control_table
-        if self.get("Torque Enable"):
-            raise ServoError(
-                f"servo {self.id} has its torque on; relax it before changing its memory"
-            )
-        yield 0.0
-        if "Lock" in table and self.get("Lock"):
-            raise ServoError(
-                f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
-                "its power"
-            )
-        changed: dict[str, tuple[int, int]] = {}
-        for name, value in wanted.items():
-            yield 0.0
-            before = self.get(name)
-            if before == value:
-                continue
-            yield 0.0
-            block = table.block(name)
-            self.write(block, value)
-            if name == "Status Return Level":
-                self.acknowledges_writes = value >= 2
-            yield EEPROM_PAUSE * block.length
-            after = self.get(name)
-            if after != value:
-                raise RegisterRefusedError(
-                    f"servo {self.id} keeps {after} in {name} instead of {value}"
-                )
-            changed[name] = (before, value)
-        return changed
 
     def read_errors(self) -> IntFlag:
         """Return the error state that goes with the last error byte.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from head_tracking.transforms import (
@@ -60,10 +60,18 @@ def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]
     return {name: latest[1] for name, latest in found.items() if latest is not None}
 
 
-def outer_frames(buffer: TransformBuffer, model: RobotModel) -> Mapping[str, Transform]:
-    """The newest transforms into the model's root, of all frames that are not the model's."""
+def outer_frames(
+    buffer: TransformBuffer, model: RobotModel, without: Collection[str] = ()
+) -> Mapping[str, Transform]:
+    """Return the latest transforms into the model's root, of frames that are not the model's.
+
+    Args:
+        buffer: has the frames.
+        model: of the robot.
+        without: frames that are left out.
+    """
     found = {}
-    for frame in buffer.frames():
+    for frame in set(buffer.frames()).difference(without):
         if frame not in model.children_of_joints and frame != model.root:
             try:
                 found[frame] = buffer.lookup_transform(model.root, frame).transform

@@ -41,7 +41,8 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         print(f"no log file is written: {reason}", file=sys.stderr)
         arguments += ["--ros-args", "--disable-external-lib-logs", "--"]
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        with parameter_files.rules_in_namespace(arguments) as accepted:
+            rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
     parameter_files.remember(arguments)

@@ -52,7 +52,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) 
     def start(enabled: bool, **spec: Any) -> None:
         try:
             node = NodeSpec(**spec).make(shared)
-            parameter_files.check([node])
+            parameter_files.check([node], names=False)
         except Exception as error:
             line.send(node=spec["name"], problem=describe(error), enabled=enabled)
             raise

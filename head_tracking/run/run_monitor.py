@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from head_tracking.control.head_control import HeadControl
 from head_tracking.ros.bus_status import BusStatus
 from head_tracking.run.status_line import Mood
-from head_tracking.tracking import TrackingJudge
+from head_tracking.tracking import ErrorStatistics, TrackingJudge
 
 _ON_TARGET = math.radians(2.0)
 
@@ -35,13 +36,20 @@ class RunSources:
 
 
 class RunMonitor:
-    """Judges the head by where its target was, and by where its joints really were then."""
+    """Judges the head by where its target was, and by where its joints really were then.
 
-    def __init__(self, sources: RunSources) -> None:
+    Args:
+        sources: what is judged.
+        clock: steady time [s].
+    """
+
+    def __init__(self, sources: RunSources, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._sources = sources
         self._judge: TrackingJudge | None = None
-        self._since: float | None = None
-        self._until = 0.0
+        self._statistics = ErrorStatistics()
+        self._judged = 0.0  # s
+        self._looked = clock()
         self._stops = 0
         self._stopped = False
 
@@ -54,13 +62,14 @@ class RunMonitor:
         head = None if control is None else control.head
         if control is not None and head is not None and positions is not None:
             if self._judge is None or self._judge.head is not head:
-                self._judge = TrackingJudge(head, SETTLING)
-            now = control.now
-            self._judge.joints_read(now, positions)
+                self._judge = TrackingJudge(head, SETTLING, statistics=self._statistics)
+            before = self._statistics.count
+            self._judge.joints_read(control.now, positions)
             for stamp, point in control.take_placed():
-                self._since = now if self._since is None else self._since
-                self._until = now
                 self._judge.target_seen(stamp, point)
+            if self._statistics.count > before:
+                self._judged += self._clock() - self._looked
+        self._looked = self._clock()
         return self._status(positions)
 
     def _positions(self) -> tuple[float, float] | None:
@@ -106,14 +115,14 @@ class RunMonitor:
             counted += f", stopped {self._stops} times" if self._stops > 1 else ", stopped once"
         if not bus.statistics.connected:
             counted += ", the adapter has gone"
-        statistics = None if self._judge is None else self._judge.statistics
-        if statistics is None or not statistics.count or self._since is None:
+        statistics = self._statistics
+        if not statistics.count:
             return f"no target was followed; {counted}"
         judge = "measured" if self._sources.true_position is None else "true"
         return (
             f"tracking error {math.degrees(statistics.rms):.2f}° rms, "
             f"{math.degrees(statistics.maximum):.2f}° max by the {judge} servo angles over "
-            f"{self._until - self._since - SETTLING:.1f} s; {counted}"
+            f"{self._judged:.1f} s; {counted}"
         )
 
 

@@ -43,15 +43,22 @@ class TrackingJudge:
         head: the head that is judged.
         settling: errors count from so long [s] after the first point.
         trace: receives every moment, its times from 0; None: only the statistics are kept.
+        statistics: receives the errors that count, beside those of earlier heads; None: new ones.
 
     Attributes:
         head: as given.
-        statistics: of all errors that count.
+        statistics: as given.
         error: the latest one [rad]; None before the first.
     """
 
-    def __init__(self, head: PanTiltHead, settling: float, trace: Trace | None = None) -> None:
-        self.statistics = ErrorStatistics()
+    def __init__(
+        self,
+        head: PanTiltHead,
+        settling: float,
+        trace: Trace | None = None,
+        statistics: ErrorStatistics | None = None,
+    ) -> None:
+        self.statistics = statistics or ErrorStatistics()
         self.error: float | None = None
         self.head = head
         self._settling = settling

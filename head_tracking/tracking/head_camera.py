@@ -22,7 +22,7 @@ from head_tracking.transforms import Rotation, Vector3
 
 Array = npt.NDArray[np.float64]
 
-_ERRORS: Array = np.concatenate([np.arange(-0.3, 0.301, 0.02), np.arange(0.35, 0.901, 0.05)])
+_ERRORS: Array = np.concatenate([np.arange(-0.2, 0.301, 0.02), np.arange(0.35, 0.901, 0.05)])
 """The errors of the stamps that are compared [s]."""
 _ZERO = int(np.abs(_ERRORS).argmin())
 _RIGHT = 0.9  # prior probability that the stamps are right
@@ -53,6 +53,7 @@ _TURNS: Array = np.array(
 mounting; the first is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
 """The errors of the stamps at which wrong mountings are compared [s]."""
+_WAIT = -float(_ERRORS.min())  # s after which the joint readings for a ray have come
 _WRONG = 7.0  # of a score: so much better, a wrong mounting is believed
 _EXCLUDED = 10.0  # so much worse, it is excluded
 
@@ -92,35 +93,35 @@ class HeadCamera:
     Attributes:
         applied: the stamp error that points are corrected by [s]; 0 until it is clear.
         fault: how the servos turn the camera otherwise than they report; empty: as they report.
+        waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
     """
 
     def __init__(
         self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
     ) -> None:
-        self.applied = 0.0
+        self.applied, self.fault = 0.0, ""
+        self.waiting: deque[tuple[float, Vector3]] = deque()
         self._head, self._readings, self._base = head, readings, base
-        self._came = -math.inf
+        self._came = self._judged = -math.inf
+        self._range = math.nan
+        self._first: Rotation | None = None
         self._confirmed = False
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
-        self._timing = _RayBank(head, readings, base, _ERRORS, np.zeros(len(_ERRORS), int))
-        self.check_mounting()
+        wrong = len(_TURNS) - 1
+        self._errors = np.concatenate([_ERRORS, np.tile(_NEAR, wrong)])
+        counts = [len(_ERRORS)] + wrong * [len(_NEAR)]
+        self._mountings = np.repeat(np.arange(len(_TURNS)), counts)
+        self._bank = HypothesisBank(len(self._errors), self._mountings > 0)
 
     @property
     def stamp_error(self) -> StampError:
         """What the points have told until now; the prior takes no part."""
-        return _moments(self._timing.scores)
+        return _moments(self._timing)
 
-    def check_mounting(self) -> None:
-        """Find out anew how the head is mounted."""
-        self.fault = ""
-        right = _ERRORS[5:]  # a wait for the others would take too long
-        wrong = len(_TURNS) - 1
-        errors = np.concatenate([right, np.tile(_NEAR, wrong)])
-        counts = [len(right)] + wrong * [len(_NEAR)]
-        mountings = np.repeat(np.arange(len(_TURNS)), counts)
-        self._mounting: _RayBank | None = _RayBank(
-            self._head, self._readings, self._base, errors, mountings
-        )
+    @property
+    def _timing(self) -> Array:
+        """The scores of the errors by the right mounting."""
+        return self._bank.scores[: len(_ERRORS)]
 
     def corrected(self, stamp: float, point: Vector3) -> tuple[float, Vector3]:
         """Accept a point; return when the picture was taken [s], and the point as it was then [m].
@@ -136,9 +137,7 @@ class HeadCamera:
         if latest is not None and self._came < stamp < latest.stamp + _AHEAD:
             self._came = stamp
             self._recent.append((stamp, ray))
-            self._timing.waiting.append((stamp, ray))
-            if self._mounting is not None:
-                self._mounting.waiting.append((stamp, ray))
+            self.waiting.append((stamp, ray))
         return self._placed(stamp, ray) if self.applied else (stamp, point)
 
     def forget_target(self) -> None:
@@ -160,126 +159,35 @@ class HeadCamera:
             they are by the new error: stamps [s] and points in the frame that stands still [m].
         """
         before = self.applied
-        if self._timing.judge():
-            self._decide_error(self._timing.scores)
-        if self._mounting is not None and self._mounting.judge():
-            self._decide_mounting(self._mounting)
+        if self._judge():
+            self._decide_error(self._timing)
+            self._decide_mounting()
         latest = self._readings.latest
         if latest is None or abs(self.applied - before) < _OTHERWISE:
             return []
         return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
-    def _decide_error(self, scores: Array) -> None:
-        """Apply the most likely error if it is clear, and none if that is clear again."""
-        mean, deviation = _moments(scores + _PRIOR)
-        applied = float(np.interp(self.applied, _ERRORS, scores))
-        farther = abs(mean - self.applied) - _NEARBY
-        if abs(mean - self.applied) < _OTHERWISE:
-            self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
-        elif farther > 0.0 and applied > -max(_CONTRADICTED * self._confirmed, _MORE * farther):
-            return
-        before = self.applied
-        if abs(mean) > max(_CLEAR * deviation, _WORTH):
-            self.applied = _peak(scores)
-        elif self.applied:
-            right = np.exp(scores + _PRIOR)
-            if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
-                self.applied = 0.0
-        self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
-        self._timing.every = _SELDOM if self._confirmed else _OFTEN
-
-    def _decide_mounting(self, bank: _RayBank) -> None:
-        """Report a mounting that is clearly wrong; exclude those that the points contradict."""
-        found = sorted(set(bank.mountings.tolist()))
-        best = np.array([bank.scores[bank.mountings == mounting].max() for mounting in found])
-        behind = best[0] - best
-        if behind.min() < -_WRONG:
-            self.fault = self._named(found[int(behind.argmin())])
-        elif behind.max() > _EXCLUDED:
-            bank.keep(np.isin(bank.mountings, np.array(found)[behind < _EXCLUDED]))
-            if not bank.mountings.any():
-                self._mounting = None
-
-    def _named(self, mounting: int) -> str:
-        (by_pan, _), (_, by_tilt) = _TURNS[mounting]
-        pan, tilt = self._head.pan_joint, self._head.tilt_joint
-        if not by_pan:
-            return (
-                f"{pan} and {tilt} are crosswise, as the camera sees it: swap the servos' ids, or "
-                "`servo calibrate` with the ids the other way round (or is the camera rolled?)"
-            )
-        wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
-        return (
-            f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} against what the "
-            "servo says, as the camera sees it: find the direction by `servo calibrate` (or is "
-            f"the picture {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
-        )
-
-
-class _RayBank:
-    """A bank of hypotheses that is given rays; it waits for the joint readings that it needs.
-
-    Args:
-        head: that carries the camera.
-        readings: of its joints.
-        base: where the head's base frame is; None: it stands still.
-        errors: of the stamps by each hypothesis, shape (N,) [s].
-        mountings: by each hypothesis, shape (N,): places in `_TURNS`.
-
-    Attributes:
-        every: time between two rays that are judged [s]; others are left out.
-        waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
-    """
-
-    def __init__(
-        self,
-        head: PanTiltHead,
-        readings: JointReadings,
-        base: HeadBase | None,
-        errors: Array,
-        mountings: npt.NDArray[np.int_],
-    ) -> None:
-        self.mountings = mountings
-        self._errors = errors
-        self._head, self._readings, self._base = head, readings, base
-        self._bank = HypothesisBank(len(errors), mountings > 0)
-        self.waiting: deque[tuple[float, Vector3]] = deque()
-        self.every, self._wait = _OFTEN, -float(errors.min())
-        self._telling = _telling(mountings)
-        self._judged = -math.inf
-        self._range = math.nan
-        self._first: Rotation | None = None
-
-    @property
-    def scores(self) -> Array:
-        """See `HypothesisBank`."""
-        return self._bank.scores
-
-    def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
-        """Drop all other hypotheses."""
-        self.mountings, self._errors = self.mountings[chosen], self._errors[chosen]
-        self._telling = _telling(self.mountings)
-        self._bank.keep(chosen)
-
-    def judge(self) -> bool:
+    def _judge(self) -> bool:
         """Score the hypotheses by the rays whose joint readings have come; return if any was.
 
         While the head stands still, all hypotheses are alike, and the latest rays are only kept.
         """
         waiting, judged = self.waiting, False
         latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
-        if not waiting or waiting[0][0] + self._wait > latest:
+        if not waiting or waiting[0][0] + _WAIT > latest:
             return False
-        if not (self._telling @ self._readings.ranges(latest - _LOOKED_BACK) > _TURNED).any():
+        telling = _telling(self._mountings)
+        if not (telling @ self._readings.ranges(latest - _LOOKED_BACK) > _TURNED).any():
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
-        while waiting and waiting[0][0] + self._wait <= latest:
+        every = _SELDOM if self._confirmed and not self._mountings.any() else _OFTEN
+        while waiting and waiting[0][0] + _WAIT <= latest:
             stamp, ray = waiting.popleft()
             away = math.hypot(*ray)
             self._range = away if math.isnan(self._range) else self._range
             self._range += _RANGE_SHARE * (away - self._range)
-            if stamp - self._judged > self.every:
+            if stamp - self._judged > every:
                 self._judged, judged = stamp, True
                 share = self._range / away
                 self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
@@ -291,8 +199,8 @@ class _RayBank:
         angles = np.array(self._readings.at(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
         speeds = np.abs(angles[:, -1] - angles[:, -2]) / (2.0 * _SLOPE)
         angles = angles[:, :-2]
-        if self.mountings.any():
-            angles = np.einsum("nsa,sn->an", _TURNS[self.mountings], angles)
+        if self._mountings.any():
+            angles = np.einsum("nsa,sn->an", _TURNS[self._mountings], angles)
         x, y, z = self._head.placed(ray, angles[0], angles[1])
         if self._base is not None:
             x, y, z = self._upright(self._base, times, np.array([x, y, z]))
@@ -311,6 +219,52 @@ class _RayBank:
             rotations[3] * half + np.cross(rotations[:3], half, axis=0)
         )
         return np.asarray(self._first.as_matrix() @ turned)
+
+    def _decide_error(self, scores: Array) -> None:
+        """Apply the most likely error if it is clear, and none if that is clear again."""
+        mean, deviation = _moments(scores + _PRIOR)
+        applied = float(np.interp(self.applied, _ERRORS, scores))
+        farther = abs(mean - self.applied) - _NEARBY
+        if abs(mean - self.applied) < _OTHERWISE:
+            self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
+        elif farther > 0.0 and applied > -max(_CONTRADICTED * self._confirmed, _MORE * farther):
+            return
+        before = self.applied
+        if abs(mean) > max(_CLEAR * deviation, _WORTH):
+            self.applied = _peak(scores)
+        elif self.applied:
+            right = np.exp(scores + _PRIOR)
+            if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
+                self.applied = 0.0
+        self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
+
+    def _decide_mounting(self) -> None:
+        """Report a mounting that is clearly wrong; exclude those that the points contradict."""
+        found = np.unique(self._mountings)
+        scores = self._bank.scores
+        best = np.array([scores[self._mountings == mounting].max() for mounting in found])
+        behind = best[0] - best
+        if behind.min() < -_WRONG:
+            self.fault = self._named(int(found[behind.argmin()]))
+        elif behind.max() > _EXCLUDED:
+            kept = np.isin(self._mountings, found[behind < _EXCLUDED])
+            self._mountings, self._errors = self._mountings[kept], self._errors[kept]
+            self._bank.keep(kept)
+
+    def _named(self, mounting: int) -> str:
+        (by_pan, _), (_, by_tilt) = _TURNS[mounting]
+        pan, tilt = self._head.pan_joint, self._head.tilt_joint
+        if not by_pan:
+            return (
+                f"{pan} and {tilt} are crosswise, as the camera sees it: swap the servos' ids, or "
+                "`servo calibrate` with the ids the other way round (or is the camera rolled?)"
+            )
+        wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
+        return (
+            f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} against what the "
+            "servo says, as the camera sees it: find the direction by `servo calibrate` (or is "
+            f"the picture {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
+        )
 
 
 def _telling(mountings: npt.NDArray[np.int_]) -> Array:

@@ -225,8 +225,8 @@ class Tracker:
         if on and self.machine.enabled:
             return None
         self._forget_target()
-        if on:
-            self.camera.check_mounting()
+        if on and self.camera.fault:
+            self.camera = HeadCamera(self.head, self._readings, self._base)
         self.machine.enable(on)
         return None if on else self._stop(now)
 

@@ -7,7 +7,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
-from typing import Any, NamedTuple
+from functools import wraps
+from typing import Any, NamedTuple, ParamSpec
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
@@ -34,8 +35,9 @@ _PATIENCE = 10.0  # s
 _RELEASE = 1.0  # s in which a node that was switched off lets go of the joints
 _REFUSAL = 0.8  # s
 _REFUSED = "targets are refused: "
-_NOTHING_TURNS = "nothing turns the head now: choose a mode (point or track)"
 _POLL = 0.02  # s
+
+P = ParamSpec("P")
 
 
 class Mode(StrEnum):
@@ -78,6 +80,35 @@ _SHOWS: Mapping[Mode, tuple[str, ...]] = {
     Mode.MARKER: ("marker", "everything"),
 }
 """The scenes of a simulated camera in which that can be found."""
+
+
+class _Refused(Exception):
+    """What was asked for is not done; says why."""
+
+
+def _refuse_if(reason: str) -> None:
+    if reason:
+        raise _Refused(reason)
+
+
+def _text_of(outcome: Outcome) -> str:
+    """Return what a request has answered; raise _Refused if it was not done."""
+    if not outcome.done:
+        raise _Refused(outcome.text)
+    return outcome.text
+
+
+def _answered(ask: Callable[P, str]) -> Callable[P, Outcome]:
+    """Let a method that returns a sentence or raises _Refused return an Outcome."""
+
+    @wraps(ask)
+    def answered(*arguments: P.args, **options: P.kwargs) -> Outcome:
+        try:
+            return Outcome(True, ask(*arguments, **options))
+        except _Refused as refusal:
+            return Outcome(False, str(refusal))
+
+    return answered
 
 
 class _Sending(NamedTuple):
@@ -186,7 +217,8 @@ class HeadModes:
             return f"{' and '.join(senders)} all send targets"
         return ""
 
-    def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> Outcome:
+    @_answered
+    def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> str:
         """Sends a target once, or again and again where a tracker needs that.
 
         Args:
@@ -194,67 +226,37 @@ class HeadModes:
             point: the target [m].
             wait: for a moment, for a refusal by the node that turns the head.
         """
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
+        _refuse_if(self._services.hold.reason)
         if not all(map(math.isfinite, point)):
-            return Outcome(False, "the target is refused: x, y and z must be numbers in metres")
+            raise _Refused("the target is refused: x, y and z must be numbers in metres")
         if frame not in self._buffer.frames():
-            return Outcome(False, f"the target is refused: there is no frame {frame!r}")
+            raise _Refused(f"the target is refused: there is no frame {frame!r}")
         stops = self._stop.count
-        if self._stop.refusal:
-            return Outcome(False, self._stop.refusal)
+        _refuse_if(self._stop.refusal)
         before, sent = {name: self._topics.state(name) for name in CONTROLLERS}, time.monotonic()
         if not self._changing.acquire(timeout=_RELEASE):
-            return Outcome(False, "the mode is being changed: try again in a moment")
+            raise _Refused("the mode is being changed: try again in a moment")
         try:
-            outcome = self._aim(frame, point, stops)
+            mode, changed = self._take_over()
+            x, y, z = map(float, point)
+            target = Target(0, frame, (x, y, z))
+            self._send(target, mode, stops)
         finally:
             self._changing.release()
-        if not (wait and outcome.done):
-            return outcome
-        controller = POINTER if self.mode() is Mode.POINT else TRACKER
-        refused = self._refusal_of(controller, before[controller], sent)
-        return Outcome(False, refused) if refused else outcome
+        name = _NEEDED[mode][0]
+        while wait and time.monotonic() - sent < _REFUSAL:
+            _refuse_if(self._refusal_of(name, before[name], sent))
+            time.sleep(_POLL)
+        return f"target {target} sent" + (f"; the mode is {mode} now" if changed else "")
 
-    def _aim(self, frame: str, point: Vector3, stops: int) -> Outcome:
-        """Send a target, in the mode that takes targets from the page."""
-        mode, said = self.mode(), ""
-        if mode is Mode.OFF:
-            return Outcome(False, _NOTHING_TURNS)
-        wanted = Mode.POINT if mode is Mode.POINT else Mode.TRACK
-        if mode is not wanted or any(map(self._is_on, SENDERS)):
-            outcome = self.set_mode(wanted, "")
-            if not outcome.done:
-                return outcome
-            said = f"; the mode is {wanted} now" if mode is not wanted else ""
-        x, y, z = map(float, point)
-        target, model = Target(0, frame, (x, y, z)), self._buffer.model
-        if wanted is Mode.POINT or model is None:
-            self.stop_sending()
-            self._publish(target)
-        else:
-            try:
-                placed = self._buffer.transform_point(point, model.root, frame)
-            except TransformException as error:
-                return Outcome(False, f"the target is refused: {error}")
-            kept = Target(0, model.root, placed)
-            self._keep_sending(Mode.TRACK, lambda: kept, stops)
-        return Outcome(True, f"target {target} sent{said}")
-
-    def centre(self) -> Outcome:
+    @_answered
+    def centre(self) -> str:
         """Recentres with the node that turns the head now."""
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
+        _refuse_if(self._services.hold.reason)
         with self._changing:
-            mode = self.mode()
-            if mode is Mode.OFF:
-                return Outcome(False, _NOTHING_TURNS)
-            if mode not in (Mode.POINT, Mode.TRACK):
-                outcome = self.set_mode(Mode.TRACK, "")
-                if not outcome.done:
-                    return outcome
+            mode, _ = self._take_over()
             self.stop_sending()
-        return self._services.trigger(f"{_NEEDED[mode][0]}/recenter")
+        return _text_of(self._services.trigger(f"{_NEEDED[mode][0]}/recenter"))
 
     def stop_sending(self) -> None:
         """Sends no more targets."""
@@ -262,64 +264,62 @@ class HeadModes:
             self._sending = None
             self._timer.cancel()
 
-    def set_mode(self, mode: Mode, frame: str = "") -> Outcome:
+    @_answered
+    def set_mode(self, mode: Mode, frame: str = "") -> str:
         """Lets exactly one node turn the head, and exactly one send it targets.
 
         Nodes that are needed and do not run are started, where the run can do that. What turned
         the head before is switched off first. While the head is stopped only OFF can be chosen.
         For any thread: a later choice ends a change that is under way; STOP ends it, too.
         """
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
-        if self._stop.refusal and mode is not Mode.OFF:
-            return Outcome(False, self._stop.refusal)
+        _refuse_if(self._services.hold.reason)
+        _refuse_if(self._stop.refusal if mode is not Mode.OFF else "")
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
-            return Outcome(False, f"there is no frame {frame!r} to follow")
-        if mode is Mode.PATH and self.path is None:
-            return Outcome(False, self._no_path)
-        stops, wanted = self._stop.count, (mode, frame)
-        self._wanted = wanted
+            raise _Refused(f"there is no frame {frame!r} to follow")
+        _refuse_if(self._no_path if mode is Mode.PATH and self.path is None else "")
+        stops = self._stop.count
+        self._wanted = mode, frame
+        if mode is Mode.OFF:
+            self._disable((*SENDERS, *CONTROLLERS))  # at once, whatever another change waits for
+        with self._changing:
+            self._change(mode, frame, stops)
+            if mode is Mode.FOLLOW:
+                kept = Target(0, frame, (0.0, 0.0, 0.0))
+                self._keep_sending(mode, lambda: kept, stops)
+            if mode is Mode.PATH:
+                self._along, self._stepped = 0.0, time.monotonic()
+                self._keep_sending(mode, self._next_of_path, stops)
+        return f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else "")
+
+    def _take_over(self) -> tuple[Mode, bool]:
+        """Let the page alone send targets; return the mode for that, and whether it is another."""
+        before = self.mode()
+        if before is Mode.OFF:
+            raise _Refused("nothing turns the head now: choose a mode (point or track)")
+        mode = Mode.POINT if before is Mode.POINT else Mode.TRACK
+        if mode is not before or any(map(self._is_on, SENDERS)):
+            _text_of(self.set_mode(mode))
+        return mode, mode is not before
+
+    def _change(self, mode: Mode, frame: str, stops: int) -> None:
+        """Switch nodes on and off for a mode, until a STOP or another choice ends that."""
 
         def ended() -> str:
             if self._stop.count != stops:
                 return "stopped before the mode was reached"
-            return "" if self._wanted == wanted else "another mode was chosen meanwhile"
+            return "" if self._wanted == (mode, frame) else "another mode was chosen meanwhile"
 
-        if mode is Mode.OFF:
-            self._disable((*SENDERS, *CONTROLLERS))  # at once, whatever another change waits for
-        with self._changing:
-            outcome = self._change(mode, ended)
-            if outcome.done and mode is Mode.FOLLOW:
-                kept = Target(0, frame, (0.0, 0.0, 0.0))
-                self._keep_sending(mode, lambda: kept, stops)
-            if outcome.done and mode is Mode.PATH:
-                self._along, self._stepped = 0.0, time.monotonic()
-                self._keep_sending(mode, self._next_of_path, stops)
-        if not outcome.done:
-            return outcome
-        return Outcome(True, f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else ""))
-
-    def _change(self, mode: Mode, ended: Callable[[], str]) -> Outcome:
-        """Switch nodes on and off for a mode, until `ended` gives a reason."""
         needed = _NEEDED[mode]
         for name in needed:
             if not self._is_there(name):
-                outcome = self._start(name, ended)
-                if not outcome.done:
-                    return outcome
+                self._start(name, ended)
         if mode in _FINDS:
-            outcome = self._find(mode, ended)
-            if not outcome.done:
-                return outcome
+            self._find(mode, ended)
         self.stop_sending()
-        outcome = self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in needed)
-        for name in needed if outcome.done else ():
-            if reason := ended():
-                return Outcome(False, reason)
-            outcome = self._enable(name, True)
-            if not outcome.done:
-                break
-        return outcome
+        self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in needed)
+        for name in needed:
+            _refuse_if(ended())
+            self._enable(name, True)
 
     def set_path(self, path: Path | None, speed: float, why: str = "") -> None:
         """The path to look along in that mode.
@@ -331,15 +331,16 @@ class HeadModes:
         """
         self.path, self._speed, self._no_path = path, speed, why
 
-    def release(self) -> Outcome:
+    @_answered
+    def release(self) -> str:
         """Switches off what turns the head, and waits until it has let go of the joints."""
-        outcome = self.set_mode(Mode.OFF)
-        deadline = time.monotonic() + _RELEASE
-        while outcome.done and time.monotonic() < deadline:
-            if not set(self._topics.owners().values()) & set(CONTROLLERS):
-                break
-            time.sleep(_POLL)
-        return outcome
+        said = _text_of(self.set_mode(Mode.OFF))
+        _wait(
+            lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
+            "what turned the head has not let go of the joints",
+            patience=_RELEASE,
+        )
+        return said
 
     def can_start(self, name: str) -> bool:
         """Whether a node does not run yet, and whoever runs the robot can start it."""
@@ -352,36 +353,41 @@ class HeadModes:
         return self._services.trigger(f"node_starter/{name}")
 
     def _refusal_of(self, name: str, before: str, sent: float) -> str:
-        """Return what a node has against a target, if it says so within a moment.
+        """Return what a node has against a target that was sent then [s, monotonic]; or nothing.
 
         Args:
             name: the node.
             before: its state before the target was sent.
             sent: when that was [s, monotonic].
         """
-        while time.monotonic() - sent < _REFUSAL:
-            state = self._topics.state(name)
-            in_state = ""
-            if state != before:
-                at_limit = state if state.startswith(TargetState.AT_LIMIT) else ""
-                in_state = at_limit or state.partition(_REFUSED)[2]
-            logged = self._topics.complaint(name, sent)
-            said = in_state or (logged if "refused" in logged else "")
-            if said:
-                return said
-            time.sleep(_POLL)
-        return ""
+        state, logged = self._topics.state(name), self._topics.complaint(name, sent)
+        if state != before and state.startswith(TargetState.AT_LIMIT):
+            return state
+        in_state = state.partition(_REFUSED)[2] if state != before else ""
+        return in_state or (logged if "refused" in logged else "")
+
+    def _send(self, target: Target, mode: Mode, stops: int) -> None:
+        """Send a target, again and again where a tracker needs that."""
+        model = self._buffer.model
+        if mode is Mode.POINT or model is None:
+            self.stop_sending()
+            self._publish(target)
+            return
+        try:
+            placed = self._buffer.transform_point(target.point, model.root, target.frame_id)
+        except TransformException as error:
+            raise _Refused(f"the target is refused: {error}") from error
+        kept = Target(0, model.root, placed)
+        self._keep_sending(mode, lambda: kept, stops)
 
     def _publish(self, target: Target) -> None:
         self._targets.publish(target_message(target))
 
-    def _start(self, name: str, ended: Callable[[], str]) -> Outcome:
+    def _start(self, name: str, ended: Callable[[], str]) -> None:
         """Starts a node and waits until it can be switched off again: only one turns the head."""
-        outcome = self.start(name)
-        if not outcome.done:
-            return outcome
+        _text_of(self.start(name))
         late = f"{name} was started and does not answer; try again"
-        return _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
+        _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
     def _is_there(self, name: str) -> bool:
         return self._services.offered(f"{name}/enable") or name in self._graph.nodes
@@ -393,39 +399,31 @@ class HeadModes:
         """
         return self._is_there(name) and self._topics.enabled(name) is not False
 
-    def _disable(self, names: Iterable[str]) -> Outcome:
-        """Switches nodes off, one after the other, up to the first that can't be."""
+    def _disable(self, names: Iterable[str]) -> None:
         for name in names:
-            outcome = self._enable(name, False)
-            if not outcome.done:
-                return outcome
-        return Outcome(True, "")
+            self._enable(name, False)
 
-    def _enable(self, name: str, on: bool) -> Outcome:
+    def _enable(self, name: str, on: bool) -> None:
         """Switches a node on or off, if that can be switched and is not so already."""
         service = f"{name}/enable"
         if self._services.offered(service) and self._topics.enabled(name) is not on:
-            outcome = self._services.switch(service, on)
+            _text_of(self._services.switch(service, on))
             before, late = not on, f"{name} says that it is {'off' if on else 'on'} still"
-            if not outcome.done:
-                return outcome
-            return _wait(lambda: self._topics.enabled(name) is not before, late, patience=_RELEASE)
-        if not on and self._is_on(name):
-            return Outcome(False, f"{name} can't be switched off; end it first")
-        if not on and not self._is_there(name):
+            _wait(lambda: self._topics.enabled(name) is not before, late, patience=_RELEASE)
+        elif not on and self._is_on(name):
+            raise _Refused(f"{name} can't be switched off; end it first")
+        elif not on and not self._is_there(name):
             self._topics.forget(name)
-        return Outcome(True, "")
 
-    def _find(self, mode: Mode, ended: Callable[[], str]) -> Outcome:
+    def _find(self, mode: Mode, ended: Callable[[], str]) -> None:
         """Lets `visual_target` look for something; in a simulated room there is one."""
         scene = self._value(CAMERA, "scene")
         if scene is not None and scene not in _SHOWS[mode]:
             self._set(CAMERA, "scene", "everything")
         late = f"{VISUAL} does not say what it follows; try again"  # it has only just been started
-        outcome = _wait(lambda: self._value(VISUAL, "follow") is not None, late, ended)
-        if not outcome.done or self._value(VISUAL, "follow") == _FINDS[mode]:
-            return outcome
-        return self._set(VISUAL, "follow", _FINDS[mode])
+        _wait(lambda: self._value(VISUAL, "follow") is not None, late, ended)
+        if self._value(VISUAL, "follow") != _FINDS[mode]:
+            _text_of(self._set(VISUAL, "follow", _FINDS[mode]))
 
     def _value(self, node: str, name: str) -> Any:
         """A parameter of a node of this robot; None if it is not known."""
@@ -471,23 +469,20 @@ class HeadModes:
 
 
 def _wait(
-    done: Callable[[], bool],
-    late: str,
-    ended: Callable[[], str] = str,
-    patience: float = _PATIENCE,
-) -> Outcome:
-    """Wait until something is done, for so long [s], or until `ended` gives a reason.
+    done: Callable[[], bool], late: str, ended: Callable[[], str] = str, patience: float = _PATIENCE
+) -> None:
+    """Wait until something is done.
 
     Args:
         done: what is waited for.
-        late: the refusal if it does not come.
+        late: the refusal if it is not done in time.
         ended: why it is waited for no longer; empty: it is.
-        patience: how long [s].
+        patience: how long it may take [s].
+
+    Raises:
+        _Refused: it is not done.
     """
     deadline = time.monotonic() + patience
     while not done():
-        reason = ended() or (late if time.monotonic() > deadline else "")
-        if reason:
-            return Outcome(False, reason)
+        _refuse_if(ended() or (late if time.monotonic() > deadline else ""))
         time.sleep(_POLL)
-    return Outcome(True, "")

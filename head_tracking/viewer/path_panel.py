@@ -27,11 +27,15 @@ class PathPanel:
     Args:
         server: gets the inputs, in the container that is open now.
         modes: lets the head look along the path.
-        point: the point of the fields above, in the robot's root [m]; None: it is nowhere.
+        point: that the browser of an event has chosen, in the robot's root [m]; None: it is
+            nowhere.
     """
 
     def __init__(
-        self, server: viser.ViserServer, modes: HeadModes, point: Callable[[], Vector3 | None]
+        self,
+        server: viser.ViserServer,
+        modes: HeadModes,
+        point: Callable[[viser.GuiEvent[Any]], Vector3 | None],
     ) -> None:
         gui = server.gui
         self._modes = modes
@@ -103,7 +107,7 @@ class PathPanel:
         return shaped(self._shape.value, *self._place, 0.01 * self._size.value)
 
     def _on_add(self, event: viser.GuiEvent[Any]) -> None:
-        point = self._point()
+        point = self._point(event)
         if point is None:
             notify(event, Outcome(False, "it is not known where that frame is"), "Path")
             return

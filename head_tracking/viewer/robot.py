@@ -15,7 +15,7 @@ from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.diagnostics import Health
 from head_tracking.ros.graph import Graph
 from head_tracking.ros.other_parameters import OtherParameters
 from head_tracking.ros.other_services import OtherServices, Outcome
@@ -36,6 +36,7 @@ from head_tracking.viewer.stop import Stop
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
 _PATIENCE = 2.0  # s
+_GONE = 60.0  # s: a frame, such as a person's, that has been silent for so long is left out
 _STOPPED = 0.5  # s in which a bus that knows `stop` says that it is stopped
 _POLL = 0.01  # s
 
@@ -114,7 +115,7 @@ class Robot:
             self.stop,
             self.buffer,
         )
-        self._joint_watch = JointWatch()
+        self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
         requests.create_timer(_LOOK_PERIOD, self._look)
         node.create_timer(_LOOK_PERIOD, self.topics.look)
         self._requests.start()
@@ -159,7 +160,7 @@ class Robot:
         return Observation(
             self._now,
             known_joints(self.buffer, model),
-            outer_frames(self.buffer, model),
+            outer_frames(self.buffer, model, self._frame_watch.silent(self.buffer.latest_stamps())),
             None if target is None else target.point,
             "" if target is None else str(target.target),
             None if mode is Mode.OFF else self.topics.error(turner),
@@ -182,13 +183,8 @@ class Robot:
         )
 
     def health(self) -> tuple[Health, ...]:
-        """The newest diagnostics, by name; not those of a tracker that is not needed any more."""
-        tracked = self.modes.mode() not in (Mode.POINT, Mode.OFF)
-        return tuple(
-            one
-            for one in self.topics.health()
-            if tracked or one.level is not Level.STALE or not one.name.startswith(TRACKER)
-        )
+        """The latest diagnostics, by name."""
+        return self.topics.health()
 
     def stop_everything(self) -> Outcome:
         """Relaxes all servos, and ends what turned the head; says within 0.5 s how it went."""
@@ -225,29 +221,32 @@ class Robot:
         self.joints.look()
 
 
-class JointWatch:
-    """Notices joints that fall silent.
+class SilenceWatch:
+    """Notices joints, or frames, that fall silent.
 
     By the clock of this machine: stamps may be on another one, or stand still with it.
 
     Args:
+        patience: how long a stamp may stay as it is [s].
         clock: time that never jumps [s].
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, patience: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._patience = patience
         self._clock = clock
         self._heard: dict[str, tuple[int | None, float]] = {}
 
     def silent(self, stamps: Mapping[str, int | None]) -> tuple[str, ...]:
-        """The joints whose newest stamp has not changed for a while.
+        """Return the names whose latest stamp has not changed for too long.
 
         Args:
-            stamps: the newest of each joint that somebody should tell [ns]; None: never told.
+            stamps: the latest of each name of which something should be heard [ns]; None: nothing
+                ever was.
         """
         now = self._clock()
-        for joint in self._heard.keys() - stamps.keys():
-            del self._heard[joint]
-        for joint, stamp in stamps.items():
-            if joint not in self._heard or self._heard[joint][0] != stamp:
-                self._heard[joint] = stamp, now
-        return tuple(joint for joint in stamps if now - self._heard[joint][1] > _PATIENCE)
+        for name in self._heard.keys() - stamps.keys():
+            del self._heard[name]
+        for name, stamp in stamps.items():
+            if name not in self._heard or self._heard[name][0] != stamp:
+                self._heard[name] = stamp, now
+        return tuple(name for name in stamps if now - self._heard[name][1] > self._patience)

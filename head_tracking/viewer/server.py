@@ -225,32 +225,25 @@ def limit_uploads(server: Any, refuse: Callable[[int, str], None]) -> None:
     handlers = server._websock_server._incoming_handlers
     uploads = server.gui._current_file_upload_states
 
-    def start_size(message: Any) -> int:
-        return int(message.size_bytes)
+    def size_with(message: Any) -> int:
+        """Return what a sender declares, or sends, with what has come of all uploads."""
+        held: int = sum(one["transferred_bytes"] for one in uploads.values())
+        return held + int(getattr(message, "size_bytes", 0)) + len(getattr(message, "content", b""))
 
-    def size_with_part(message: Any) -> int:
-        """With what has come of all uploads, however large their senders say that they are."""
-        held = sum(one["transferred_bytes"] for one in uploads.values())
-        return held + len(message.content) if message.transfer_uuid in uploads else 0
-
-    def checked(handler: Callable[[int, Any], Any], size: Callable[[Any], int]) -> Any:
+    def checked(handler: Callable[[int, Any], Any]) -> Callable[[int, Any], None]:
         def handle(client: int, message: Any) -> None:
-            if 0 <= size(message) <= _LARGEST_UPLOAD:
+            if size_with(message) <= _LARGEST_UPLOAD:
                 handler(client, message)
                 return
             uploads.pop(message.transfer_uuid, None)
-            refuse(
-                client,
-                f"the file is too large for a recording: up to {_LARGEST_UPLOAD / 1e6:.0f} MB are "
-                "taken",
-            )
+            largest = f"{_LARGEST_UPLOAD / 1e6:.0f} MB"
+            refuse(client, f"the file is too large for a recording: up to {largest} are taken")
 
         return handle
 
-    sizes = {"FileTransferStartUpload": start_size, "FileTransferPart": size_with_part}
     for kind, registered in handlers.items():
-        if kind.__name__ in sizes:
-            handlers[kind] = [checked(one, sizes[kind.__name__]) for one in registered]
+        if kind.__name__ in ("FileTransferStartUpload", "FileTransferPart"):
+            handlers[kind] = [checked(handler) for handler in registered]
     tell_all = server._websock_server.queue_message
 
     def tell(message: Any) -> None:

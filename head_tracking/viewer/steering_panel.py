@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from typing import Any, NamedTuple
 
 import viser
 
@@ -21,8 +22,15 @@ _AFTER_DRAG = 1.0
 """So long after a drag the gizmo stays where it was put, before it follows the target."""
 
 
+class _Inputs(NamedTuple):
+    """The frame and the point that one browser has chosen."""
+
+    frame: Any
+    point: Any
+
+
 class SteeringPanel:
-    """Mode, frame menu, x y z, "Point head", "Centre", gizmo.
+    """Mode, "Centre" and gizmo for all browsers; frame menu, x y z and "Point head" for each.
 
     Args:
         server: gets the inputs, in the container that is open now.
@@ -37,6 +45,7 @@ class SteeringPanel:
         self, server: viser.ViserServer, modes: HeadModes, buffer: TransformBuffer
     ) -> None:
         gui = server.gui
+        self._server = server
         self._modes = modes
         self._buffer = buffer
         self._root = ""
@@ -48,9 +57,8 @@ class SteeringPanel:
             "chosen below. path: along a line. fictitious target: the tutorial's moving point. A "
             "click into the camera's picture, or with point and track on the floor, looks there.",
         )  # fmt: skip
-        self._frame = gui.add_dropdown("Frame", [_NOT_YET], hint="The frame of x, y and z.")
-        self._point = gui.add_vector3("x y z (m)", (1.0, 0.0, 0.0), step=0.05)
-        point = gui.add_button("Point head", icon=viser.Icon.TARGET)
+        self._box = gui.add_folder(None)
+        self._inputs: dict[int | None, _Inputs] = {}
         centre = gui.add_button("Centre", icon=viser.Icon.FOCUS_CENTERED)
         self._gizmo_wanted = gui.add_checkbox(
             "Drag the target", True, hint="Shows the handles that drag the target in the scene."
@@ -61,10 +69,8 @@ class SteeringPanel:
             "/gizmo", 0.18, disable_rotations=True, disable_sliders=True, depth_test=False,
             position=(1.0, 0.0, 0.5),
         )  # fmt: skip
-        point.on_click(lambda event: self._tell(event, self._on_point(), "Point head"))
         centre.on_click(lambda event: self._tell(event, modes.centre(), "Centre"))
         self._mode.on_update(self._on_mode)
-        self._frame.on_update(self._on_frame)
         self._gizmo_wanted.on_update(lambda _: self._show_gizmo())
         self._gizmo.on_update(self._on_drag)
         server.scene.on_click()(self._on_scene)
@@ -79,9 +85,14 @@ class SteeringPanel:
             self._gizmo.position = shown.target
 
     def refresh(self) -> None:
-        """Brings the menus and switches up to date."""
-        frames = self._buffer.frames() or (_NOT_YET,)
-        follow(self._frame, frames, "base_link" if "base_link" in frames else frames[0])
+        """Brings the menus and switches up to date, those of browsers that have come, too."""
+        frames, clients = self._buffer.frames() or (_NOT_YET,), self._server.get_clients()
+        self._inputs = {
+            number: self._inputs.get(number) or self._add_inputs(client)
+            for number, client in clients.items()
+        }
+        for one in self._inputs.values():
+            follow(one.frame, frames, "base_link" if "base_link" in frames else frames[0])
         mode = self._modes.mode()
         options = tuple(map(str, dict.fromkeys((*self._modes.possible(), mode))))
         if self._mode.options != options:
@@ -89,17 +100,36 @@ class SteeringPanel:
         self._mode.value = str(mode)
         self.path.refresh()
 
-    def _on_point(self) -> Outcome:
-        return self._modes.look_at(self._frame.value, self._point.value, wait=True)
+    def _add_inputs(self, client: viser.ClientHandle) -> _Inputs:
+        """Make the inputs of a browser."""
+        with self._box:
+            gui = client.gui
+            frame = gui.add_dropdown("Frame", [_NOT_YET], hint="The frame of x, y and z.")
+            point = gui.add_vector3("x y z (m)", (1.0, 0.0, 0.0), step=0.05)
+            button = gui.add_button("Point head", icon=viser.Icon.TARGET)
+
+        def on_point(event: viser.GuiEvent[Any]) -> None:
+            outcome = self._modes.look_at(frame.value, point.value, wait=True)
+            self._tell(event, outcome, "Point head")
+
+        button.on_click(on_point)
+        frame.on_update(self._on_frame)
+        return _Inputs(frame, point)
+
+    def _frame_of(self, event: viser.GuiEvent[Any]) -> str:
+        """Return the frame that the browser of an event has chosen."""
+        inputs = self._inputs.get(event.client_id)
+        return "" if inputs is None else str(inputs.frame.value)
 
     def _on_mode(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if by_person(event):
             mode = Mode(self._mode.value)
-            self._tell(event, self._modes.set_mode(mode, self._frame.value), "Look at")
+            self._tell(event, self._modes.set_mode(mode, self._frame_of(event)), "Look at")
 
     def _on_frame(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if by_person(event) and self._modes.mode() is Mode.FOLLOW:
-            self._tell(event, self._modes.set_mode(Mode.FOLLOW, self._frame.value), "Look at")
+            outcome = self._modes.set_mode(Mode.FOLLOW, self._frame_of(event))
+            self._tell(event, outcome, "Look at")
 
     def _on_drag(self, event: viser.TransformControlsEvent) -> None:
         now = time.monotonic()
@@ -117,9 +147,13 @@ class SteeringPanel:
             outcome = self._modes.look_at(self._root, point)
             self._refusal.content = "" if outcome.done else refusal(outcome.text)
 
-    def _point_in_root(self) -> Vector3 | None:
+    def _point_in_root(self, event: viser.GuiEvent[Any]) -> Vector3 | None:
+        """Return the point that the browser of an event has chosen, in the robot's root [m]."""
+        inputs = self._inputs.get(event.client_id)
+        if inputs is None:
+            return None
         try:
-            return self._buffer.transform_point(self._point.value, self._root, self._frame.value)
+            return self._buffer.transform_point(inputs.point.value, self._root, inputs.frame.value)
         except TransformException:
             return None
 

@@ -112,15 +112,15 @@ class TuningPanel:
         return made
 
     def _ask(self, event: viser.GuiEvent[Any], setting: Setting, made: Any) -> None:
-        """Asks whether a person is sure; until then the old value stays."""
-        key, value, client = (setting.node, setting.name), made.value, event.client
-        self._touched[key] = time.monotonic() + 3600.0
+        """Ask whether a person is sure; all browsers show the value that is set, meanwhile, too."""
+        value, client = made.value, event.client
+        made.value = shown = self._shown(setting)
         if client is None:
             return
         with client.gui.add_modal("Are you sure?") as question:
             client.gui.add_html(
                 f'<div id="sure" style="padding:0.5em 0.8em">{label(setting)}: '
-                f"{shown_value(setting)} becomes {value}. It keeps the servos whole.</div>"
+                f"{shown} becomes {value}. It keeps the servos whole.</div>"
             )
             yes = client.gui.add_button("Set it", color="red")
             no = client.gui.add_button("Leave it as it is")
@@ -129,11 +129,15 @@ class TuningPanel:
             question.close()
             if answer.target is yes:
                 self._set(event, setting, value)
-            else:
-                self._touched.pop(key, None)
 
         yes.on_click(on_answer)
         no.on_click(on_answer)
+
+    def _shown(self, setting: Setting) -> Any:
+        """Return what the input of a parameter shows while nobody changes it."""
+        key = setting.node, setting.name
+        found = (one for one in self._parameters.settings() if (one.node, one.name) == key)
+        return shown_value(next(found, setting))
 
     def _set(self, event: viser.GuiEvent[Any], setting: Setting, shown: Any) -> None:
         key = (setting.node, setting.name)

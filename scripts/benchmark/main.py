@@ -18,6 +18,8 @@ BENCHMARKS = {
             "tracking", "transforms", "viewer", "vision",
         )
     },
+    "beside": "crash:beside",
+    "killed": "crash:killed",
     "viewer-fluid": "page:fluidity",
     "viewer-open": "page:left_open",
 }  # fmt: skip
@@ -42,6 +44,7 @@ def main() -> None:
         "instead of measuring what it costs",
     )
     parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
+    parser.add_argument("--times", type=int, help="of killed (default: 50) and beside (200)")
     options, others = parser.parse_known_args()
     if options.name == "tracking" and others:
         print(resolve_name("tracking:main")(others))
@@ -56,6 +59,8 @@ def main() -> None:
         "chaos": (minutes or 10.0, options.seed),
         "viewer-open": (minutes or 10.0,),
     }
+    if options.times:
+        arguments |= {"beside": (options.times,), "killed": (options.times,)}
     table = resolve_name(BENCHMARKS[name])(*arguments.get(name, ()))
     print(table)
     write(name, table)

@@ -206,7 +206,7 @@ def left_open(minutes: float) -> str:
                 f"{file_descriptors(viewer)} | "
                 f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core | {heap:.1f} | "
                 f"{nodes} | {_renderers():.0f} | "
-                f"{memory(run.pid):.1f} | {statistics.fmean(rates):.1f} |"
+                f"{memory(run.control_pid):.1f} | {statistics.fmean(rates):.1f} |"
             )
             print(rows[-1], file=sys.stderr, flush=True)
             before = now

@@ -30,7 +30,7 @@ class SimulatedRun:
     """`head_tracking --sim` with more arguments, until the end of the block.
 
     Attributes:
-        pid: of its process.
+        pid: of its supervisor.
         port: where its page is; 0 without `--viewer`.
         told: every status line since it was ready, newest last.
     """
@@ -52,7 +52,15 @@ class SimulatedRun:
     @property
     def viewer_pid(self) -> int:
         """Of the viewer's process."""
-        return next(pid for pid in descendants(self.pid) if b"\0page\0" in command(pid))
+        return self._process_id(b"page")
+
+    @property
+    def control_pid(self) -> int:
+        """Of the control process."""
+        return self._process_id(b"control")
+
+    def _process_id(self, name: bytes) -> int:
+        return next(pid for pid in descendants(self.pid) if name in command(pid).split(b"\0")[:5])
 
     def __enter__(self) -> Self:
         self._reader.start()

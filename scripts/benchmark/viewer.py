@@ -91,9 +91,9 @@ def measure(arguments: list[str], script: str | None) -> Measured:
     with SimulatedRun(*arguments) as run, ExitStack() as resources:
         if script is not None:
             resources.enter_context(watching(script, run.port))
-        before, used = len(run.told), processor_time(run.pid)
+        before, used = len(run.told), processor_time(run.control_pid)
         time.sleep(SECONDS)
-        used = processor_time(run.pid) - used
+        used = processor_time(run.control_pid) - used
         told = run.told[before:]
     rms = math.sqrt(statistics.fmean(one.error**2 for one in told))
     return Measured(

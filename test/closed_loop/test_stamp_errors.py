@@ -104,7 +104,7 @@ def test_points_from_the_future_do_not_pile_up(head):
         tracker.joints_read(now, (0.0, 0.0))
         tracker.target_seen(now + 100.0, around(0.1), now, moving=True)
         tracker.step(now)
-    assert len(tracker.camera._timing.waiting) < 100
+    assert len(tracker.camera.waiting) < 100
 
 
 @pytest.mark.parametrize("moment", [0.5, 0.8])

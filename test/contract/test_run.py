@@ -117,6 +117,28 @@ def test_ros_arguments_remap_and_tune(bench):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
+def test_ros_arguments_tune_the_nodes_of_a_namespace(bench):
+    words = ("servo_bus:update_rate:=40.0", "robot_state_publisher:frame_prefix:=left_")
+    rules = [word for rule in words for word in ("-p", rule)]
+    bench.start(
+        "head_tracking", "--sim", "--target", "none", "--ros-args", "-r", "__ns:=/left", *rules
+    )
+    person = bench.meet("/left")
+    person.wait_for_joints()
+    assert person.get("servo_bus", "update_rate") == 40.0
+    assert "left_base_link" in person.call("robot_state_publisher/frames").message.split()
+
+
+@pytest.mark.parametrize("rule", ["arm:update_rate:=40.0", "servo_bus:updat_rate:=40.0"])
+@pytest.mark.parametrize("namespace", ["/", "/left"])
+def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, rule, namespace):
+    words = ("--ros-args", "-r", f"__ns:={namespace}", "-p", rule)
+    run = bench.start("head_tracking", "--sim", *words)
+    assert run.end() == 1
+    assert rule.split(":")[0] in run.last_line
+    assert "Traceback" not in run.output
+
+
 @pytest.mark.parametrize("world", ["", "map"])
 def test_a_robot_of_ones_own_has_no_world_above_it_unless_one_is_named(bench, kinectbot, world):
     own = bench.folder / "mine.urdf"

@@ -22,7 +22,7 @@ from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.diagnostics import Health as PageHealth
 from head_tracking.ros.diagnostics import Level, health_from_message
 from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.robot import JointWatch
+from head_tracking.viewer.robot import SilenceWatch
 from head_tracking.viewer.status_panel import ROWS, health_table
 
 pytestmark = pytest.mark.skipif(
@@ -95,7 +95,7 @@ def test_there_is_advice_for_a_port_that_has_gone():
 
 def test_joints_fall_silent_and_speak_again():
     now = 0.0
-    watch = JointWatch(lambda: now)
+    watch = SilenceWatch(2.0, lambda: now)
     assert watch.silent({"pan": 5, "tilt": None}) == ()
     now = 1.9
     assert watch.silent({"pan": 6, "tilt": None}) == ()

@@ -17,6 +17,7 @@ from robot_under_test import wait_for
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.diagnostics import Level
+from head_tracking.transforms import Rotation, Transform
 
 pytestmark = pytest.mark.skipif(
     find_spec("viser") is None,
@@ -144,6 +145,29 @@ def test_no_message_ends_the_page(threads, viewer):
     wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
     assert "stop" in bus.calls
     stranger.destroy_node()
+
+
+@pytest.fixture
+def gone_soon(monkeypatch) -> None:
+    """A frame that is silent for a second is gone."""
+    monkeypatch.setattr("head_tracking.viewer.robot._GONE", 1.0, raising=False)
+
+
+def test_frames_of_people_who_are_gone_are_left_out(gone_soon, viewer):
+    robot, stamps = viewer.robot, iter(range(1, 10**9))
+    place = Transform((1.0, 0.0, 1.0), Rotation.identity())
+    robot.buffer.set_transform(0, "base_link", "wall", place, static=True)
+    for number in range(5):
+        robot.buffer.set_transform(10**9, "base_link", f"person_{number}", place)
+    assert len(robot.observe().frames) == 6
+
+    def seen() -> set[str]:
+        robot.buffer.set_transform(10**9 + next(stamps), "base_link", "person_3", place)
+        return set(robot.observe().frames)
+
+    wait_for(lambda: seen() == {"wall", "person_3"}, PATIENCE)
+    robot.buffer.set_transform(2 * 10**9, "base_link", "person_1", place)  # comes back
+    assert seen() == {"wall", "person_1", "person_3"}
 
 
 def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(viewer):

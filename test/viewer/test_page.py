@@ -659,6 +659,67 @@ def test_only_who_uploads_a_file_is_told_how_that_goes(kinectbot, show):
         other.close()
 
 
+def test_each_browser_has_a_point_of_its_own(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    page = show(robot)
+    browsers = [ReadingClient(page.port, keep=True) for _ in range(2)]
+
+    def made(browser: ReadingClient, kind: str, label: str) -> list[str]:
+        return [
+            message["uuid"]
+            for message in list(browser.messages)
+            if message["type"] == kind and message["props"]["label"] == label
+        ]
+
+    def update(browser: ReadingClient, kind: str, label: str, value: Any) -> None:
+        (uuid,) = made(browser, kind, label)
+        browser.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+
+    button = "GuiButtonMessage", "Point head"
+    try:
+        wait_for(lambda: all(made(browser, *button) for browser in browsers))
+        update(browsers[0], "GuiVector3Message", "x y z (m)", [1.0, 2.0, 3.0])
+        for number, point in ((0, (1.0, 2.0, 3.0)), (1, (1.0, 0.0, 0.0))):
+            robot.asked.clear()
+            update(browsers[number], *button, True)
+            wait_for(lambda: robot.asked)
+            assert robot.asked[0][2] == point
+        browsers[0].close()
+        wait_for(lambda: page.browsers == 1)
+        wait_for(lambda: len(page._steering._inputs) == 1)
+    finally:
+        for browser in browsers:
+            browser.close()
+
+
+def test_a_limit_is_shown_as_it_is_while_a_browser_asks_and_after_it_has_gone(kinectbot, show):
+    robot = FakeRobot(kinectbot)
+    limit = Setting("/servo_bus", "head_pan_controller.motor.max", 1023, "", -math.inf, math.inf)
+    robot.parameters.settings = lambda: (limit,)
+    page = show(robot)
+    one, other = ReadingClient(page.port, keep=True), ReadingClient(page.port, keep=True)
+    try:
+        wait_for(lambda: page.browsers == 2 and page._tuning._inputs)
+        ((_, field),) = page._tuning._inputs.items()
+        one.send({"type": "GuiUpdateMessage", "uuid": field._impl.uuid, "updates": {"value": 900}})
+        wait_for(lambda: any("Modal" in message["type"] for message in list(one.messages)))
+        one.close()
+
+        def shown() -> list[Any]:
+            return [
+                message["updates"]["value"]
+                for message in list(other.messages)
+                if message["type"] == "GuiUpdateMessage"
+                and message["uuid"] == field._impl.uuid
+                and "value" in message["updates"]
+            ]
+
+        wait_for(lambda: shown() and shown()[-1] == 1023)
+    finally:
+        one.close()
+        other.close()
+
+
 def test_a_file_that_is_too_large_is_refused_before_it_is_held_in_memory(kinectbot, show):
     page = show(FakeRobot(kinectbot))
     client = ReadingClient(page.port, keep=True)

@@ -14,10 +14,12 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
     ServoModeError,
 )
+from head_tracking.dynamixel.holding import pin, require_straight_path
+from head_tracking.dynamixel.maintenance import EEPROM_PAUSE, write_eeprom
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
-from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
+from head_tracking.dynamixel.servo import Servo, run
 from head_tracking.tools.servo.bench import (
     RefusedError,
     ToolError,
@@ -80,7 +82,7 @@ def _write(
         _set_return_level(workshop, link, register, value)
     elif register.eeprom:
         _ask(workshop, link, f"{shown} (now {link.get(name)})")
-        run(link.write_eeprom({name: value}), workshop.pause)
+        run(write_eeprom(link, {name: value}), workshop.pause)
     elif name == "Torque Enable" and value:
         _hold(workshop, link)
     else:
@@ -179,7 +181,7 @@ def _hold(workshop: Workshop, link: Servo) -> None:
     low, high = _range(link)
     position = link.get("Present Position")
     try:
-        link.require_straight_path(position)
+        require_straight_path(link, position)
     except PositionError as refusal:
         raise RefusedError(f"{refusal}, or cycle its power") from refusal
     if not low <= position <= high:
@@ -187,7 +189,7 @@ def _hold(workshop: Workshop, link: Servo) -> None:
             f"Servo {link.id} is at {position}, outside its limits, {low} to {high}: with torque "
             f"on it creeps to {max(low, min(high, position))}. Switch it on?"
         )
-    goal = run(link.pin())
+    goal = run(pin(link))
     workshop.terminal.say(f"its goal is {goal}, its speed the lowest")
 
 
