@@ -33,13 +33,7 @@ TOOLS = (
     "simulated_bus",
     "head_setup",
 )
-EXECUTABLES = {
-    "head_tracking": "head_tracking.__main__:main",
-    "servo": "head_tracking.tools.servo.main:main",
-    "doctor": "head_tracking.tools.doctor.__main__:main",
-    **{node: f"head_tracking.nodes.{node}:main" for node in NODES},
-    **{tool: f"head_tracking.tools.{tool}:main" for tool in TOOLS},
-}
+EXECUTABLES = ("head_tracking", "servo", "doctor", *NODES, *TOOLS)
 
 LAUNCHER = """\
 #!/bin/sh
@@ -96,7 +90,7 @@ setup(
         *share("config"),
         *share("machine"),
     ],
-    entry_points={"console_scripts": [f"{name} = {main}" for name, main in EXECUTABLES.items()]},
+    entry_points={"console_scripts": [f"{name} = {NAME}.programs:{name}" for name in EXECUTABLES]},
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
     extras_require={

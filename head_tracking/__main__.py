@@ -7,6 +7,7 @@ import sys
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
+from head_tracking.programs import NO_ROS, has_ros
 from head_tracking.ros.stop_signal import StoppedError
 from head_tracking.run.options import parse_arguments
 from head_tracking.run.status_line import StatusLine
@@ -24,6 +25,8 @@ def main() -> int:
             os.environ[_RANGE] = "LOCALHOST"
         StatusLine().prepare_logging()
         try:
+            if not has_ros():
+                raise HeadTrackingError(NO_ROS)
             return Supervisor(plan).run()
         except StoppedError:
             return 0

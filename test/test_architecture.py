@@ -44,7 +44,8 @@ ALLOWED: dict[str, set[str]] = {
     | {"recording", "control"},
     "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
     "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
-    "__main__": {"run", "ros", "output"},
+    "programs": set(),
+    "__main__": {"run", "ros", "output", "programs"},
     "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""

@@ -1,9 +1,11 @@
 """Every executable: its name, its help, and the exit code of a mistake."""
 
+import os
 import signal
+import subprocess
 
 import pytest
-from rig import assert_described, executables
+from rig import SOURCE, assert_described, command, executables
 
 NODES = {
     "servo_bus", "joint_state_publisher", "robot_state_publisher", "head_tracker", "point_head",
@@ -25,6 +27,24 @@ def test_a_program_has_help(bench, name):
     program = bench.start(name, "--help")
     assert program.end() == 0, program.output
     assert program.output.startswith(f"usage: {name}")
+
+
+@pytest.mark.parametrize(
+    "words", ["head_tracking --sim", "servo_bus", "recorder", "look 1,0,1@base_link"]
+)
+def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words):
+    name, *arguments = words.split()
+    *python, script = command(name)
+    done = subprocess.run(
+        [*python, f"import sys; sys.modules['rclpy'] = None; {script}", *arguments],
+        env=os.environ | {"PYTHONPATH": str(SOURCE)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "ROS 2" in done.stderr
 
 
 @pytest.mark.parametrize(
