@@ -20,6 +20,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
+from head_tracking.configuration import ConfiguredHead, configured_head
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.control.head_control import HeadControl
@@ -40,7 +41,7 @@ from head_tracking.exceptions import (
     UnreachableError,
 )
 from head_tracking.gaze import PanTiltHead, PointingResult
-from head_tracking.share import robot_file
+from head_tracking.share import robot_file, robot_parameters
 from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker, Turn
 from head_tracking.transforms import (
     LATEST,
@@ -182,45 +183,52 @@ class Head:
         port: str = "/dev/ttyUSB0",
         *,
         robot: str | Path = "kinectbot",
-        servos: tuple[JointConfiguration, JointConfiguration] = AX_12_PAIR,
-        pointing_frame: str = "camera_link",
-        baud_rate: int = 1_000_000,
+        servos: tuple[JointConfiguration, JointConfiguration] | None = None,
+        pointing_frame: str | None = None,
+        baud_rate: int | None = None,
     ) -> Self:
         """Open the head on a serial port.
 
         Args:
             port: such as /dev/ttyUSB0, or COM3.
-            robot: kinectbot, turtlebot, or a URDF or xacro file.
-            servos: of pan and tilt.
-            pointing_frame: see `Head`.
-            baud_rate: of the port [bit/s].
+            robot: its name (see `robot_names`), or a URDF or xacro file.
+            servos: of pan and tilt; None: as the robot's parameter file says.
+            pointing_frame: see `Head`; None: as that file says.
+            baud_rate: of the port [bit/s]; None: as that file says.
 
         Raises:
             DynamixelError: the port cannot be opened, a servo does not answer or is another model.
             HeadTrackingError: there is no such robot, or it has no such head.
         """
-        model = load_robot_model(robot_file(str(robot)))
-        return cls(port, model, servos, pointing_frame=pointing_frame, baud_rate=baud_rate)
+        model, head = _known_robot(str(robot))
+        return cls(
+            port,
+            model,
+            servos or head.servos,
+            pointing_frame=pointing_frame or head.pointing_frame,
+            baud_rate=baud_rate or head.baud_rate,
+        )
 
     @classmethod
     def simulated(
         cls,
         *,
         robot: str | Path = "kinectbot",
-        servos: tuple[JointConfiguration, JointConfiguration] = AX_12_PAIR,
-        pointing_frame: str = "camera_link",
+        servos: tuple[JointConfiguration, JointConfiguration] | None = None,
+        pointing_frame: str | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
         from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
 
-        model = load_robot_model(robot_file(str(robot)))
+        model, configured = _known_robot(str(robot))
+        servos = servos or configured.servos
         with ExitStack() as resources:
             port = resources.enter_context(SimulatedJoints(servos)).port_name
             head = cls(
                 port,
                 model,
                 servos,
-                pointing_frame=pointing_frame,
+                pointing_frame=pointing_frame or configured.pointing_frame,
                 reply_timeout=_SIMULATED_REPLY,
                 resources=resources,
             )
@@ -636,6 +644,12 @@ class Head:
             self._resources.close()
         if unconfirmed:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
+
+
+def _known_robot(robot: str) -> tuple[RobotModel, ConfiguredHead]:
+    """Return a robot's model and its head as its parameter file describes it."""
+    model = load_robot_model(robot_file(robot))
+    return model, configured_head(robot_parameters(robot))
 
 
 def _known(look_up: Callable[[], _T], frame: str) -> _T:

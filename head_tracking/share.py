@@ -41,23 +41,38 @@ def share_directory() -> Path:
     )
 
 
+def robot_names() -> list[str]:
+    """Return the names of the robots that come with the package."""
+    files = (share_directory() / "urdf").glob("*.urdf.xacro")
+    return sorted(file.name.removesuffix(".urdf.xacro") for file in files)
+
+
 def robot_file(name_or_path: str) -> Path:
     """The model file of a robot given by its name (`kinectbot`) or by a path.
 
     Raises:
         NotInstalledError: there is neither; lists the names.
     """
-    robots = {
-        file.name.removesuffix(".urdf.xacro"): file
-        for file in (share_directory() / "urdf").glob("*.urdf.xacro")
-    }
-    path = robots.get(name_or_path, Path(name_or_path))
+    names = robot_names()
+    model = share_directory() / "urdf" / f"{name_or_path}.urdf.xacro"
+    path = model if name_or_path in names else Path(name_or_path)
     if not path.is_file():
         raise NotInstalledError(
-            f"there is no robot {name_or_path!r}: give one of {', '.join(sorted(robots))} or the "
-            "path of a URDF or xacro file"
+            f"there is no robot {name_or_path!r}: give one of {', '.join(names)} or the path of a "
+            "URDF or xacro file"
         )
     return path
+
+
+def robot_parameters(name_or_path: str) -> list[Path]:
+    """Return the parameter file of a robot: config/NAME.yaml, or the one beside its model file.
+
+    There is none where the head is that of the tutorials and nothing else needs to be said.
+    """
+    model = Path(name_or_path)
+    beside = model.with_name(model.name.removesuffix(".xacro").removesuffix(".urdf") + ".yaml")
+    own = [share_directory() / "config" / f"{name_or_path}.yaml", beside]
+    return list(filter(Path.is_file, own))[:1]
 
 
 def _ament_index() -> list[Path]:

@@ -8,7 +8,7 @@ pan turns about z and tilt about y, whatever axes and signs the model has.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from operator import mul
@@ -169,21 +169,25 @@ class PanTiltHead:
             return Gaze(pan, tilt, GazeStatus.NOT_FINITE, math.pi, reason)
         geometry, point = self._geometry, self._point(target)
         on_axis = math.hypot(point[0], point[1]) < _CLOSE
-        if on_axis:
-            angle = self._tilt(point, pan, tilt)
-            wanted = None if angle is None else (pan, angle)
+        solutions = []
+        for solution in self._solutions(point, pan, tilt, on_axis=on_axis):
+            solutions.append(solution)
+            if self._allowed(solution):
+                nearest = wanted = solution
+                break
         else:
-            wanted = self._aim(point, pan, tilt)
-        if wanted is not None and self._allowed(wanted):
-            nearest = wanted
-        elif not geometry.nearly_square and not on_axis:
-            nearest = self._search(point, wanted, (pan, tilt))
-            wanted = wanted or nearest
-        elif wanted is not None:
-            nearest = self._inside(point, wanted)
-        else:
-            reason = "the target is too close: no turn of the head brings it before the camera"
-            return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, geometry.miss(point, pan, tilt), reason)
+            if not geometry.nearly_square and not on_axis:
+                start = solutions[0] if solutions else None
+                nearest = self._search(point, start, (pan, tilt))
+                wanted = start or nearest
+            elif solutions:
+                inside = {self._inside(point, solution): solution for solution in solutions}
+                nearest = min(inside, key=lambda positions: geometry.miss(point, *positions))
+                wanted = inside[nearest]
+            else:
+                reason = "the target is too close: no turn of the head brings it before the camera"
+                miss = geometry.miss(point, pan, tilt)
+                return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, miss, reason)
         miss = geometry.miss(point, *nearest)
         if on_axis:
             reason = "the target is on the pan axis: every pan looks at it alike"
@@ -276,19 +280,15 @@ class PanTiltHead:
             target = [coordinate / farthest * _FAR for coordinate in target]
         return self._geometry.T_C_base.apply(target)
 
-    def _aim(self, point: Vector3, pan: float, tilt: float) -> tuple[float, float] | None:
-        """Where the axis goes through the point; of the two ways round one that is allowed."""
-        first = None
-        for backwards in (False, True):
-            direction = self._geometry.pan(point, backwards=backwards)
+    def _solutions(
+        self, point: Vector3, pan: float, tilt: float, *, on_axis: bool
+    ) -> Iterator[tuple[float, float]]:
+        """Yield all turns that point the axis at the point: ahead first, then backwards."""
+        for backwards in (False,) if on_axis else (False, True):
+            direction = pan if on_axis else self._geometry.pan(point, backwards=backwards)
             angle = None if direction is None else self._tilt(point, direction, tilt)
-            if direction is None or angle is None:
-                continue
-            solution = turn_near(direction, pan, self.pan_limits), angle
-            if self._allowed(solution):
-                return solution
-            first = first or solution
-        return first
+            if direction is not None and angle is not None:
+                yield turn_near(direction, pan, self.pan_limits), angle
 
     def _tilt(self, point: Vector3, pan: float, tilt: float) -> float | None:
         angle = self._geometry.tilt(point, pan)
@@ -463,7 +463,8 @@ class HeadGeometry:
 
         Args:
             point: shape (3,) [m], not on the pan axis.
-            backwards: the head turns its back on the point and looks over its shoulder.
+            backwards: the head turns its back on the point and looks over its shoulder. A head
+                whose tilt axis points to its right looks along -x of C at tilt 0.
 
         Returns:
             None if no pan will do.
@@ -479,7 +480,8 @@ class HeadGeometry:
             if rho <= abs(side):
                 return None
             offset = math.asin(side / rho)
-            pan = bearing - math.pi + offset if backwards else bearing - offset
+            behind = backwards is not (self.axis[0] < 0.0)
+            pan = bearing - math.pi + offset if behind else bearing - offset
             if slope == 0.0:
                 return pan
             found = self._range(*self._beside(point, pan)[:2])

@@ -44,9 +44,7 @@ class RobotStatePublisherParameters:
     robot_description: str = parameter(
         "", "The model as URDF text; wins over `robot`, also while running."
     )
-    robot: str = parameter(
-        "kinectbot", "The model: kinectbot, turtlebot, or a URDF or xacro file.", fixed=True
-    )
+    robot: str = parameter("kinectbot", "The model: its name, or a URDF or xacro file.", fixed=True)
     world_frame: str = parameter(
         "",
         "A frame put above the robot's root; empty for none: where a robot drives, its odometry "

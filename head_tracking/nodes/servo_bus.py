@@ -29,8 +29,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     Torque,
 )
-from head_tracking.exceptions import RefusedError
-from head_tracking.ros.bus_parameters import (
+from head_tracking.dynamixel.bus_parameters import (
     ControllerParameters,
     EepromParameters,
     MotorParameters,
@@ -38,6 +37,7 @@ from head_tracking.ros.bus_parameters import (
     TemperatureParameters,
     bus_settings,
 )
+from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace

@@ -14,14 +14,14 @@ from head_tracking.dynamixel import (
     fastest_speed,
     servo_model,
 )
-from head_tracking.parameters import ParameterError
-from head_tracking.ros.bus_parameters import (
+from head_tracking.dynamixel.bus_parameters import (
     TUTORIAL_HEAD,
     ControllerParameters,
     MotorParameters,
     SecondMotorParameters,
     configured_joint,
 )
+from head_tracking.parameters import ParameterError
 from head_tracking.ros.parameters import NodeParameters
 
 

@@ -6,21 +6,21 @@ import difflib
 import pkgutil
 import re
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import yaml
 
 from head_tracking.exceptions import RefusedError
+from head_tracking.parameter_files import Given, read
 from head_tracking.ros.head_lock import namespace
 
 if TYPE_CHECKING:  # the tools that read these files work without ROS
     from rclpy.node import Node
 
-_PARAMETERS = "ros__parameters"
 _LIKELY = 0.75  # how alike a name must be to be meant
 _LISTED = 3
 
@@ -28,34 +28,6 @@ NODE_NAMES = tuple(
     module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[1] / "nodes")])
 )
 """Of all our nodes: one file can be for several of them, each in a process of its own."""
-
-
-class Given(NamedTuple):
-    """One value in a file.
-
-    Attributes:
-        file: which.
-        nodes: the names it is for, wildcards and all: `/**/servo_bus`.
-        name: of the parameter.
-        value: as YAML has it.
-    """
-
-    file: str
-    nodes: str
-    name: str
-    value: Any = None
-
-    def is_for(self, node: str) -> bool:
-        """Whether a node of this full name takes it, by rcl's rules."""
-        pattern = re.escape(self.nodes if self.nodes.startswith("/") else f"/{self.nodes}")
-        pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-        return re.fullmatch(pattern, node) is not None
-
-    @property
-    def node(self) -> str:
-        """The last part of the name; empty if that is a wildcard."""
-        last = self.nodes.rsplit("/", 1)[-1]
-        return "" if "*" in last else last
 
 
 class UnknownParametersError(RefusedError):
@@ -113,19 +85,6 @@ def _rules(arguments: Sequence[str]) -> tuple[dict[str, dict[str, str]], list[st
         else:
             others.append(word)
     return rules, others
-
-
-def read(file: str) -> list[Given]:
-    """Return all values in a file.
-
-    Raises:
-        OSError, ValueError, yaml.YAMLError: It cannot be read, or is not YAML.
-    """
-    with open(file, encoding="utf-8") as text:
-        content = yaml.safe_load(text)
-    if not isinstance(content or {}, Mapping):
-        raise ValueError(f"{file} has {content!r}, not nodes and their ros__parameters")
-    return list(_values(file, "", content))
 
 
 def source(node: Node, name: str) -> str:
@@ -195,22 +154,3 @@ def _nearest(name: str, known: Iterable[str]) -> str:
         one for one in known if one.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]
     ]
     return f" (is {' or '.join(found[:_LISTED])} meant?)" if found else ""
-
-
-def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
-    if not isinstance(content, Mapping):
-        return
-    for key, value in content.items():
-        if key == _PARAMETERS:
-            for name, given in _flat("", value):
-                yield Given(file, nodes, name, given)
-        else:
-            yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
-
-
-def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(content, Mapping):
-        for key, value in content.items():
-            yield from _flat(f"{prefix}.{key}" if prefix else str(key), value)
-    elif content is not None:
-        yield prefix, content

@@ -22,7 +22,7 @@ from head_tracking.run.node_sets import (
     fixed_target,
     simulated_camera,
 )
-from head_tracking.share import share_directory
+from head_tracking.share import robot_parameters
 from head_tracking.viewer import MISSING, installed
 
 
@@ -76,7 +76,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "--robot",
         default="kinectbot",
         metavar="NAME|FILE",
-        help="kinectbot, turtlebot, or a URDF or xacro file (default: %(default)s)",
+        help="its name, or a URDF or xacro file (default: %(default)s)",
     )
     parser.add_argument(
         "--mode",
@@ -164,7 +164,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         tuple(nodes),
         "" if head.name in left_out else head.name,
         options.sim,
-        (*_robot_parameters(options.robot), *options.params),
+        (*robot_parameters(options.robot), *options.params),
         options.duration,
         tuple(arguments),
         options.allow_others,
@@ -204,9 +204,3 @@ def _existing_file(text: str) -> Path:
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"there is no file {text}")
     return path
-
-
-def _robot_parameters(robot: str) -> list[Path]:
-    """Return the head's parameters, and those of the robot if it has its own."""
-    config = share_directory() / "config"
-    return [config / "head.yaml", *filter(Path.is_file, [config / f"{robot}.yaml"])]

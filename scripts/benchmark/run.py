@@ -79,11 +79,11 @@ def _following() -> str:
         for name, parameters in (
             ("tutorials' (k 1.5, 0.5 rad/s, 10 Hz)", TUTORIAL % 0.5),
             ("tutorials', faster (k 1.5, 2.0 rad/s, 10 Hz)", TUTORIAL % 2.0),
-            ("config/head.yaml", ""),
+            ("as shipped", ""),
         )
     }
     for target in ("face", "ball"):
-        variants["kinectbot", target, "config/head.yaml"] = ("kinectbot", target, "")
+        variants["kinectbot", target, "as shipped"] = ("kinectbot", target, "")
     found: dict[Any, list[Followed]] = defaultdict(list)
     for turn in range(ROUNDS):
         for name, (robot, target, parameters) in variants.items():

@@ -12,7 +12,9 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from rig import Bench
+from rig import Bench, Servos
+
+from head_tracking import Head
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -37,3 +39,17 @@ def module_bench(tmp_path_factory) -> Iterator[Bench]:
     """The same for all tests of a file, for what takes long to start."""
     with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
         yield bench
+
+
+@pytest.fixture
+def servos(tmp_path) -> Iterator[Servos]:
+    with closing(Servos(tmp_path / "servos")) as servos:
+        yield servos
+
+
+@pytest.fixture
+def head(servos, kinectbot) -> Iterator[Head]:
+    """A head for a Python program; it ends relaxed."""
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        yield head
+    assert servos.torque == [0, 0]

@@ -8,10 +8,9 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 
 import pytest
-from rig import DEGREE, SOURCE, Servos
+from rig import DEGREE, SOURCE
 from waiting import wait_for
 
 from head_tracking import (
@@ -36,19 +35,6 @@ from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 head = Head(sys.argv[1], load_robot_model(robot_file("kinectbot")), reply_timeout=0.2)
 """
-
-
-@pytest.fixture
-def servos(tmp_path):
-    with closing(Servos(tmp_path / "servos")) as servos:
-        yield servos
-
-
-@pytest.fixture
-def head(servos, kinectbot):
-    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
-        yield head
-    assert servos.torque == [0, 0]
 
 
 def bearing(point):

@@ -1,17 +1,15 @@
 """`Head.follow_camera`: what a camera sees is followed until the next command."""
 
 import time
-from contextlib import closing
 from functools import partial
 
 import numpy as np
 import pytest
-from rig import DEGREE, Servos
+from rig import DEGREE
 from waiting import wait_for
 
 from head_tracking import (
     FrameError,
-    Head,
     HeadState,
     RefusedCommandError,
     SupersededError,
@@ -20,19 +18,6 @@ from head_tracking import (
 from head_tracking.vision import NoPictureError
 
 pytest.importorskip("cv2")
-
-
-@pytest.fixture
-def servos(tmp_path):
-    with closing(Servos(tmp_path / "servos")) as servos:
-        yield servos
-
-
-@pytest.fixture
-def head(servos, kinectbot):
-    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
-        yield head
-    assert servos.torque == [0, 0]
 
 
 @pytest.fixture

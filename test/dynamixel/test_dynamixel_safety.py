@@ -38,7 +38,7 @@ from head_tracking.dynamixel import (
     WrongModelError,
     servo_model,
 )
-from head_tracking.ros.bus_parameters import EepromParameters
+from head_tracking.dynamixel.bus_parameters import EepromParameters
 from head_tracking.simulation import (
     Answer,
     Fault,

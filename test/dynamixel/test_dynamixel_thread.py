@@ -44,6 +44,16 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
     assert thread.error is None
 
 
+def test_steps_are_taken_in_the_time_between_two_cycles() -> None:
+    readings: list[BusReading] = []
+    thread = BusThread(connected(FakePort()), 1.0, readings.append)
+    thread.start()
+    assert eventually(lambda: readings)
+    thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
+    assert len(readings) <= 2
+    thread.stop()
+
+
 def test_stop_holds_relaxes_and_closes() -> None:
     port = FakePort()
     bus = connected(port)

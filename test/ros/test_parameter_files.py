@@ -90,7 +90,7 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
         "viewer: {ros__parameters: {port: 8081}}",
         "head_tracker_2: {ros__parameters: {rat: 8081}}",
         "servo_bus_left: {ros__parameters: {rat: 8081}}",
-        "/**/point_head: {ros__parameters: {min_tilt: -1.0}}",  # as in config/head.yaml
+        "/**/point_head: {ros__parameters: {min_tilt: -1.0}}",  # as in config/kinectbot.yaml
         "joint_state_publisher: {ros__parameters: {zeros.neck: 0.1}}",
         "/left/head_tracker: {ros__parameters: {rat: 30.0}}",
         "head_tracker: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 1}}}}}",

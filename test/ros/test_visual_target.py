@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
-from visual_pursuit import head_yaml, pursue, tutorial_law
+from visual_pursuit import pursue, tutorial_law
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
@@ -35,7 +35,7 @@ SMALL = {"width": 320, "height": 240}
 
 @pytest.mark.parametrize(("scene", "follow"), [("ball", "colour"), ("marker", "marker")])
 def test_the_head_keeps_what_its_camera_sees_in_the_middle(scene, follow):
-    ours = pursue(scene, scene, {"follow": follow}, head_yaml(), duration=8.0, camera=SMALL)
+    ours = pursue(scene, scene, {"follow": follow}, {}, duration=8.0, camera=SMALL)
     tutorial = pursue(scene, scene, {"follow": follow}, tutorial_law(), duration=8.0, camera=SMALL)
     assert ours.errors.rms < 7 * DEGREE
     assert ours.errors.rms < 0.5 * tutorial.errors.rms
@@ -46,7 +46,7 @@ def test_the_head_keeps_what_its_camera_sees_in_the_middle(scene, follow):
 def test_silence_while_the_target_is_out_of_sight_and_the_same_one_after_it():
     camera = SMALL | {"delay": 0.0}
     run = pursue(
-        "ball", "ball", {"follow": "colour"}, head_yaml(), duration=6.0, camera=camera,
+        "ball", "ball", {"follow": "colour"}, {}, duration=6.0, camera=camera,
         hide=(3.0, 3.5),
     )  # fmt: skip
     assert run.images - len(run.misses) == pytest.approx(15 + 3, abs=2)
@@ -54,7 +54,7 @@ def test_silence_while_the_target_is_out_of_sight_and_the_same_one_after_it():
 
 
 def test_what_is_found_is_drawn_into_the_picture():
-    run = pursue("ball", "ball", {"follow": "colour"}, head_yaml(), duration=1.0, camera=SMALL)
+    run = pursue("ball", "ball", {"follow": "colour"}, {}, duration=1.0, camera=SMALL)
     assert (run.picture.encoding, run.picture.width, run.picture.height) == ("bgr8", 320, 240)
     pixels = np.frombuffer(run.picture.data, np.uint8).reshape(240, 320, 3)
     assert (pixels == (60, 220, 60)).all(axis=2).sum() > 100

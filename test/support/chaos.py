@@ -279,7 +279,7 @@ class Chaos:
                 }
             )
         )
-        files = [str(ROOT / "config" / "head.yaml"), str(parameters)]
+        files = [str(ROOT / "config" / "kinectbot.yaml"), str(parameters)]
 
         def program(name: str, *arguments: str) -> Program:
             return Program(name, ["-m", *arguments], self._folder / f"{name}.log")

@@ -21,7 +21,6 @@ from head_tracking.transforms import RobotModel, Vector3
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 FOLLOW = "point_head/follow_joint_trajectory"
 PATIENCE = 20.0  # s
-TILT = -1.084, 1.472  # rad, as in config/head.yaml
 
 
 def point_goal(
@@ -97,12 +96,12 @@ class PointedHead:
         self.world = World(model)
         self.node: PointHeadNode = self.world.make(
             PointHeadNode,
-            {"min_tilt": TILT[0], "max_tilt": TILT[1], "max_velocity": 5.0},
+            {"max_velocity": 5.0},
             buffer=self.world.buffer,
             loop=self.world.loop,
         )
         self._states = self.world.record("/point_head/state")
-        self.head = PanTiltHead(model, *JOINTS, "camera_link", tilt_limits=TILT)
+        self.head = PanTiltHead(model, *JOINTS, "camera_link")
         self.world.run(0.1)
 
     @property

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import rclpy
-import yaml
 from lockstep import PAN, TILT, World
 
 from head_tracking.gaze import PanTiltHead
@@ -15,7 +14,7 @@ from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
 from head_tracking.scene import Wall
-from head_tracking.share import robot_file, share_directory
+from head_tracking.share import robot_file
 from head_tracking.tf.conversions import stamp_to_ns, vector
 from head_tracking.tracking import ErrorStatistics
 from head_tracking.transforms import Transform, load_robot_model
@@ -25,17 +24,10 @@ SETTLING = 3.0  # s
 _SAMPLE = 10_000_000  # ns
 
 
-def head_yaml() -> dict[str, Any]:
-    """The values of config/head.yaml for the tracker."""
-    text = (share_directory() / "config" / "head.yaml").read_text()
-    parameters: dict[str, Any] = yaml.safe_load(text)["/**/head_tracker"]["ros__parameters"]
-    return parameters
-
-
 def tutorial_law() -> dict[str, Any]:
     """The values of tutorial part 2."""
     gains = {"k_pan": 1.5, "k_tilt": 1.5, "max_joint_speed": 0.5}
-    return head_yaml() | {"law": "speed", "rate": 10.0, **gains}
+    return {"law": "speed", "rate": 10.0, **gains}
 
 
 @dataclass

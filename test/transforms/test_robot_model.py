@@ -51,7 +51,7 @@ def test_kinectbot_is_the_tree_of_the_tutorial(kinectbot):
 def test_both_robots_have_a_camera_and_a_limited_head(robot):
     assert {"camera_link", "camera_optical_frame"} <= set(robot.links)
     tilt = robot.joints["head_tilt_joint"].limits
-    assert (tilt.lower, tilt.upper) == (-1.57, 1.57)
+    assert (tilt.lower, tilt.upper) == (-1.084, 1.472)
     assert robot.joints["head_pan_joint"].limits.velocity < 7
 
 

@@ -54,7 +54,8 @@ def test_points_count_with_their_own_stamps():
     assert len(path.trail()) == 60
     x, y, z = path.predicted()[-1]
     expected = 0.5 * ((now - SECOND) / SECOND + 0.2)
-    assert (x, y, z) == pytest.approx((1.0, expected, 0.5), abs=0.005)
+    assert y == pytest.approx(expected, abs=0.005)  # by the times of arrival it is 0.03 off
+    assert (x, z) == pytest.approx((1.0, 0.5), abs=0.01)  # the distance is estimated by itself
 
 
 def test_a_target_at_rest_has_no_path_ahead():

@@ -75,17 +75,15 @@ def _check(
 
 
 def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
-    from head_tracking.share import NotInstalledError, share_directory
+    from head_tracking.share import NotInstalledError, robot_parameters
     from head_tracking.tools.doctor.configuration import check_configured, check_model
     from head_tracking.tools.doctor.servos import check_bus
 
     try:
-        config = share_directory() / "config"
+        files = [*robot_parameters(options.robot), *options.params]
     except NotInstalledError as error:
         yield Finding("configuration", Level.RED, str(error))
         return
-    own = config / f"{options.robot}.yaml"
-    files = [config / "head.yaml", *([own] if own.is_file() else []), *options.params]
     finding, buses = check_configured(files, options.port, options.baud)
     yield finding
     if buses:
@@ -116,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--baud", type=int, default=0, metavar="RATE", help="its baud rate (as configured)")
     add(
         "--robot", default="kinectbot", metavar="NAME|FILE",
-        help="kinectbot, turtlebot, or a URDF or xacro file (%(default)s)",
+        help="its name, or a URDF or xacro file (%(default)s)",
     )  # fmt: skip
     add(
         "--params", action="append", type=Path, default=[], metavar="FILE",

@@ -2,60 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
 import yaml
 
-from head_tracking.dynamixel import (
-    BusSettings,
-    ConfigurationError,
-    JointConfiguration,
-    check_configuration,
-)
+from head_tracking.configuration import ConfiguredBus, configured_buses
+from head_tracking.dynamixel import ConfigurationError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
-from head_tracking.parameters import checked, parameter_info
-from head_tracking.ros.bus_parameters import (
-    TUTORIAL_HEAD,
-    ControllerParameters,
-    MotorParameters,
-    SecondMotorParameters,
-    ServoBusParameters,
-    TemperatureParameters,
-    bus_settings,
-    configured_joint,
-)
-from head_tracking.ros.parameter_files import read
+from head_tracking.parameter_files import parameters_of
 from head_tracking.share import robot_file
 from head_tracking.tools.doctor.findings import Finding, Level
 from head_tracking.transforms import load_robot_model
 
-P = TypeVar("P")
-
 _SLACK: Final = 0.02  # rad
-
-
-@dataclass(frozen=True, slots=True)
-class ConfiguredBus:
-    """The servos that are configured on one port.
-
-    Attributes:
-        port_name: Device.
-        baud_rate: Bits per second.
-        update_rate: Cycles per second.
-        joints: The joints.
-        settings: Temperatures, among others.
-    """
-
-    port_name: str
-    baud_rate: int
-    update_rate: float
-    joints: tuple[JointConfiguration, ...]
-    settings: BusSettings
 
 
 def check_configured(
@@ -69,7 +31,7 @@ def check_configured(
         baud_rate: Replaces the configured one, unless 0.
     """
     try:
-        buses = _configured_buses(files, port_name, baud_rate)
+        buses = configured_buses(files, port_name, baud_rate)
     except (OSError, ValueError, yaml.YAMLError, ConfigurationError) as error:
         reason = " ".join(str(error).split())
         text = f"{reason}; correct it in {', '.join(map(str, files))}"
@@ -89,7 +51,7 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
         "head_pan_joint": "head_pan_joint",
         "head_tilt_joint": "head_tilt_joint",
         "camera_link": "camera_link",
-    } | _parameters_of("head_tracker", files)
+    } | parameters_of("head_tracker", files)
     try:
         model = load_robot_model(robot_file(robot))
         names = (values["head_pan_joint"], values["head_tilt_joint"], values["camera_link"])
@@ -112,50 +74,3 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
             level = max(level, Level.AMBER)
     text = "; ".join(problems) or f"{values['camera_link']} can be pointed"
     return Finding("model", level, f"{robot}: {text}")
-
-
-def _configured_buses(
-    files: Sequence[Path], port_name: str, baud_rate: int
-) -> tuple[ConfiguredBus, ...]:
-    values = _parameters_of("servo_bus", files)
-    if port_name:
-        values["port_name"] = port_name
-    if baud_rate:
-        values["baud_rate"] = baud_rate
-    p = _read(ServoBusParameters, values)
-    settings = bus_settings(p, _read(TemperatureParameters, values, "temperature."))
-    buses: dict[tuple[str, int], list[JointConfiguration]] = {}
-    for name in p.dynamixels:
-        prefix = f"{name}_controller."
-        controller = _read(ControllerParameters, values, prefix, {"joint_name": f"{name}_joint"})
-        motor = _read(MotorParameters, values, f"{prefix}motor.", TUTORIAL_HEAD.get(name, {}))
-        second = _read(SecondMotorParameters, values, f"{prefix}second_motor.")
-        bus = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
-        buses.setdefault(bus, []).append(configured_joint(name, controller, motor, second))
-    return tuple(
-        ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), settings)
-        for (port, baud), joints in buses.items()
-    )
-
-
-def _read(
-    kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
-) -> P:
-    """Return a parameter class as the node makes it; raise ValueError where the node refuses."""
-    made = {}
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        default = defaults.get(field.name, field.default)
-        name = f"{prefix}{field.name}"
-        value = values.get(name, default)
-        made[field.name] = checked(name, parameter_info(field), default, value)
-    return kind(**made)
-
-
-def _parameters_of(node: str, files: Sequence[Path]) -> dict[str, Any]:
-    """Return the parameters of a node in files, whatever its namespace; later files win."""
-    return {
-        given.name: given.value
-        for file in files
-        for given in read(str(file))
-        if given.node in (node, "")
-    }

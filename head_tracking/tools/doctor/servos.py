@@ -7,6 +7,7 @@ from contextlib import closing
 from statistics import median
 from typing import Final
 
+from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     BusSettings,
     CommunicationError,
@@ -23,7 +24,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.diagnosis import lowest_supply, swapped, warm_from
 from head_tracking.dynamixel.servo import run
-from head_tracking.tools.doctor.configuration import ConfiguredBus
 from head_tracking.tools.doctor.findings import Finding, Level
 from head_tracking.tools.servo.bench import patient_port
 

@@ -111,7 +111,7 @@ def mount_of(
 
 
 def configuration(mounts: Iterable[ServoCalibration], port_name: str, baud_rate: int) -> str:
-    """Return the servo bus's part of a configuration file such as config/head.yaml."""
+    """Return the servo bus's part of a configuration file such as config/kinectbot.yaml."""
     mounts = tuple(mounts)
     lines = [
         "# Written by `servo calibrate`.",

@@ -1,4 +1,4 @@
-"""What can be configured of the servo bus and its joints; needs no ROS."""
+"""The parameters of the servo bus and its joints, by the tutorials' names."""
 
 from __future__ import annotations
 

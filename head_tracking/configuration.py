@@ -1,0 +1,136 @@
+"""Parameter files without ROS: the buses and the head that they describe."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from head_tracking.dynamixel import (
+    BusSettings,
+    ConfigurationError,
+    JointConfiguration,
+    check_configuration,
+)
+from head_tracking.dynamixel.bus_parameters import (
+    TUTORIAL_HEAD,
+    ControllerParameters,
+    MotorParameters,
+    SecondMotorParameters,
+    ServoBusParameters,
+    TemperatureParameters,
+    bus_settings,
+    configured_joint,
+)
+from head_tracking.parameter_files import parameters_of
+from head_tracking.parameters import checked, parameter_info
+
+P = TypeVar("P")
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredBus:
+    """The servos that are configured on one port.
+
+    Attributes:
+        port_name: device.
+        baud_rate: bits per second.
+        update_rate: cycles per second.
+        joints: the joints.
+        settings: temperatures, among others.
+    """
+
+    port_name: str
+    baud_rate: int
+    update_rate: float
+    joints: tuple[JointConfiguration, ...]
+    settings: BusSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredHead:
+    """A head on one bus.
+
+    Attributes:
+        servos: of pan and tilt.
+        baud_rate: of their bus [bit/s].
+        pointing_frame: the link that is pointed.
+    """
+
+    servos: tuple[JointConfiguration, JointConfiguration]
+    baud_rate: int
+    pointing_frame: str
+
+
+def configured_head(files: Sequence[Path]) -> ConfiguredHead:
+    """Return the head that parameter files describe; without files, that of the tutorials.
+
+    Raises:
+        ConfigurationError: there is no such head on one bus.
+        OSError: a file cannot be read.
+        ValueError: a value is not allowed.
+        yaml.YAMLError: a file is no YAML.
+    """
+    values = parameters_of("point_head", files)
+    pan, tilt = (values.get(f"head_{axis}_joint", f"head_{axis}_joint") for axis in ("pan", "tilt"))
+    for bus in configured_buses(files):
+        joints = {joint.joint_name: joint for joint in bus.joints}
+        if {pan, tilt} <= joints.keys():
+            frame = values.get("pointing_frame", "camera_link")
+            return ConfiguredHead((joints[pan], joints[tilt]), bus.baud_rate, frame)
+    raise ConfigurationError(
+        f"no bus has servos for both {pan} and {tilt}; see servo_bus and head_pan_joint in "
+        f"{', '.join(map(str, files))}"
+    )
+
+
+def configured_buses(
+    files: Sequence[Path], port_name: str = "", baud_rate: int = 0
+) -> tuple[ConfiguredBus, ...]:
+    """Return the buses that servo_bus would open.
+
+    Args:
+        files: parameter files; later ones win.
+        port_name: replaces the configured port, unless empty.
+        baud_rate: replaces the configured one, unless 0.
+
+    Raises:
+        ConfigurationError: a servo cannot do what is configured.
+        OSError: a file cannot be read.
+        ValueError: a value is not allowed.
+        yaml.YAMLError: a file is no YAML.
+    """
+    values = parameters_of("servo_bus", files)
+    if port_name:
+        values["port_name"] = port_name
+    if baud_rate:
+        values["baud_rate"] = baud_rate
+    p = _read(ServoBusParameters, values)
+    settings = bus_settings(p, _read(TemperatureParameters, values, "temperature."))
+    buses: dict[tuple[str, int], list[JointConfiguration]] = {}
+    for name in p.dynamixels:
+        prefix = f"{name}_controller."
+        controller = _read(ControllerParameters, values, prefix, {"joint_name": f"{name}_joint"})
+        motor = _read(MotorParameters, values, f"{prefix}motor.", TUTORIAL_HEAD.get(name, {}))
+        second = _read(SecondMotorParameters, values, f"{prefix}second_motor.")
+        bus = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
+        buses.setdefault(bus, []).append(configured_joint(name, controller, motor, second))
+    return tuple(
+        ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), settings)
+        for (port, baud), joints in buses.items()
+    )
+
+
+def _read(
+    kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
+) -> P:
+    """Return a parameter class as the node makes it; raise ValueError where the node refuses."""
+    made = {}
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        default = defaults.get(field.name, field.default)
+        name = f"{prefix}{field.name}"
+        value = values.get(name, default)
+        made[field.name] = checked(name, parameter_info(field), default, value)
+    return kind(**made)

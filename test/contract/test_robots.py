@@ -1,0 +1,103 @@
+"""Every robot that comes with the package: its model, its servos, and its head in simulation."""
+
+import numpy as np
+import pytest
+from rig import DEGREE
+
+from head_tracking import Head
+from head_tracking.configuration import configured_head
+from head_tracking.gaze import PanTiltHead
+from head_tracking.share import robot_file, robot_names, robot_parameters
+from head_tracking.transforms import load_robot_model
+
+ROBOTS = robot_names()
+AHEAD = (0.0, 0.0, 1.0)  # in the optical frame
+
+
+class Robot:
+    def __init__(self, name):
+        self.model = load_robot_model(robot_file(name))
+        self.configured = configured_head(robot_parameters(name))
+        self.servos = self.configured.servos
+        self.names = [servo.joint_name for servo in self.servos]
+        self.head = PanTiltHead(self.model, *self.names, self.configured.pointing_frame)
+
+    def in_base(self, point):
+        """Return a point of the pan joint's parent in base_link [m]."""
+        return self.model.transform("base_link", self.head.base_frame, {}) @ point
+
+    def direction(self, joints, of):
+        """Return a direction of the optical frame in base_link."""
+        pose = dict(zip(self.names, joints, strict=True))
+        return self.model.transform("base_link", "camera_optical_frame", pose).rotation @ of
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def robot(request):
+    return Robot(request.param)
+
+
+def test_there_are_the_robots_that_people_own():
+    interbotix = {"pxxls", "pxxls_cam", "wxxms", "wxxmd", "vxxms", "vxxmd", "locobot"}
+    humanoids = {"op3", "darwin_op", "poppy", "wolfgang"}
+    others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12"}
+    assert interbotix | humanoids | others <= set(ROBOTS)
+
+
+def test_limits_of_model_and_servo_agree(robot):
+    for servo in robot.servos:
+        limits = robot.model.joints[servo.joint_name].limits
+        tick = servo.calibrations[0].resolution
+        slack = 0.02 if servo.lower < -2.6 and servo.model.name == "AX-12" else 1.01 * tick
+        assert servo.lower == pytest.approx(limits.lower, abs=slack)
+        assert servo.upper == pytest.approx(limits.upper, abs=slack)
+
+
+def test_every_gaze_is_exact(robot):
+    rng = np.random.default_rng(1)
+    low, high = ([getattr(servo, end) for servo in robot.servos] for end in ("lower", "upper"))
+    for _ in range(500):
+        joints = rng.uniform(low, high)
+        limits = [robot.model.joints[name].limits for name in robot.names]
+        joints = [float(np.clip(j, b.lower, b.upper)) for j, b in zip(joints, limits, strict=True)]
+        seen = robot.model.transform(
+            robot.head.base_frame, "camera_link", dict(zip(robot.names, joints, strict=True))
+        )
+        point = seen @ (rng.uniform(0.5, 5.0), 0.0, 0.0)
+        gaze = robot.head.gaze(point, *joints)
+        assert robot.head.miss(point, gaze.pan, gaze.tilt) < 1e-6
+
+
+def test_the_camera_looks_ahead_and_its_picture_is_upright(robot):
+    assert robot.direction((0.0, 0.0), AHEAD) == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
+    on_its_side = "joint_head_pan" in robot.names  # Stretch's
+    down = (0.0, 1.0, 0.0) if on_its_side else (0.0, 0.0, -1.0)
+    assert robot.direction((0.0, 0.0), (0.0, 1.0, 0.0)) == pytest.approx(down, abs=1e-6)
+
+
+def test_a_target_to_the_upper_left_turns_the_head_there(robot):
+    straight = dict.fromkeys(robot.names, 0.0)
+    x, y, z = robot.model.transform(robot.head.base_frame, "camera_link", straight).translation
+    gaze = robot.head.gaze((x + 2.0, y + 0.8, z + 0.3), 0.0, 0.0)
+    left = robot.direction((gaze.pan, 0.0), AHEAD)
+    assert left[1] > 0.2
+    higher = robot.direction((0.0, gaze.tilt), AHEAD)[2]
+    assert higher > robot.direction((0.0, 0.0), AHEAD)[2]
+
+
+def test_a_target_out_of_reach_is_looked_at_as_nearly_as_the_limits_allow(robot):
+    limits = robot.model.joints[robot.names[1]].limits
+    for tilt, beyond in ((limits.lower, -0.1), (limits.upper, 0.1)):
+        pose = dict(zip(robot.names, (0.3, tilt + beyond), strict=True))
+        seen = robot.model.transform(robot.head.base_frame, "camera_link", pose)
+        gaze = robot.head.gaze(seen @ (3.0, 0.0, 0.0), 0.0, 0.0)
+        assert gaze.miss < 0.11
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_simulated_head_looks_there(name):
+    robot = Robot(name)
+    with Head.simulated(robot=name) as head:
+        result = head.look_at(robot.in_base((2.0, 0.5, -0.2)))
+        assert result.arrived
+        assert result.miss < DEGREE
