@@ -313,11 +313,8 @@ class DynamixelPort:
             PortLostError: The device has gone.
         """
         packet = write_packet(protocol, servo_id, address, data)
-        if not acknowledged:
-            self._send_only(packet)
-            return 0
         what = f"write of {len(data)} byte(s) at {address}"
-        return self._command(request_for(packet, protocol, servo_id, 0, what))
+        return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
 
     def reboot(self, servo_id: int) -> None:
         """Restart a protocol 2.0 servo; it answers nothing for a while.
@@ -388,12 +385,15 @@ class DynamixelPort:
 
     # One request and its reply
 
-    def _command(self, request: Request) -> int:
-        """Send an instruction to one servo; return the error byte of its reply."""
+    def _command(self, request: Request, acknowledged: bool = True) -> int:
+        """Send an instruction to one servo; return the error byte of its reply, 0 if none comes."""
         self._open_line()
         try:
-            self._clear()
+            if acknowledged:
+                self._clear()
             self._send(request.packet)
+            if not acknowledged:
+                return 0
             status = self._receive(request)
         except _LOST as cause:
             raise self._lost(cause) from cause
@@ -571,14 +571,6 @@ class DynamixelPort:
                 if not rest and code == (0 if protocol == 1 else STATUS):
                     return True
         return False
-
-    def _send_only(self, packet: bytes) -> None:
-        if self._line is None:
-            self._open_line()
-        try:
-            self._send(packet)
-        except _LOST as cause:
-            raise self._lost(cause) from cause
 
     def _open_line(self) -> SerialLine:
         if self._line is None:

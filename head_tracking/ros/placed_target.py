@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -46,6 +47,7 @@ class NewestTarget:
     def __init__(self, node: Node, buffer: TransformBuffer) -> None:
         self._node = node
         self._buffer = buffer
+        self._lock = threading.Lock()  # targets come in another thread than they are asked for
         self._placer: TargetPlacer | None = None
         self._newest: PlacedTarget | None = None
         self._listener = TopicListener(node, PointStamped, "target_point", self._on_target)
@@ -56,13 +58,15 @@ class NewestTarget:
 
     def place_in(self, frame: str) -> None:
         """Places targets in this frame from now on."""
-        self._placer = TargetPlacer(self._buffer, frame, _TIMEOUT)
-        self._newest = None
+        with self._lock:
+            self._placer = TargetPlacer(self._buffer, frame, _TIMEOUT)
+            self._newest = None
 
     def newest(self, keep: float = math.inf) -> PlacedTarget | None:
         """The newest target, unless it is older than `keep` [s]."""
         now = self._now
-        placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
+        with self._lock:
+            placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
             self._newest = PlacedTarget(now, *placed)
         if self._newest is None or abs(now - self._newest.placed) * 1e-9 > keep:
@@ -74,5 +78,6 @@ class NewestTarget:
         return int(self._node.get_clock().now().nanoseconds)
 
     def _on_target(self, message: PointStamped) -> None:
-        if self._placer is not None:
-            self._placer.offer(target_from_message(message), self._now * 1e-9)
+        with self._lock:
+            if self._placer is not None:
+                self._placer.offer(target_from_message(message), self._now * 1e-9)

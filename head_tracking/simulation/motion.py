@@ -120,7 +120,6 @@ class DriveSettings(NamedTuple):
         goal: Goal angle, rad; or speed, rad/s; or drive, -1 to 1.
         profile: How fast a goal is approached.
         law: How an error becomes drive.
-        single_turn: Whether the encoder goes round: it does not count turns.
         governed: Whether drive is taken away above the profile's velocity.
     """
 
@@ -129,7 +128,6 @@ class DriveSettings(NamedTuple):
     goal: float
     profile: Profile
     law: ControlLaw
-    single_turn: bool = False
     governed: bool = False
 
     @property
@@ -149,7 +147,8 @@ class Mechanics:
         inertia: kg m^2.
         stiction: Torque up to which a standing shaft does not move, N m.
         sliding: Friction of the moving shaft, N m.
-        scale_end: Half the angle that the encoder measures, rad; the rest of a turn is dead.
+        scale_end: Half the angle that the encoder measures, rad, of one that counts no turns; the
+            rest of a turn is dead.
     """
 
     stall_torque: float
@@ -162,6 +161,7 @@ class Mechanics:
     @classmethod
     def of(cls, model: SimulatedModel) -> Mechanics:
         """Return the constants that give a model its no-load speed and stall torque."""
+        counts_turns = model.control == "profile"
         stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
         return cls(
             stall_torque=model.stall_torque,
@@ -169,7 +169,7 @@ class Mechanics:
             inertia=_TIME_CONSTANT * model.stall_torque / model.no_load_speed,
             stiction=stiction * model.stall_torque,
             sliding=_SLIDING * model.stall_torque,
-            scale_end=model.center * model.radians_per_tick,
+            scale_end=math.inf if counts_turns else model.center * model.radians_per_tick,
         )
 
 
@@ -237,19 +237,19 @@ class Temperature:
         celsius: Temperature inside the servo.
     """
 
+    _AMBIENT = 25.0  # degrees Celsius
     _CAPACITY = 50.0  # J/K: 54.6 g of plastic, copper and steel
     _RESISTANCE = 10.0  # K/W to the surroundings
     _IDLE = 0.5  # W of the electronics
     _STALL = 18.0  # W at standstill with full drive: 1.5 A at 12 V
 
-    def __init__(self, ambient: float) -> None:
-        self._ambient = ambient
-        self.celsius = ambient + self._IDLE * self._RESISTANCE
+    def __init__(self) -> None:
+        self.celsius = self._AMBIENT + self._IDLE * self._RESISTANCE
 
     def heat(self, current: float, seconds: float) -> None:
         """Pass some time with a current, as its root mean square, 0 to 1 of the stall current."""
         power = self._IDLE + self._STALL * current * current
-        final = self._ambient + power * self._RESISTANCE
+        final = self._AMBIENT + power * self._RESISTANCE
         decay = math.exp(-seconds / (self._CAPACITY * self._RESISTANCE))
         self.celsius = final + (self.celsius - final) * decay
 
@@ -268,7 +268,6 @@ class Drive:
         model: The servo's model.
         angle: Where the shaft stands at first, rad, counter-clockwise.
         settings: Settings at first.
-        ambient_temperature: Degrees Celsius.
         start_delay: Time from a new goal to the begin of the motion, ns.
 
     Attributes:
@@ -289,12 +288,11 @@ class Drive:
         model: SimulatedModel,
         angle: float,
         settings: DriveSettings,
-        ambient_temperature: float,
         start_delay: int = 0,
     ) -> None:
         self.angle = self.reference = angle
         self.speed = self.reference_speed = 0.0
-        self.temperature = Temperature(ambient_temperature)
+        self.temperature = Temperature()
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
@@ -335,9 +333,9 @@ class Drive:
 
     def _measure(self, angle: float) -> float:
         """Return what the encoder sees: in the dead angle, the nearer end of its scale."""
-        if not self._settings.single_turn:
-            return angle
         end = self._mechanics.scale_end
+        if end == math.inf:
+            return angle
         return max(-end, min(end, math.remainder(angle, 2.0 * math.pi)))
 
     def configure(self, settings: DriveSettings) -> None:
@@ -433,14 +431,14 @@ class Drive:
         Returns:
             How many steps, and the sum of the squares of the current.
         """
-        torque_on, control, goal, _, law, single_turn, governed = self._settings
+        torque_on, control, goal, _, law, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
         velocity, acceleration, _, _ = self._profile
         mechanics, hand, pushed = self._mechanics, self._hand, self._pushed + self._pulled
         stall, free_speed, stiction = (
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
-        scale_end = mechanics.scale_end if single_turn else math.inf
+        scale_end = mechanics.scale_end
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia

@@ -230,9 +230,7 @@ class JointRegisters(Registers):
         """Return what the control loop must know."""
         model, speed, wheel = self.model, self["Moving Speed"], self._is_wheel
         control, goal = Control.POSITION, self._angle(self["Goal Position"])
-        if self.get("Torque Ctrl Mode Enable"):
-            control, goal = Control.OUTPUT, decode_sign_magnitude(self["Goal Torque"]) / _STALL
-        elif wheel and model.endless:
+        if wheel and model.endless:
             control, goal = Control.VELOCITY, decode_sign_magnitude(speed) * model.speed_unit
         elif wheel:
             control, goal = Control.OUTPUT, decode_sign_magnitude(speed) / model.speed_maximum
@@ -243,7 +241,6 @@ class JointRegisters(Registers):
             goal=goal,
             profile=Profile((speed & _HIGHEST) * model.speed_unit, ramp),
             law=self._law(),
-            single_turn=not self._is_multi_turn,
             governed=True,
         )
 
@@ -253,7 +250,7 @@ class JointRegisters(Registers):
             return Refusal.ACCESS  # only a power cycle unlocks
         if register.eeprom and self.get("Lock"):
             return Refusal.ACCESS
-        if self._is_wheel or self._is_multi_turn:
+        if self._is_wheel:
             return None
         if register.name == "Moving Speed" and value > self.model.speed_maximum:
             return Refusal.RANGE
@@ -287,26 +284,13 @@ class JointRegisters(Registers):
             return self["Control Mode"] == 1
         return self["CW Angle Limit"] == self["CCW Angle Limit"] == 0
 
-    @property
-    def _is_multi_turn(self) -> bool:
-        return self.model.endless and (
-            self["CW Angle Limit"] == self["CCW Angle Limit"] == self.model.ticks - 1
-        )
-
-    @property
-    def _offset(self) -> int:
-        return self["Multi Turn Offset"] if self._is_multi_turn else 0
-
     def _in_range(self, ticks: float) -> int:
-        if self._is_multi_turn:
-            return max(-28_672, min(28_672, round(ticks)))
         if self.model.endless:
             return round(ticks) % self.model.ticks
         return max(0, min(self.model.ticks - 1, round(ticks)))
 
     def _angle(self, ticks: int) -> float:
-        turned = (ticks - self._offset - self.model.center) * self.model.radians_per_tick
-        return self._direction * turned
+        return self._direction * (ticks - self.model.center) * self.model.radians_per_tick
 
     def _law(self) -> ControlLaw:
         punch, limit = self["Punch"] / 1023.0, self["Torque Limit"] / 1023.0

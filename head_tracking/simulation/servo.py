@@ -90,7 +90,6 @@ class SimulatedServo:
         model: Its model's name, or anything that has such a name.
         position: Where the shaft stands at first, in ticks; None: in the middle.
         supply_voltage: V; None: what the model is made for.
-        ambient_temperature: Degrees Celsius.
         firmware: Version of the firmware; its registers are those of that version.
         start_delay: Time from a goal to the begin of the motion, s; 17 to 50 ms were measured.
         position_noise: Standard deviation of the encoder, ticks.
@@ -113,7 +112,6 @@ class SimulatedServo:
         *,
         position: float | None = None,
         supply_voltage: float | None = None,
-        ambient_temperature: float = 25.0,
         firmware: int | None = None,
         start_delay: float = 0.0,
         position_noise: float = 0.0,
@@ -144,7 +142,6 @@ class SimulatedServo:
             own,
             (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
-            ambient_temperature,
             round(start_delay * 1e9),
         )
         self._powered = True

@@ -1,20 +1,27 @@
 """What several browsers ask of the robot at a time, each in a thread of its own."""
 
+import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from importlib.util import find_spec
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from contract_nodes import ControllerStandIn
+from geometry_msgs.msg import PointStamped
 from rclpy.parameter import Parameter
 from robot_under_test import wait_for
+from std_msgs.msg import Header
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.placed_target import NewestTarget
 from head_tracking.ros.spinning import NodeThreads
+from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(
@@ -73,6 +80,46 @@ def test_nothing_ends_while_joints_come_to_be_moved_by_hand(threads, robot):
     assert threads.failure is None
     assert robot.joints.move({"head_pan_joint": 0.25}).done
     wait_for(lambda: robot.observe().joints.get("head_pan_joint") == pytest.approx(0.25), PATIENCE)
+
+
+class Listens:
+    """The parts of a node that a listener needs, without threads of ROS's own."""
+
+    heard: Callable[[PointStamped], None]
+
+    def create_subscription(self, *arguments: Any, **_: Any) -> None:
+        self.heard = arguments[2]
+
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=time.monotonic_ns()))
+
+
+def test_targets_come_in_another_thread_than_they_are_asked_for():
+    """Some wait for their frame, others are placed at once."""
+    buffer, node, interval = TransformBuffer(), Listens(), sys.getswitchinterval()
+    buffer.set_transform(0, "base_link", "camera", Transform.identity(), static=True)
+    targets = NewestTarget(node, buffer)
+    targets.place_in("base_link")
+    ended = threading.Event()
+
+    def send() -> None:
+        waits, placed = (PointStamped(header=Header(frame_id=one)) for one in ("nowhere", "camera"))
+        while not ended.is_set():
+            for message in (*[waits] * 19, placed):
+                node.heard(message)
+
+    sending = threading.Thread(target=send)
+    sys.setswitchinterval(1e-6)  # threads take turns as often as they can
+    try:
+        sending.start()
+        for _ in range(300_000):
+            targets.newest()
+    finally:
+        sys.setswitchinterval(interval)
+        ended.set()
+        sending.join()
+    node.heard(PointStamped(header=Header(frame_id="camera")))
+    assert targets.newest() is not None
 
 
 def test_a_joint_that_is_moved_all_the_time_is_published_all_the_time(robot):

@@ -133,15 +133,6 @@ def test_mx_wheel_mode_keeps_a_speed() -> None:
     assert servo.register("Present Speed") == pytest.approx(1024 + 200, abs=3)
 
 
-def test_mx_multi_turn_mode_counts_turns() -> None:
-    servo = SimulatedServo(1, servo_model("MX-28"))
-    servo.advance(0)
-    write(servo, "CW Angle Limit", 4095)
-    write(servo, "Goal Position", 9000)
-    servo.advance(8 * SECOND)
-    assert servo.register("Present Position") == pytest.approx(9000, abs=8)
-
-
 def test_mx_goal_acceleration_ramps_the_speed() -> None:
     servo = SimulatedServo(1, servo_model("MX-28"))
     servo.advance(0)
@@ -149,13 +140,3 @@ def test_mx_goal_acceleration_ramps_the_speed() -> None:
     servo.execute(Packet.write(1, 30, bytes.fromhex("A0 0F 00 02")), 0)
     servo.advance(500 * MS)
     assert servo.true_velocity == pytest.approx(0.75, rel=0.15)
-
-
-def test_mx_torque_control_mode_ignores_the_goal() -> None:
-    servo = SimulatedServo(1, servo_model("MX-64"))
-    servo.advance(0)
-    write(servo, "Torque Ctrl Mode Enable", 1)
-    write(servo, "Goal Torque", 300)
-    write(servo, "Torque Enable", 1)
-    servo.advance(SECOND)
-    assert servo.true_velocity > 0.5

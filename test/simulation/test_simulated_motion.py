@@ -373,7 +373,7 @@ def test_stalled_servo_gets_hot_and_cools_down() -> None:
 
 
 def test_temperature_does_not_depend_on_the_step() -> None:
-    once, often = Temperature(25.0), Temperature(25.0)
+    once, often = Temperature(), Temperature()
     once.heat(0.5, 100.0)
     for _ in range(100):
         often.heat(0.5, 1.0)

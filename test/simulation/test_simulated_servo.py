@@ -238,14 +238,16 @@ def test_wrong_supply_shows_in_every_answer_and_data_stay_valid(volts: float) ->
 
 
 def test_overheating_shuts_down_as_the_shutdown_register_says() -> None:
-    servo = SimulatedServo(1, ambient_temperature=70.0)
+    servo = SimulatedServo(1)
+    servo.temperature = 75.0
     status = servo.execute(Packet.ping(1), 0)
     assert status == StatusPacket(1, ErrorBits.OVERHEATING)
     assert servo.register("Torque Limit") == 0
 
 
 def test_overheating_without_its_shutdown_bit_only_warns() -> None:
-    servo = SimulatedServo(1, ambient_temperature=70.0)
+    servo = SimulatedServo(1)
+    servo.temperature = 75.0
     servo.set_register("Shutdown", int(ErrorBits.OVERLOAD))
     assert servo.execute(Packet.ping(1), 0) == StatusPacket(1, ErrorBits.OVERHEATING)
     assert servo.register("Torque Limit") == 1023
