@@ -1,4 +1,4 @@
-"""Where the target is and how it moves, from stamped sights that come as they please."""
+"""Estimate where the target is and how it moves, from stamped rays in any order."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
 _TRUST = 1.2  # of the horizon
-_REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
 _FADING = 0.2  # s; after that it comes to a stop within this
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
@@ -296,8 +294,7 @@ class TargetEstimator:
         stamps = self._stamps
         if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
             self._suspects.clear()
-            recent = bool(stamps) and stamp - stamps[-1] < _REMEMBERED
-            self._begin([(stamp, sight)], self._snapshots[-1] if recent else None)
+            self._begin([(stamp, sight)], self._snapshots[-1] if stamps else None)
             verdict = Verdict.NEW_TARGET
         else:
             index = bisect_right(stamps, stamp)
@@ -450,7 +447,7 @@ class TargetEstimator:
         """The estimate after one of the points."""
         stamp, sight, bearings, distance = self._snapshots[index]
         timeout = self.parameters.target_timeout
-        trust = min(max(_SHORTEST_TRUST, _TRUST * self.horizon), stamp - self._began)
+        trust = min(_TRUST * self.horizon, stamp - self._began)
         pan, tilt = bearings.joints
         return TargetEstimate(
             stamp,
