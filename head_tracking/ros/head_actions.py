@@ -204,7 +204,8 @@ class HeadActions:
                 )
 
             trajectory = through(waypoints)
-            factor = trajectory.peak_speed / (_RESERVE * control.fastest)
+            possible = max(limit.velocity for limit in limits.values())  # else it fails anyway
+            factor = min(trajectory.peak_speed, possible) / (_RESERVE * control.fastest)
             if factor > 1.0:  # after a STOP
                 self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
                 trajectory = through([waypoint.slowed(factor) for waypoint in waypoints])
