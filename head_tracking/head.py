@@ -40,9 +40,9 @@ from head_tracking.exceptions import (
     SupersededError,
     UnreachableError,
 )
-from head_tracking.gaze import PanTiltHead, PointingResult
+from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker, Turn
+from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker
 from head_tracking.transforms import (
     LATEST,
     RobotModel,
@@ -77,8 +77,6 @@ AX_12_PAIR = (
 
 _RATE = 50.0  # cycles per second
 _PATIENCE = 2.0  # s
-_THRESHOLD = 0.02  # rad: largest miss that counts as arrived
-_SETTLE_TIME = 0.4  # s
 _SIMULATED_REPLY = 0.1  # s: simulated servos share a process with the driver
 _T = TypeVar("_T")
 
@@ -275,9 +273,7 @@ class Head:
         self._check(target)
         self._switch_torque(True, epoch)
         result: Future[PointingResult] = Future()
-        turn = Turn(
-            self._pointed, min(max_velocity, control.fastest), 0.0, _THRESHOLD, _SETTLE_TIME
-        )
+        turn = control.turn(PointingParameters(max_velocity=max_velocity))
         task = PointTask(
             lambda task: self._conclude(task, target, result),
             control,
@@ -288,6 +284,7 @@ class Head:
         )
         with control.lock:
             self._permit(epoch)
+            self._loop.hold("")  # the servos hold, whatever a `follow` before still waits for
             control.carry_out(task)
         try:
             return result.result(timeout)
@@ -541,7 +538,7 @@ class Head:
 
     def _conclude(self, task: HeadTask, target: Target, result: Future[PointingResult]) -> None:
         """Hand the result of a turn to the thread that waits for it."""
-        if task.result is None:
+        if task.result is None or task.result.end is TaskEnd.CANCELED:  # by this thread
             return
         end, miss = task.result.end, task.miss
         if end in (TaskEnd.SUCCEEDED, TaskEnd.MISSED) and miss is not None:

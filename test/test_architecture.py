@@ -16,7 +16,7 @@ NAME = "head_tracking"
 PACKAGE = Path(head_tracking.__file__).parent
 CORE = {
     "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
-    "control", "parameters", "head",
+    "control", "parameters", "configuration", "head",
 }  # fmt: skip
 
 ALLOWED: dict[str, set[str]] = {
@@ -32,13 +32,14 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": set(),
     "simulation": set(),
+    "configuration": {"dynamixel", "parameters"},
     "control": {"dynamixel", "transforms", "gaze", "tracking", "parameters"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
-    | {"vision"},
+    | {"configuration", "vision"},
     "share": set(),
     "tf": {"transforms"},
     "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
-    | {"output"},
+    | {"configuration", "output"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
     | {"recording", "control"},

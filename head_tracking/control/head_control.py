@@ -16,7 +16,7 @@ from head_tracking.control.loop import ControlLoop
 from head_tracking.control.owners import STOPPED, OwnershipError
 from head_tracking.control.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import Goal, StoppedError
-from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingResult
+from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     ClockWatch,
@@ -29,6 +29,7 @@ from head_tracking.tracking import (
     Target,
     TargetPlacer,
     TrajectoryCode,
+    Turn,
     stalled,
 )
 from head_tracking.transforms import (
@@ -594,6 +595,26 @@ class HeadControl:
         return replace(target, stamp=max(1, target.stamp - latency)) if target.stamp else target
 
     # Tasks
+
+    def turn(
+        self,
+        p: PointingParameters,
+        head: PanTiltHead | None = None,
+        max_velocity: float = math.inf,
+        min_duration: float = 0.0,
+    ) -> Turn:
+        """Return a turn to a point, not faster than is allowed now.
+
+        Args:
+            p: how to turn.
+            head: what is pointed; None: the usual frame.
+            max_velocity: of either joint [rad/s], if lower than that of `p`.
+            min_duration: the turn takes so long at least [s].
+        """
+        head = head or self.head
+        assert head is not None
+        velocity = min(p.max_velocity, max_velocity, self.fastest)
+        return Turn(head, velocity, min_duration, p.success_angle_threshold, p.settle_time)
 
     def carry_out(self, task: HeadTask) -> None:
         """Begin a task; what is under way is preempted."""

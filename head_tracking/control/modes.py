@@ -224,8 +224,7 @@ class LookingOnce(TargetMode):
         goal, before = (gaze.pan, gaze.tilt), self._goal
         self._point, self._goal = point, goal
         if self._is_over and (before is None or not _near(goal, before, _STILL)):
-            velocity = min(p.max_velocity, control.fastest)
-            self._turn = Turn(head, velocity, 0.0, p.success_angle_threshold, p.settle_time)
+            self._turn = control.turn(p)
             self._start, self._is_over = present, False
         if not self._is_over:
             control.outcome = f"turning to {target}"

@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -124,10 +125,7 @@ class RobotStatePublisherNode(Node):
         self._take(p.model())
         self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
         TransformListener(
-            self._buffer,
-            self,
-            frame_prefix=p.frame_prefix,
-            on_joints=lambda message: self._send_moving(stamp_to_ns(message.header.stamp)),
+            self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
         if loop is not None:
             loop.observe(lambda stamp, _: self._send_moving(stamp))
@@ -145,6 +143,9 @@ class RobotStatePublisherNode(Node):
             self._static_sender.forget()
             self._static_sender.sendTransform(self._edges(moving=False))
         self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
+
+    def _on_joints(self, message: JointState) -> None:
+        self._send_moving(stamp_to_ns(message.header.stamp))
 
     def _send_moving(self, stamp: int) -> None:
         # (the listener of this node is no reason to send)

@@ -13,6 +13,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from head_tracking.configuration.bus_parameters import (
+    ControllerParameters,
+    EepromParameters,
+    MotorParameters,
+    ServoBusParameters,
+    TemperatureParameters,
+    bus_settings,
+)
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.dynamixel import (
     Buses,
@@ -28,14 +36,6 @@ from head_tracking.dynamixel import (
     ServoState,
     StoppedError,
     Torque,
-)
-from head_tracking.dynamixel.bus_parameters import (
-    ControllerParameters,
-    EepromParameters,
-    MotorParameters,
-    ServoBusParameters,
-    TemperatureParameters,
-    bus_settings,
 )
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_services import BusServices

@@ -21,7 +21,6 @@ from head_tracking.tracking import (
     TrajectoryCode,
     TrajectoryError,
     TrajectoryParameters,
-    Turn,
     Waypoint,
     checked_waypoints,
 )
@@ -128,13 +127,8 @@ class HeadActions:
                 self._log.warning(f"aborted: {error}")
                 goal.abort(PointHead.Result())
                 return
-            turn = Turn(
-                head,
-                min(p.max_velocity, request.max_velocity or math.inf, control.fastest),
-                _seconds(request.min_duration),
-                p.success_angle_threshold,
-                p.settle_time,
-            )
+            velocity, duration = request.max_velocity or math.inf, _seconds(request.min_duration)
+            turn = control.turn(p, head, velocity, duration)
             target = target_from_message(request.target)
             task = PointTask(notify, control, target, turn, clamp=p.clamp_to_limits)
             goal.on_cancel = lambda: control.cancel(task)

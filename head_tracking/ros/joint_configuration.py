@@ -8,18 +8,18 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from head_tracking.dynamixel import (
-    ConfigurationError,
-    JointConfiguration,
-    fastest_speed,
-    servo_model,
-)
-from head_tracking.dynamixel.bus_parameters import (
+from head_tracking.configuration.bus_parameters import (
     TUTORIAL_HEAD,
     ControllerParameters,
     MotorParameters,
     SecondMotorParameters,
     configured_joint,
+)
+from head_tracking.dynamixel import (
+    ConfigurationError,
+    JointConfiguration,
+    fastest_speed,
+    servo_model,
 )
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.parameters import NodeParameters

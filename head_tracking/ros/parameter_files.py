@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import yaml
 
+from head_tracking.configuration.parameter_files import Given, read
 from head_tracking.exceptions import RefusedError
-from head_tracking.parameter_files import Given, read
 from head_tracking.ros.head_lock import namespace
 
 if TYPE_CHECKING:  # the tools that read these files work without ROS

@@ -55,6 +55,8 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) 
             parameter_files.check([node], names=False)
         except Exception as error:
             line.send(node=spec["name"], problem=describe(error), enabled=enabled)
+            if reported:  # the others go on
+                return
             raise
         if hasattr(node, "enabled"):
             node.enabled = enabled

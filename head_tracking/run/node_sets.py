@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pkgutil import resolve_name
 from typing import Any
 
 CONTROL, VISION, PAGE = "control", "vision", "page"
@@ -38,6 +37,8 @@ class NodeSpec:
         Args:
             shared: what its process can hand to it.
         """
+        from pkgutil import resolve_name
+
         from rclpy.parameter import Parameter
 
         overrides = [Parameter(name, value=value) for name, value in self.parameters.items()]

@@ -11,6 +11,7 @@ end of their line, and end; control relaxes the servos. It imports no ROS, and s
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import selectors
@@ -89,6 +90,10 @@ class Process:
         """End the line to the process; it may still send."""
         with suppress(OSError):
             self._line.shutdown(socket.SHUT_WR)
+
+    def kill(self) -> None:
+        """Kill the process."""
+        self._process.kill()
 
     def wait(self) -> int:
         """Return the exit code; kill the process if it does not end soon."""
@@ -174,6 +179,7 @@ class Supervisor:
     def __init__(self, plan: Run) -> None:
         self._plan = plan
         self._ending = self._gives_way = False
+        self._kill_at = math.inf
         self._servos: list[tuple[str, int, dict[str, str]]] = []
         self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
         held = self._lock.descriptors
@@ -205,6 +211,8 @@ class Supervisor:
                 else:
                     self._read(key.data, control)
             self._start_due()
+            if self._ending and time.monotonic() > self._kill_at:
+                control.kill()
             if self._lock.is_wanted and not self._ending:
                 _say(f"{self._lock.reason}; this simulated head ends")
                 self._gives_way = True
@@ -213,9 +221,9 @@ class Supervisor:
             if other.running is not None:
                 other.running.ask_to_end()
         code = control.wait()
-        if self._servos:
-            _restore(terminal)
+        if self._servos or code < 0:
             self._make_safe(code)
+            _restore(terminal)
         for other in self._others.values():
             if other.running is not None:
                 other.running.wait()
@@ -230,13 +238,18 @@ class Supervisor:
                 self._lock.acquire(wait, shared=True, patience=0.0)
 
     def _end(self, control: Process) -> None:
+        """Ask control to end, and kill it if it does not."""
+        if not self._ending:
+            control.ask_to_end()
+            self._kill_at = time.monotonic() + _END_PATIENCE[CONTROL]
         self._ending = True
-        control.ask_to_end()
 
     def _timeout(self) -> float | None:
         """Return until when to wait for messages and signals [s]; None: however long."""
         due = [other.start_at for other in self._others.values() if other.start_at is not None]
-        if self._ending or not (due or self._plan.simulated):
+        if self._ending:
+            return max(0.0, self._kill_at - time.monotonic())
+        if not (due or self._plan.simulated):
             return None
         return max(0.0, min([_LOOK_PERIOD, *(at - time.monotonic() for at in due)]))
 
@@ -268,7 +281,7 @@ class Supervisor:
         from head_tracking.dynamixel import DynamixelError, relax_servos
 
         hold = self._plan.hold_on_crash
-        _say(f"the control process {_ended(code)}")
+        results = [f"the control process {_ended(code)}"]
         for port, baud_rate, models in self._servos:
             try:
                 problems = relax_servos(
@@ -280,7 +293,9 @@ class Supervisor:
                 done = (
                     f"may have torque on: {problem}" if problem else "holds" if hold else "relaxed"
                 )
-                _say(f"servo {servo} on {port}: {done}")
+                results.append(f"servo {servo} on {port}: {done}")
+        for result in results:  # afterwards: nobody may read what is written
+            _say(result)
 
 
 def _wake_on(signals: tuple[signal.Signals, ...]) -> socket.socket:
@@ -315,4 +330,6 @@ def _restore(terminal: list[Any] | None) -> None:
     """Set the terminal as it was: control reads single keys, and could not set it back."""
     if terminal is not None:
         with suppress(termios.error, OSError):
-            termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, terminal)
+            stream = sys.stdin.fileno()
+            if os.tcgetpgrp(stream) == os.getpgrp():  # else it is another program's now
+                termios.tcsetattr(stream, termios.TCSANOW, terminal)

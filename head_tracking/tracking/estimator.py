@@ -1,4 +1,4 @@
-"""Where the target is and how it moves, from stamped sights that come as they please."""
+"""Estimate where the target is and how it moves, from stamped rays in any order."""
 
 from __future__ import annotations
 
@@ -23,18 +23,12 @@ _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_SHORTEST_TRUST = 0.2  # s; a prediction is trusted for so long at least, if its track is as old
 _TRUST = 1.2  # of the horizon
-_REMEMBERED = 5.0  # s; how long after its last point it is known how a target moves
 _FADING = 0.2  # s; after that it comes to a stop within this
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
-_FIRST_RANGE_NOISE = 0.02  # of a distance's logarithm
-_LEAST_RANGE_NOISE = 1e-3
-_FIRST_RANGE_RATE = 1.0  # 1/s
-_RANGE_ACCELERATION = 0.5  # 1/s^3: white, in the logarithm
-_RANGE_MEMORY = 1.0  # s; over which the noise is learned
-_RANGE_OUTLIER = 3.0  # deviations; no more of a difference is believed
+_RANGE_MEMORY = 0.5  # s
+_RANGE_OUTLIER = 0.3  # of the logarithm; no more of a difference is believed
 _SMALLEST_RANGE = 1e-3  # m
 _FARTHEST = 0.5  # in the logarithm: so far a change is believed ahead
 
@@ -87,47 +81,31 @@ class EstimatorParameters:
 
 
 class Range(NamedTuple):
-    """The distance of the target: a Kalman filter of its logarithm, which learns its noise.
+    """The distance of the target: a critically damped alpha-beta filter of its logarithm.
 
     Attributes:
         log: of the distance in m.
         rate: its change [1/s].
-        covariance: of both: pp, pv, vv.
-        variance: of the measured logarithms.
     """
 
     log: float
-    rate: float
-    covariance: tuple[float, float, float]
-    variance: float
+    rate: float = 0.0
 
     @staticmethod
     def seen_once(distance: float) -> Range:
         """Return what one point tells [m]."""
-        noise = _FIRST_RANGE_NOISE**2
-        log = math.log(max(distance, _SMALLEST_RANGE))
-        return Range(log, 0.0, (noise, 0.0, _FIRST_RANGE_RATE**2), noise)
+        return Range(math.log(max(distance, _SMALLEST_RANGE)))
 
     def after(self, dt: float, distance: float) -> Range:
         """Return what another point [m] tells, a time `dt` [s] later."""
-        pp, pv, vv = self.covariance
-        pp += dt * (2.0 * pv + dt * vv) + _RANGE_ACCELERATION * dt**3 / 3.0
-        pv += dt * vv + 0.5 * _RANGE_ACCELERATION * dt * dt
-        vv += _RANGE_ACCELERATION * dt
         log = self.log + self.rate * dt
         off = math.log(max(distance, _SMALLEST_RANGE)) - log
-        expected = pp + self.variance
-        off = math.copysign(min(abs(off), _RANGE_OUTLIER * math.sqrt(expected)), off)
-        share = 1.0 - math.exp(-dt / _RANGE_MEMORY)
-        variance = self.variance * (1.0 + share * (off * off / expected - 1.0))
-        k, by_rate = pp / expected, pv / expected
-        left = (pp - k * pp, pv - k * pv, vv - by_rate * pv)
-        return Range(
-            log + k * off, self.rate + by_rate * off, left, max(variance, _LEAST_RANGE_NOISE**2)
-        )
+        off = math.copysign(min(abs(off), _RANGE_OUTLIER), off)
+        kept = math.exp(-dt / _RANGE_MEMORY)
+        return Range(log + (1.0 - kept * kept) * off, self.rate + (1.0 - kept) ** 2 / dt * off)
 
     def distance(self, dt: float) -> float:
-        """The distance [m] a time `dt` [s] later."""
+        """Return the distance [m] a time `dt` [s] later."""
         change = min(max(self.rate * dt, -_FARTHEST), _FARTHEST)
         return math.exp(self.log + change)
 
@@ -296,8 +274,7 @@ class TargetEstimator:
         stamps = self._stamps
         if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
             self._suspects.clear()
-            recent = bool(stamps) and stamp - stamps[-1] < _REMEMBERED
-            self._begin([(stamp, sight)], self._snapshots[-1] if recent else None)
+            self._begin([(stamp, sight)], self._snapshots[-1] if stamps else None)
             verdict = Verdict.NEW_TARGET
         else:
             index = bisect_right(stamps, stamp)
@@ -450,7 +427,7 @@ class TargetEstimator:
         """The estimate after one of the points."""
         stamp, sight, bearings, distance = self._snapshots[index]
         timeout = self.parameters.target_timeout
-        trust = min(max(_SHORTEST_TRUST, _TRUST * self.horizon), stamp - self._began)
+        trust = min(_TRUST * self.horizon, stamp - self._began)
         pan, tilt = bearings.joints
         return TargetEstimate(
             stamp,

@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 _MOST_WAITING = 4096
 _TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
-_WINDOW = 100_000_000  # ns; the base's motion is measured over two of these
+_WINDOW = 60_000_000  # ns; the base's motion is measured over two of these
 _FARTHEST = 1e12  # m: the square of what is much farther is no number any more
 _STEP = 0.04  # s between two rotations of the base that are kept
 _AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose

@@ -27,10 +27,9 @@ from head_tracking.transforms import Rotation, Vector3
 
 _SMOOTHING = 0.05  # of a delay, from one step to the next
 _FAR_AHEAD = 1e6  # m; a ray to such a point is level
-_INSTANT = 1e-3  # s
 CAUTIOUS_SPEED = 0.3
 """The greatest speed of a head after a stop, until it is on its target [rad/s]."""
-_SAID = (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE)  # also while others are followed
+_REPORTED = Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE  # also while others are followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,9 +160,7 @@ class Tracker:
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
             self._came = now
-        elif verdict in (Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE) or not self._follows(
-            now
-        ):
+        elif verdict in _REPORTED or not self._follows(now):
             self.machine.refused(verdict, now)
         return verdict
 
@@ -318,17 +315,6 @@ class TargetFromBase(TargetEstimate):
     def sight_at(self, time: float) -> Sight:
         """Where the target is at a time [s], in the base frame as it will be then."""
         return self.turned(TargetEstimate.sight_at(self, time), time)
-
-    def bearing(self, time: float) -> tuple[float, float]:
-        """Pan and tilt that look at the target then [rad]."""
-        pan, tilt, _ = self.sight_at(time)
-        return pan, tilt
-
-    def velocity(self, time: float) -> tuple[float, float]:
-        """How they change [rad/s]."""
-        before, after = self.bearing(time - _INSTANT), self.bearing(time + _INSTANT)
-        pan, tilt = ((b - a) / (2.0 * _INSTANT) for a, b in zip(before, after, strict=True))
-        return pan, tilt
 
 
 def stalled(

@@ -104,14 +104,13 @@ def _simulated_preemption() -> list[float]:
     try:
         pointed, rnd, side, found = PointedHead(kinectbot()), random.Random(1), 1.0, []
         world, written = pointed.world, []
-        write = world.loop.write
-        assert write is not None
+        write = world.write
 
         def record(sender: str, goals: Any, epoch: int) -> None:
             write(sender, goals, epoch)
             written.append((world.seconds, goals["head_pan_joint"].position))
 
-        world.loop.write = record
+        world.write = record
         goal = HeldGoal(point_goal(1.0, 2.0 * side, 0.3, velocity=1.0))
         pointed.node.actions.point(goal)
         for _ in range(PREEMPTIONS):

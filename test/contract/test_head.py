@@ -181,7 +181,7 @@ def test_what_cannot_be_looked_at_raises_with_the_facts_and_moves_nothing(head, 
 
 
 def test_a_head_that_is_held_has_not_arrived(head, servos):
-    servos.port.push(1, 3.0)  # twice what the servo can stand against
+    servos.port.use(lambda bus: bus[1].impede(1.5))  # more than the servo can turn
     result = head.look_at(RIGHT, timeout=5.0)
     assert not result.arrived
     assert result.miss > 0.1

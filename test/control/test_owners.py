@@ -130,6 +130,20 @@ def test_a_follower_does_as_it_is_told_and_hears_of_what_it_missed(owners):
     assert owners.owns("/head_tracker", JOINTS)
 
 
+def test_what_is_lost_at_a_servo_bus_elsewhere_is_lost_here(owners):
+    owners.claim("/head_tracker", JOINTS)
+    owners.follow(False, 0, dict.fromkeys(JOINTS, "somebody"))  # owned before this owner was heard
+    assert owners.owns("/head_tracker", JOINTS)
+    assert owners.elsewhere(JOINTS) == "somebody"
+    owners.follow(False, 0, dict.fromkeys(JOINTS, "/head_tracker"))
+    assert owners.owns("/head_tracker", JOINTS)
+    owners.follow(False, 0, {PAN: "/point_head", TILT: "/head_tracker"})
+    assert not owners.owns("/head_tracker", JOINTS)
+    assert owners.of(JOINTS) == {PAN: "/point_head", TILT: "/head_tracker"}
+    owners.follow(False, 0, dict.fromkeys(JOINTS, ""))
+    assert owners.elsewhere(JOINTS) == ""
+
+
 def test_where_others_are_allowed_any_command_counts_and_a_controller_stays_enabled(clock):
     owners = JointOwners(exclusive=False, clock=clock)
     owners.claim("/head_tracker", JOINTS)

@@ -15,6 +15,7 @@ from dynamixel_fakes import PAN, TILT, FakePort
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
+from head_tracking.configuration.bus_parameters import EepromParameters
 from head_tracking.dynamixel import (
     Buses,
     BusReading,
@@ -38,7 +39,6 @@ from head_tracking.dynamixel import (
     WrongModelError,
     servo_model,
 )
-from head_tracking.dynamixel.bus_parameters import EepromParameters
 from head_tracking.simulation import (
     Answer,
     Fault,

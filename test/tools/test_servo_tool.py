@@ -480,6 +480,8 @@ def test_set_baud_refuses_what_servo_or_adapter_cannot_do(
 def test_set_of_the_baud_rate_register_is_as_careful(bench: Bench) -> None:
     bench.impossible = 250_000
     assert bench.run("--yes", "set", "1", "Baud Rate", "7") == FAILED
+    assert bench.run("--yes", "set", "1", "Baud Rate", "99") == FAILED  # a code of no rate
+    assert bench[1].baud_rate == 1_000_000
     assert bench.run("--yes", "set", "1", "Baud Rate", "34") == DONE
     assert bench[1].baud_rate == 57_600
 

@@ -65,7 +65,7 @@ def test_one_point_is_a_target_that_stands_still():
 
 def test_a_straight_motion_is_predicted():
     path = lambda t: (2.0, -1.0 + 0.8 * t, 0.1 * t)  # noqa: E731
-    estimator = fed(path)
+    estimator = fed(path, horizon=0.2)
     assert miss(estimator, path, 0.2) < 2e-3
 
 

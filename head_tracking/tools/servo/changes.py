@@ -102,7 +102,11 @@ def _write(
 def _move(workshop: Workshop, link: Servo, name: str, value: int, shown: str) -> None:
     """Change how a servo is reached, and make sure that it is."""
     new_id = value if name == "ID" else link.id
-    rate = link.model.baud_rates[value] if name == "Baud Rate" else workshop.baud_rate
+    rates = link.model.baud_rates
+    rate = rates.get(value) if name == "Baud Rate" else workshop.baud_rate
+    if rate is None:
+        known = ", ".join(f"{code} ({rate})" for code, rate in sorted(rates.items()))
+        raise ToolError(f"{value} is not a baud rate of the {link.model.name}; it has {known}")
     with workshop.port(rate):
         pass  # the adapter can do it
     _ask(workshop, link, shown)

@@ -1,4 +1,4 @@
-"""Parameter files without ROS: the buses and the head that they describe."""
+"""The buses and the head that parameter files describe."""
 
 from __future__ import annotations
 
@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from head_tracking.dynamixel import (
-    BusSettings,
-    ConfigurationError,
-    JointConfiguration,
-    check_configuration,
-)
-from head_tracking.dynamixel.bus_parameters import (
+from head_tracking.configuration.bus_parameters import (
     TUTORIAL_HEAD,
     ControllerParameters,
     MotorParameters,
@@ -24,7 +18,13 @@ from head_tracking.dynamixel.bus_parameters import (
     bus_settings,
     configured_joint,
 )
-from head_tracking.parameter_files import parameters_of
+from head_tracking.configuration.parameter_files import parameters_of
+from head_tracking.dynamixel import (
+    BusSettings,
+    ConfigurationError,
+    JointConfiguration,
+    check_configuration,
+)
 from head_tracking.parameters import checked, parameter_info
 
 P = TypeVar("P")

@@ -1,0 +1,10 @@
+"""Parameter files without ROS: the buses and heads that they describe."""
+
+from head_tracking.configuration.heads import (
+    ConfiguredBus,
+    ConfiguredHead,
+    configured_buses,
+    configured_head,
+)
+
+__all__ = ["ConfiguredBus", "ConfiguredHead", "configured_buses", "configured_head"]
