@@ -615,7 +615,6 @@ class Servo:
             retries=counters.retries,
             timeouts=counters.timeouts,
             corrupt=counters.corrupt,
-            failed_cycles=self.failed_cycles,
             lost=self.lost,
             model=self.model.name,
             firmware_version=None if self.identity is None else self.identity.firmware_version,

@@ -231,7 +231,6 @@ class ServoStatistics:
         retries: Transactions that were repeated.
         timeouts: Attempts without an answer.
         corrupt: Attempts with a damaged answer.
-        failed_cycles: Failed cycles in a row, 0 when the last one was answered.
         lost: Whether the servo counts as lost.
         model: Name of the configured model.
         firmware_version: What the servo said; None before it was found.
@@ -252,7 +251,6 @@ class ServoStatistics:
     retries: int
     timeouts: int
     corrupt: int
-    failed_cycles: int
     lost: bool
     model: str = ""
     firmware_version: int | None = None

@@ -252,9 +252,14 @@ def _run(
     status: StatusLine,
     line: SupervisorLine,
 ) -> None:
+    handed_over: list[Any] = []
+
     def hand_over(servo_bus: Any) -> None:
-        if not plan.simulated:  # else they end with this process
-            line.send(servos=servo_bus.servos_by_port())
+        """Tell the supervisor which servos there are now; simulated ones end with this process."""
+        servos = servo_bus.servos_by_port()
+        if not plan.simulated and servos != handed_over:
+            handed_over[:] = servos
+            line.send(servos=servos)
 
     claim = _claim(plan, threads, stop, status)
     others = OtherProcesses(line, stop)
@@ -274,6 +279,7 @@ def _run(
     def look() -> None:
         if not plan.allow_others:
             claim.check()
+        hand_over(head.nodes["servo_bus"])
         parts, mood = monitor.look()
         status.show([*parts, HINT] if key.works else parts, mood)
 

@@ -111,8 +111,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--allow-others",
         action="store_true",
-        help="start, and go on, although another head, or another publisher of joint_commands, is "
-        "in the graph",
+        help="start, and go on, although another head has this ROS domain and namespace; the last "
+        "command wins",
     )
     parser.add_argument(
         "--network", action="store_true", help="let other machines hear a simulated run, too"

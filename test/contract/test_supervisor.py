@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from processes import child, has_ended
 from rig import LATCHED
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from waiting import wait_for
 
@@ -32,6 +33,20 @@ def test_the_servos_are_relaxed_when_the_process_that_drives_them_is_killed(benc
     assert run.end() == 1, run.output
     assert bench.servos.torque == [0, 0]
     assert "SIGKILL" in run.output
+
+
+def test_a_servo_that_comes_later_is_relaxed_too(bench):
+    bench.servos.port.use(lambda bus: bus[2].power_off())
+    run = bench.run("--target", "smooth", ros=("-p", "servo_bus:allow_missing:=true"))
+    states = bench.person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    assert list(states[-1].name) == ["head_pan_joint"]
+    bench.servos.port.use(lambda bus: bus[2].power_on())
+    wait_for(lambda: bench.servos.torque == [1, 1])
+    time.sleep(0.3)  # the supervisor is told within a tenth of a second
+    os.kill(child(run, "control"), signal.SIGKILL)
+    assert run.end() == 1, run.output
+    assert bench.servos.torque == [0, 0]
 
 
 def test_the_servos_hold_after_a_crash_if_that_is_wanted(bench):

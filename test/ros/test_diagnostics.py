@@ -24,7 +24,6 @@ SERVO = ServoStatistics(
     2,
     1,
     1,
-    0,
     False,
     "AX-12",
     24,
