@@ -111,5 +111,5 @@ def test_what_a_camera_process_cannot_start_with_ends_the_run(bench):
     words = ("--ros-args", "-p", "visual_target:max_distance:=-1.0")
     run = bench.start("head_tracking", "--sim", "--target", "face", *words)
     assert run.end() == 1
-    assert "max_distance" in run.last_line
+    assert "max_distance" in run.output
     assert "Traceback" not in run.output
