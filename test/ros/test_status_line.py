@@ -26,10 +26,10 @@ class Terminal:
         fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
 
     def written(self, last: str) -> str:
-        text = ""
-        while last not in text:  # a terminal gives what it has, not what was written
-            text += os.read(self._master, 1000).decode()
-        return text
+        text = b""
+        while last.encode() not in text:  # a terminal gives what it has, not what was written
+            text += os.read(self._master, 1000)
+        return text.decode()
 
     def close(self) -> None:
         self.stream.close()
@@ -66,7 +66,7 @@ def test_on_a_terminal_the_line_is_written_over(terminal):
     line.show(["first"])
     line.show(["second"])
     line.end("done")
-    written = terminal.written("done")
+    written = terminal.written("done\r\n")
     assert written.split("\r\x1b[K") == ["", "first", "second", "done\r\n"]
     assert os.environ["RCUTILS_CONSOLE_OUTPUT_FORMAT"].startswith("\r\x1b[K[{severity}]")
     assert os.environ["RCUTILS_COLORIZED_OUTPUT"] == "0"
@@ -77,7 +77,7 @@ def test_what_is_said_stands_above_the_line(terminal):
     line.show(["status"])
     line.say("said")
     line.end("done")
-    assert terminal.written("done") == "\r\x1b[Kstatus\r\x1b[Ksaid\r\nstatus\r\x1b[Kdone\r\n"
+    assert terminal.written("done\r\n") == "\r\x1b[Kstatus\r\x1b[Ksaid\r\nstatus\r\x1b[Kdone\r\n"
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_what_does_not_fit_is_left_out_the_least_important_first(terminal, colum
     line.show(PARTS)
     line.end("done")
     text = " | ".join(PARTS[index] for index in shown)
-    assert terminal.written("done").split("\r\x1b[K")[1] == text
+    assert terminal.written("done\r\n").split("\r\x1b[K")[1] == text
 
 
 def test_a_terminal_narrower_than_the_first_part_shows_its_beginning(terminal):
@@ -98,7 +98,7 @@ def test_a_terminal_narrower_than_the_first_part_shows_its_beginning(terminal):
     line = StatusLine(terminal.stream)
     line.show(["STOPPED", "more"])
     line.end("done")
-    assert terminal.written("done").split("\r\x1b[K")[1] == "STOPP"
+    assert terminal.written("done\r\n").split("\r\x1b[K")[1] == "STOPP"
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_colours_are_used_where_there_are_any(terminal, monkeypatch, no_color, t
     line.show(["STOPPED", "more"], Mood.BAD)
     line.end("done")
     expected = "\x1b[1;31mSTOPPED\x1b[0m | more" if coloured else "STOPPED | more"
-    assert terminal.written("done").split("\r\x1b[K")[1] == expected
+    assert terminal.written("done\r\n").split("\r\x1b[K")[1] == expected
 
 
 def test_nothing_is_shown_after_the_end():
