@@ -69,10 +69,7 @@ __all__ = [
     "UnreachableError",
 ]
 
-AX_12_PAIR = (
-    JointConfiguration("head_pan_joint", "head_pan_controller", 1),
-    JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800),
-)
+AX_12_PAIR = configured_head(()).servos
 """Pan and tilt of the robots that come with the package: AX-12 with the ids 1 and 2."""
 
 _RATE = 50.0  # cycles per second
@@ -347,7 +344,6 @@ class Head:
             OpenCVMissingError: OpenCV is not installed.
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
-            DynamixelError: a servo cannot hold.
             ValueError: there is no such detector.
         """
         from head_tracking.vision import CameraFollower, find_detector, pictures

@@ -5,6 +5,7 @@ from head_tracking.configuration.heads import (
     ConfiguredHead,
     configured_buses,
     configured_head,
+    head_names,
 )
 
-__all__ = ["ConfiguredBus", "ConfiguredHead", "configured_buses", "configured_head"]
+__all__ = ["ConfiguredBus", "ConfiguredHead", "configured_buses", "configured_head", "head_names"]

@@ -29,6 +29,8 @@ from head_tracking.parameters import checked, parameter_info
 
 P = TypeVar("P")
 
+_POINTED = {"point_head": "pointing_frame", "head_tracker": "camera_link"}
+
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredBus:
@@ -73,17 +75,28 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
         ValueError: a value is not allowed.
         yaml.YAMLError: a file is no YAML.
     """
-    values = parameters_of("point_head", files)
-    pan, tilt = (values.get(f"head_{axis}_joint", f"head_{axis}_joint") for axis in ("pan", "tilt"))
+    pan, tilt, frame = head_names("point_head", files)
     for bus in configured_buses(files):
         joints = {joint.joint_name: joint for joint in bus.joints}
         if {pan, tilt} <= joints.keys():
-            frame = values.get("pointing_frame", "camera_link")
             return ConfiguredHead((joints[pan], joints[tilt]), bus.baud_rate, frame)
     raise ConfigurationError(
         f"no bus has servos for both {pan} and {tilt}; see servo_bus and head_pan_joint in "
         f"{', '.join(map(str, files))}"
     )
+
+
+def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
+    """Return the pan joint, the tilt joint and the frame that a node points, as files name them.
+
+    Args:
+        node: point_head or head_tracker.
+        files: parameter files; later ones win.
+    """
+    frame = _POINTED[node]
+    defaults = {name: name for name in ("head_pan_joint", "head_tilt_joint")}
+    values = {**defaults, frame: "camera_link", **parameters_of(node, files)}
+    return values["head_pan_joint"], values["head_tilt_joint"], values[frame]
 
 
 def configured_buses(

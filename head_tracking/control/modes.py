@@ -8,7 +8,7 @@ from typing import Any
 
 from head_tracking.control.head_control import HeadControl, TargetMode
 from head_tracking.control.tasks import HeadReading
-from head_tracking.gaze import GazeStatus, HeadCommand, PanTiltHead, PointingParameters, together
+from head_tracking.gaze import HeadCommand, PanTiltHead, PointingParameters, together
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -214,8 +214,7 @@ class LookingOnce(TargetMode):
             return False
         target, point = placed
         gaze = head.gaze(point, *present)
-        out_of_reach = gaze.status in (GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS)
-        if not (gaze.reached or (p.clamp_to_limits and out_of_reach)):
+        if not gaze.is_usable(clamp=p.clamp_to_limits):
             control.outcome = f"refused: {gaze.reason}"
             control.refuse(Refusal(target, f"nothing moves: {gaze.reason}"))
             return False

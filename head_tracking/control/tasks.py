@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from head_tracking.gaze import GazeStatus, HeadCommand
+from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
     JointPoint,
     JointReading,
@@ -178,8 +178,7 @@ class PointTask(HeadTask):
                 self.end(TaskEnd.ABORTED, f"the target {self.target} cannot be placed: {error}")
             return law.stop(reading.joints, now) if moves and self.result else None
         gaze = turn.aim(point, stamp, self.start, positions, now)
-        out_of_reach = gaze.status in (GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS)
-        if not (gaze.reached or (self._clamp and out_of_reach)):
+        if not gaze.is_usable(clamp=self._clamp):
             self.end(TaskEnd.UNREACHABLE, gaze.reason)
             return law.stop(reading.joints, now) if moves else None
         self.miss = turn.miss

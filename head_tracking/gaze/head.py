@@ -80,6 +80,11 @@ class Gaze:
         """Whether the axis goes through the point."""
         return self.status is GazeStatus.REACHED
 
+    def is_usable(self, *, clamp: bool) -> bool:
+        """Return whether to turn there; `clamp`: also where the limits keep it from the point."""
+        out_of_reach = self.status in (GazeStatus.OUT_OF_REACH, GazeStatus.ON_PAN_AXIS)
+        return self.reached or (clamp and out_of_reach)
+
 
 class Sight(NamedTuple):
     """A point as the head sees it, limits aside.

@@ -259,12 +259,35 @@ def run_node(make: Callable[[], Node]) -> int:
 def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Runs one node as a program until `stop`; see `run_node`."""
     threads = NodeThreads()
-    try:
-        start_ros(args)
+
+    def begin() -> None:
         node = make()
         parameter_files.check([node])
         threads.start(node)
-        threads.wait(stop)
+
+    return run_threads(stop, threads, begin, args)
+
+
+def run_threads(
+    stop: StopSignal,
+    threads: NodeThreads,
+    begin: Callable[[], object],
+    args: Sequence[str] | None = None,
+    look: Callable[[], object] = lambda: None,
+) -> int:
+    """Run ROS and nodes until `stop`, and end both; return the exit code, see `run_node`.
+
+    Args:
+        stop: asks to end.
+        threads: of the nodes.
+        begin: starts the first nodes, when ROS runs.
+        args: ROS's.
+        look: called ten times a second.
+    """
+    try:
+        start_ros(args)
+        begin()
+        threads.wait(stop, look=look)
     except Exception as error:
         print(describe(error), file=sys.stderr)
         return 1

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import queue
-import sys
 from collections.abc import Sequence
 from typing import Any
 
-import rclpy
 from rclpy.node import Node
 
 from head_tracking.ros import parameter_files
-from head_tracking.ros.spinning import NodeThreads, describe
-from head_tracking.ros.start import start_ros
+from head_tracking.ros.spinning import NodeThreads, describe, run_threads
 from head_tracking.ros.stop_signal import StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import NodeSpec
@@ -74,14 +71,4 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) 
             if getattr(node, "enabled", before) != before:
                 report(name, node, not before)
 
-    try:
-        start_ros(arguments)
-        line.receive(wanted.put)
-        threads.wait(stop, look=work)
-    except Exception as error:
-        print(describe(error), file=sys.stderr)
-        return 1
-    finally:
-        threads.close()
-        rclpy.try_shutdown()
-    return threads.exit_code()
+    return run_threads(stop, threads, lambda: line.receive(wanted.put), arguments, work)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 
@@ -12,16 +11,16 @@ from head_tracking.scene.render import Renderer
 from head_tracking.scene.scenes import make_scene
 from head_tracking.transforms import Transform
 from head_tracking.vision.camera import camera_with_view
+from head_tracking.vision.camera_follower import DEFAULT_VIEW
 from head_tracking.vision.images import Pixels
 
 _SIZE = 320, 240
-_VIEW = math.radians(60.0)
 
 
 def film(
     scene: str, pose: Callable[[float], Transform], rate: float = 15.0, seed: int = 1
 ) -> Iterator[tuple[float, Pixels]]:
-    """Yield pictures of 320 by 240 pixels and 60 degrees, with their times [s, as time.time()].
+    """Yield pictures of 320 by 240 pixels and `DEFAULT_VIEW`, with their times [s, as time.time()].
 
     Args:
         scene: one of `SCENES`.
@@ -30,7 +29,7 @@ def film(
         seed: chooses the room.
     """
     renderer = Renderer(
-        make_scene(scene, np.random.default_rng(seed)), camera_with_view(*_SIZE, _VIEW)
+        make_scene(scene, np.random.default_rng(seed)), camera_with_view(*_SIZE, DEFAULT_VIEW)
     )
     due = time.monotonic()
     while True:

@@ -8,8 +8,7 @@ from typing import Final
 
 import yaml
 
-from head_tracking.configuration import ConfiguredBus, configured_buses
-from head_tracking.configuration.parameter_files import parameters_of
+from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
 from head_tracking.dynamixel import ConfigurationError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
@@ -47,15 +46,10 @@ def check_configured(
 
 def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
     """Check that the robot's model can be read, has a pan/tilt head, and fits the servos."""
-    values = {
-        "head_pan_joint": "head_pan_joint",
-        "head_tilt_joint": "head_tilt_joint",
-        "camera_link": "camera_link",
-    } | parameters_of("head_tracker", files)
+    pan, tilt, frame = head_names("head_tracker", files)
     try:
         model = load_robot_model(robot_file(robot))
-        names = (values["head_pan_joint"], values["head_tilt_joint"], values["camera_link"])
-        PanTiltHead(model, *names)
+        PanTiltHead(model, pan, tilt, frame)
     except HeadTrackingError as error:
         return Finding("model", Level.RED, str(error))
     problems, level = [], Level.GREEN
@@ -72,5 +66,5 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
                 f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
             )
             level = max(level, Level.AMBER)
-    text = "; ".join(problems) or f"{values['camera_link']} can be pointed"
+    text = "; ".join(problems) or f"{frame} can be pointed"
     return Finding("model", level, f"{robot}: {text}")
