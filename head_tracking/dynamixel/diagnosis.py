@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.events import Note
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.models import ServoModel
@@ -282,7 +283,7 @@ class Diagnosis:
 
     Args:
         joints: All joints of the bus.
-        note: Takes an event: its kind, the joint, a text, whether the joint is stuck.
+        note: Notes an event.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         enqueue: Takes steps before goals are written, in this cycle and the next ones.
         clear_watchdog: Holds a joint where it is, with its watchdog armed anew.
@@ -292,7 +293,7 @@ class Diagnosis:
     def __init__(
         self,
         joints: Iterable[Joint],
-        note: Callable[[EventKind, Joint, str, bool], None],
+        note: Note,
         cut: Callable[[Joint], None],
         enqueue: Callable[[Steps[None]], object],
         clear_watchdog: Callable[[Joint], None],
@@ -461,7 +462,8 @@ class Diagnosis:
         watch.symptoms[symptom] = text
         joint, servo = watch.joint, watch.servo
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
-        self._note(kind, joint, f"servo {servo.id}: {symptom.value}: {text}", symptom.stuck)
+        text = f"servo {servo.id}: {symptom.value}: {text}"
+        self._note(kind, joint, text, symptom.stuck, about=symptom)
         if watch.outcome == _UNDER_WAY and symptom is not Symptom.WARM:
             off = abs(joint.goal_position - servo.position)
             watch.outcome = f"missed by {off:.3f} rad: {symptom.value}"
@@ -471,7 +473,7 @@ class Diagnosis:
             if watch.now - watch.seen[symptom] > _GONE * 1e9:
                 del watch.symptoms[symptom]
                 text = f"servo {watch.servo.id}: no longer {symptom.value}"
-                self._note(EventKind.CLEARED, watch.joint, text, False)
+                self._note(EventKind.CLEARED, watch.joint, text, about=symptom)
 
     def _end(self, watch: _Watch, why: str) -> None:
         """A goal has been dropped."""

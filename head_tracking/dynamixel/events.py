@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Hashable
+from typing import Final, Protocol
 
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.state import BusEvent, EventKind
 
 _REPEATS: Final = 30_000_000_000  # ns; an event that comes back sooner repeats
-_NUMBER: Final = re.compile(r"[-+]?\d[\d.]*")
-_SEVERAL: Final = (EventKind.ALARM, EventKind.SYMPTOM, EventKind.CLEARED)
-"""Kinds of which a joint may have several different ones at a time; their numbers vary."""
 _STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
+
+
+class Note(Protocol):
+    """Notes what happened to a joint; see `Events.note`."""
+
+    def __call__(
+        self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
+    ) -> None:
+        """Note an event."""
 
 
 class Events:
@@ -33,10 +38,20 @@ class Events:
     def __init__(self, monotonic: Callable[[], int]) -> None:
         self.waiting: list[BusEvent] = []
         self._monotonic = monotonic
-        self._recent: dict[tuple[EventKind, str, str], tuple[int, int]] = {}  # count, ns
+        self._recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = {}  # count, ns
 
-    def note(self, kind: EventKind, joint: Joint, text: str, stuck: bool = False) -> None:
-        """Note what happened to a joint; `stuck`: it cannot reach its goals."""
+    def note(
+        self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
+    ) -> None:
+        """Note what happened to a joint.
+
+        Args:
+            kind: What happened.
+            joint: To which.
+            text: The same for the log.
+            stuck: Whether the joint cannot reach its goals.
+            about: Which one, of a kind of which a joint may have several at a time.
+        """
         text = f"{joint.name} (id {joint.servos[0].id}): {text}"
         now = self._monotonic()
         self._recent = {
@@ -44,7 +59,7 @@ class Events:
             for key, (count, last) in self._recent.items()
             if now - last < _REPEATS
         }
-        key = kind, joint.name, _NUMBER.sub("", text) if kind in _SEVERAL else ""
+        key = kind, joint.name, about
         count = self._recent.get(key, (0, 0))[0] + 1
         self._recent[key] = count, now
         if count == 2:

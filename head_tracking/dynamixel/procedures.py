@@ -338,6 +338,7 @@ class Procedures:
                 joint,
                 f"servo {servo.id} has firmware {identity.firmware_version}, which has no Bus "
                 f"Watchdog ({first} has): should this program die, it goes on to its goal",
+                about="firmware",
             )
 
 

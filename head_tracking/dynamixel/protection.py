@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.events import Note
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.protocol import ErrorBits, describe_errors
@@ -26,14 +27,14 @@ class Protection:
     """Judges what a cycle has read, and relaxes what must not go on.
 
     Args:
-        note: Takes an event: its kind, the joint, a text.
+        note: Notes an event.
         cut: Relaxes a joint at once, and makes sure of it in later cycles.
         settings: Temperatures and times.
     """
 
     def __init__(
         self,
-        note: Callable[[EventKind, Joint, str], None],
+        note: Note,
         cut: Callable[[Joint], None],
         settings: BusSettings,
     ) -> None:
@@ -80,7 +81,8 @@ class Protection:
                     "no commands until somebody calls recover",
                 )
         elif errors and self.told.get(servo.id) != errors:
-            self._note(EventKind.ALARM, joint, f"servo {servo.id} says: {describe_errors(errors)}")
+            text = f"servo {servo.id} says: {describe_errors(errors)}"
+            self._note(EventKind.ALARM, joint, text, about=errors)
         if errors:
             self.told[servo.id] = errors
         else:
