@@ -52,6 +52,8 @@ LARGEST_COORDINATE = 1e300
 """Larger ones [m] would overflow in sums."""
 LARGEST_POSITION = 1e9
 """No joint stands farther out [rad or m]; larger numbers would overflow in mimic joints."""
+MOST_ROUTES = 1000
+"""So many are kept, about 1.3 kB each; with one more all are found anew."""
 
 
 Answer = TypeVar("Answer")
@@ -71,21 +73,20 @@ class Request:
 
 
 class Route:
-    """A way between two frames, ready to be used.
+    """A way between two frames: walked the first time, compiled for those that follow.
 
     Args:
         way: between the frames, at some time.
     """
 
-    __slots__ = ("_chain", "_histories")
+    __slots__ = ("_chain", "_histories", "_walked", "_way")
 
     def __init__(self, way: Way) -> None:
-        target, source = way.above_target, way.above_source
-        steps = [step for edge in target for step in edge.steps_back]
-        steps += [step for edge in reversed(source) for step in edge.steps]
-        histories = [edge.history for edge in (*source, *reversed(target))]
+        self._way = way
+        histories = [edge.history for edge in (*way.above_source, *reversed(way.above_target))]
         self._histories = [history for history in histories if history is not None]
-        self._chain = Chain(steps, [history.at for history in self._histories])
+        self._walked = False
+        self._chain: Chain | None = None
 
     def latest(self) -> int:
         """The latest common time [ns]; as in tf2 a stamp of 0 does not count.
@@ -112,6 +113,11 @@ class Route:
         Raises:
             ExtrapolationException: it is not known.
         """
+        if self._chain is None:
+            if not self._walked:
+                self._walked = True
+                return self._way.transform(stamp)
+            self._chain = self._way.chain()
         return self._chain.transform(stamp)
 
 
@@ -552,27 +558,30 @@ class TransformBuffer:
         self, target: str, source: str, stamp: int, question: Callable[[Route, int], Answer]
     ) -> tuple[int, Answer]:
         """The time of the answer [ns], and what the route from source to target answers."""
-        route = self._routes.get((target, source)) or self._lasting(target, source)
+        route = self._routes.get((target, source))
+        if route is None:
+            if target == source:
+                return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
+            self._check(target)
+            self._check(source)
+            route = self._lasting(target, source)
         if route is not None:
             try:
                 at = stamp or route.latest()
                 return at, question(route, at)
             except ExtrapolationException:
                 pass  # the walk knows the reason
-        if target == source:
-            return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
-        self._check(target)
-        self._check(source)
         way = find_way(self._edges, target, source, stamp)
         return way.stamp, question(Route(way), way.stamp)
 
     def _lasting(self, target: str, source: str) -> Route | None:
         """The route between two frames, if samples do not change it; it is kept."""
-        if target == source or not self._names.issuperset((target, source)):
-            return None
         found = lasting_way(self._edges, target, source)
         if found is None:
             return None
+        if len(self._routes) >= MOST_ROUTES:
+            self._routes.clear()
+            self._routes_through.clear()
         way, frames = found
         route = self._routes[target, source] = Route(way)
         through, ends = self._routes_through, (target, source)
