@@ -43,6 +43,10 @@ class StaticEdge:
         """`T_parent_child` at any time."""
         return self.transform
 
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {self.parent}
+
 
 @dataclass(slots=True)
 class SampledEdge:
@@ -61,6 +65,10 @@ class SampledEdge:
     def at(self, stamp: int) -> Transform:
         """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
         return self.history.at(stamp)[1]
+
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {parent for parent, _ in self.history.values}
 
 
 @dataclass(slots=True)
@@ -94,6 +102,10 @@ class JointEdge:
         """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
         leader = self.leader
         return self.joint.transform(leader.multiplier * self.history.at(stamp) + leader.offset)
+
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {self.parent}
 
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
