@@ -8,8 +8,8 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
+from waiting import wait_for
 
 from head_tracking.dynamixel import JointConfiguration, servo_model
 from head_tracking.nodes.servo_bus import ServoBusNode
