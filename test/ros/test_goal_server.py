@@ -6,7 +6,7 @@ import pytest
 import rclpy
 from action_client import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Client
 from rclpy.node import Node
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.ros import head_actions, spinning
