@@ -135,15 +135,15 @@ class ServoBus:
 
         Args:
             goals: Goal by joint name.
-            clamp: Move positions outside the limits to the limit instead of refusing them. One
-                tick of excess always counts as being on the limit.
+            clamp: For a stream of commands: move positions outside the limits to the limit, and
+                leave joints out that take no commands now, instead of refusing all. One tick of
+                excess always counts as being on the limit.
             claim: Gets the joints that shall move before they do; it may refuse, by raising.
             epoch: When the command was made, see `Epoch`; None: now.
 
         Raises:
-            GoalError: A joint is unknown or takes no commands now, a position is not finite or
-                outside the limits, a speed is not finite or not above 0, or no joint of the
-                command answers. Nothing has changed.
+            GoalError: A joint is unknown, a position is not finite or outside the limits, a speed
+                is not finite or not above 0, or joints take no commands now. Nothing has changed.
             StoppedError: STOP came after the command was made. Nothing has changed.
             NotConnectedError: `connect` has not been called.
         """
@@ -157,13 +157,16 @@ class ServoBus:
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
-        lost: tuple[str, ...] = ()
+        left_out: dict[str, str] = {}
         try:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self._joint(name)
+                if clamp and not joint.on and joint.torque.waits:
+                    left_out[name] = joint.torque.value
+                    continue
                 position = joint.admit(goal, clamp)
                 if incomplete and name in incomplete:
-                    lost += (name,)
+                    left_out[name] = "a servo of it does not answer; it is asked again all the time"
                     continue
                 positions[name] = position
                 if position == goal.position:
@@ -172,11 +175,9 @@ class ServoBus:
                 admitted[name] = Goal(position, goal.speed)
                 if abs(position - goal.position) > joint.configuration.resolution:
                     clamped[name] = position - goal.position
-            if lost and not positions:
-                raise GoalError(
-                    f"command refused: the servo of {', '.join(lost)} does not answer; it is asked "
-                    "again all the time and can be commanded once it answers"
-                )
+            if left_out and not positions:
+                reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+                raise GoalError(f"command refused: {reasons}")
         except GoalError:
             self._refused += 1
             raise
@@ -185,7 +186,7 @@ class ServoBus:
         self.requests.put_goals(admitted, epoch)
         if clamped:
             self._clamped += 1
-        return CommandResult(positions, clamped, lost)
+        return CommandResult(positions, clamped, left_out)
 
     def set_speed(self, joint: str, speed: float) -> None:
         """Set the speed, rad/s, for commands that give none, also for one under way.

@@ -404,11 +404,14 @@ def test_lost_joint_does_not_stop_the_others() -> None:
     for _ in range(5):
         bus.step()
     result = bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)})
-    assert (result.lost, set(result.positions)) == (("head_pan_joint",), {"head_tilt_joint"})
+    assert (set(result.left_out), set(result.positions)) == (
+        {"head_pan_joint"},
+        {"head_tilt_joint"},
+    )
     port.take_log()
     bus.step()
     assert port.servos[2]["Goal Position"] == TILT.ticks(0.2)
-    with pytest.raises(GoalError, match="head_pan_joint does not answer"):
+    with pytest.raises(GoalError, match="head_pan_joint"):
         bus.command({"head_pan_joint": Goal(0.1)})
 
 

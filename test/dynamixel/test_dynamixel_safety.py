@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from random import Random
@@ -16,8 +15,9 @@ from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
 from head_tracking.configuration.bus_parameters import EepromParameters
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusReading,
     BusThread,
     CommunicationError,
@@ -25,7 +25,6 @@ from head_tracking.dynamixel import (
     CorruptReplyError,
     DynamixelError,
     DynamixelPort,
-    Epoch,
     EventKind,
     Goal,
     GoalError,
@@ -54,7 +53,7 @@ PERIOD = 0.02
 def joint(servo_id: int, model: ServoModel) -> JointConfiguration:
     low, high = model.ticks // 4, 3 * model.ticks // 4
     return JointConfiguration(
-        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
     )
 
 
@@ -246,16 +245,15 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 # Stopping
 
 
-def two_buses(on_reading: Callable[[ServoBus, BusReading], object]) -> tuple[Buses, list[FakePort]]:
-    ports = [FakePort(1), FakePort(2)]
-    epoch = Epoch()
+def two_buses() -> tuple[DynamixelBackend, list[FakePort]]:
+    ports, loop = [FakePort(1), FakePort(2)], ControlLoop(None)
     buses = [
-        ServoBus(port, [each], epoch=epoch)  # type: ignore[arg-type]
+        ServoBus(port, [each], epoch=loop.owners.epoch)  # type: ignore[arg-type]
         for port, each in zip(ports, (PAN, TILT), strict=True)
     ]
-    for bus in buses:
-        bus.connect()
-    return Buses(buses, 100.0, on_reading, lambda error: None), ports
+    backend = DynamixelBackend(buses, loop, 100.0)
+    backend.connect()
+    return backend, ports
 
 
 def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
@@ -268,16 +266,16 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             hanging.set()
             release.wait(20.0)
 
-    buses, ports = two_buses(on_reading)
+    buses, ports = two_buses()
     stop = BusThread.stop
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
-        buses.start()
+        buses.start(on_reading)
         while not (hanging.is_set() and ports[1].servos[2]["Torque Enable"]):
             buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
             hanging.wait(0.02)
         with pytest.raises(DynamixelError, match="callback does not return"):
-            buses.stop()
+            buses.close()
         assert ports[0].servos[1]["Torque Enable"] == 0
         assert ports[1].servos[2]["Torque Enable"] == 0
         assert not ports[0].opened and not ports[1].opened
@@ -526,18 +524,19 @@ def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cy
 
 def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
     port = FakePort()
-    bus = ServoBus(port, [PAN, TILT])
+    loop = ControlLoop(None)
+    bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
     bus.connect()
     bus.run(bus.switching_torque(None, True))
-    buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
+    buses = DynamixelBackend([bus], loop, 50.0)
     (thread,) = buses.threads
     buses.start()
     try:
         with thread._owner:  # as a cycle holds it that the machine does not let end
-            assert all(buses.relax_at_once(0.02).values())
+            assert all(buses.relax_now(0.02).values())
         deadline = time.monotonic() + 10.0
         while bus.torque(PAN.joint_name) is not Torque.OFF_UNTIL_COMMANDED:
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:
-        buses.stop()
+        buses.close()

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from contract_nodes import ControllerStandIn
 from rclpy.node import Node
-from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
+from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError

@@ -6,8 +6,8 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.time import Time
-from robot_under_test import wait_for
 from transform_messages import shifted
+from waiting import wait_for
 
 from head_tracking.tf import Buffer, TransformListener
 
