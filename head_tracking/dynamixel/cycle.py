@@ -225,7 +225,6 @@ class Cycle:
                     if (
                         reply.error
                         or servo.errors
-                        or servo.interrupted
                         or state.temperature >= rest
                         or joint.resting
                         or (told and servo.id in told)
@@ -335,8 +334,7 @@ class Cycle:
             if joint.torque.waits or not joint.complete:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
-            read = all(servo.link is LinkState.PRESENT for servo in joint.servos)
-            if read and not joint.busy:  # torque needs to know where it stands
+            if joint.writable and not joint.busy:  # torque needs to know where it stands
                 self._procedures.switch_on_for_goal(joint)
 
     def write_goals(self, also_silent: bool = False) -> None:
@@ -423,7 +421,6 @@ class Cycle:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= self._settings.lost_after:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
-            servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
         self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
@@ -439,11 +436,11 @@ class Cycle:
             if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
                 servo.ask_at = now + round(self._settings.poll_interval * 1e9)
                 with suppress(CommunicationError):
-                    if servo.readable:
-                        servo.ping()
-                    else:
+                    if servo.damaged_cycles:  # two servos with one id may answer pings
                         servo.read_feedback()
-                        servo.readable = True
+                        servo.damaged_cycles = 0
+                    else:
+                        servo.ping()
                     self._procedures.return_servo(joint, servo)
                 return self._monotonic() - now
         return 0

@@ -94,7 +94,7 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 @contextmanager
 def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
     """`ServoBus.step` with a new command each cycle: units, limits, protection and all."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     bus = ServoBus(DynamixelPort(port_name), joints)
     bus.connect()
 
@@ -285,7 +285,9 @@ def silent_servo() -> str:
     firsts, others, rates = [], [], []
     for _ in range(9):
         with served(0, 2) as (port_name, server):
-            joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+            joints = [
+                JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)
+            ]
             driver = ServoBus(DynamixelPort(port_name), joints)
             driver.connect()
             usual = []
@@ -345,9 +347,9 @@ def faulty_cycles() -> str:
     clock = SimulatedClock(PERIOD)
     line = SimulatedLine(simulated, clock)
     joints = [
-        JointConfiguration("ax", "ax_controller", 1, 512, 300, 800),
+        JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
         JointConfiguration(
-            "xm", "xm_controller", 2, 2048, 1024, 3072, model=servo_model("XM430-W350")
+            "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
         ),
     ]
     port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
@@ -457,7 +459,7 @@ def returning_servo() -> str:
             "simulated", baud_rate, open_device=lambda *_, line=line: SimulatedDevice(line),
             clock=clock,
         )  # fmt: skip
-        joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+        joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
         driver = ServoBus(port, joints, lambda c=clock: c.now, monotonic=lambda c=clock: c.now)
         driver.connect()
 
@@ -506,10 +508,11 @@ def driven(
         "simulated", baud_rate, open_device=lambda *_: SimulatedDevice(line), clock=clock
     )
     joints = [
-        JointConfiguration(f"joint_{i}", f"controller_{i}", i, model.center, 0, model.ticks - 1,
-                           model=model)
+        JointConfiguration(
+            f"joint_{i}", i, model.center, 0, model.ticks - 1, model, controller=f"controller_{i}"
+        )
         for i in (1, 2)
-    ]  # fmt: skip
+    ]
     driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
     driver.connect()
     return driver, simulated, clock, port
@@ -625,7 +628,7 @@ def in_a_run() -> str:
 
 def replugging() -> str:
     """The adapter unplugged and plugged in again, many times."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     times: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "servos"

@@ -30,7 +30,7 @@ SAMPLES = 5
 
 def soak(minutes: float) -> str:
     """A table with a line for every part of the run."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     rows = [
         "| minute | memory, MB | threads | file descriptors | cycles per second | joints read | "
         "transactions failed | times unplugged | processor |",

@@ -29,7 +29,7 @@ class Pair:
         low, high, last = model.ticks // 4, 3 * model.ticks // 4, model.ticks - 1
         self.second = ServoCalibration("j", 2, last - model.center, last - low, last - high, model)
         self.joint = JointConfiguration(
-            "j", "c", 1, model.center, low, high, model=model, second=self.second
+            "j", 1, model.center, low, high, controller="c", model=model, second=self.second
         )
         servos = [
             SimulatedServo(1, model),

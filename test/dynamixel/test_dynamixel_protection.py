@@ -33,7 +33,9 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import SimulatedServo
 
 XM = servo_model("XM430-W350")
-XM_PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 2048, 1024, 3072, model=XM)
+XM_PAN = JointConfiguration(
+    "head_pan_joint", 1, 2048, 1024, 3072, controller="head_pan_controller", model=XM
+)
 
 
 class Rig:
@@ -475,7 +477,7 @@ def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
 def simulated(position: float = 2048.0) -> tuple[SimulatedServo, Bench, ServoBus]:
     servo = SimulatedServo(1, XM, position=position)
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=XM)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=XM)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
     bus.connect()
     return servo, bench, bus

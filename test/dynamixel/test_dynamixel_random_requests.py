@@ -63,11 +63,10 @@ class Requests(RuleBasedStateMachine):
         self.bench = Bench(self.servos.values())
         configurations = [
             JointConfiguration(
-                name, f"c{name}", servo.id, servo.model.center, 0, servo.model.ticks - 1,
-                model=servo_model(servo.model.name),
+                name, i, model.center, 0, model.ticks - 1, model, controller=f"c{name}"
             )
-            for name, servo in self.servos.items()
-        ]  # fmt: skip
+            for i, (name, model) in enumerate(zip(self.servos, models, strict=True), start=1)
+        ]
         bench = self.bench
         self.bus = ServoBus(
             bench.port, configurations, bench.now, monotonic=bench.now, pause=bench.pass_time

@@ -75,7 +75,7 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
     bus.connect()
     bus.run(bus.switching_torque(None, True))

@@ -89,7 +89,9 @@ class Rig:
                 ends = ends[::-1]
             second = ServoCalibration("j", 2, self.other(case.zero), *ends, model)
         ends = (case.high, case.low) if case.reversed else (case.low, case.high)
-        self.joint = JointConfiguration("j", "c", 1, case.zero, *ends, model=model, second=second)
+        self.joint = JointConfiguration(
+            "j", 1, case.zero, *ends, controller="c", model=model, second=second
+        )
         self.bench = Bench(self.servos)
         self.bus = ServoBus(
             self.bench.port,
@@ -236,7 +238,7 @@ def model_in_extended_mode() -> tuple[ServoModel, SimulatedServo]:
 def test_extended_position_mode_is_refused() -> None:
     model, servo = model_in_extended_mode()
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
     with pytest.raises(ServoModeError):
         bus.connect()

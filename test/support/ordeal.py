@@ -105,5 +105,5 @@ class Ordeal:
 def ordeal_joint(servo_id: int, model: ServoModel) -> JointConfiguration:
     low, high = model.ticks // 4, 3 * model.ticks // 4
     return JointConfiguration(
-        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
     )
