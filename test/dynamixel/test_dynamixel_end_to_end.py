@@ -30,6 +30,7 @@ from head_tracking.dynamixel import (
     ServoState,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedPort, SimulatedServo
 
 TABLE = servo_model("AX-12").control_table
@@ -67,7 +68,7 @@ class Head:
         return configuration.position(self.simulated.true_ticks(configuration.id))
 
     def set_torque(self, joint: str, on: bool) -> None:
-        self.thread.call(lambda bus: bus.run(bus.switching_torque([joint], on))).result(PATIENCE)
+        self.thread.call(lambda bus: run(bus.switching_torque([joint], on))).result(PATIENCE)
 
 
 def near(one: float, other: float, ticks: float = 3.0) -> bool:
