@@ -25,8 +25,8 @@ from head_tracking.dynamixel import (
     PortMissingError,
     Register,
     ServoBus,
-    ServoModeError,
     ServoNotFoundError,
+    ServoSetupError,
     ServoState,
     servo_model,
 )
@@ -220,7 +220,7 @@ def test_missing_id_is_named(simulated: SimulatedPort) -> None:
 def test_wheel_mode_is_refused(simulated: SimulatedPort) -> None:
     simulated.use(lambda bus: bus[1].set_register("CCW Angle Limit", 0))
     bus = ServoBus(DynamixelPort(simulated.port_name, reply_timeout=5.0), (PAN, TILT))
-    with pytest.raises(ServoModeError, match="wheel mode"):
+    with pytest.raises(ServoSetupError, match="wheel mode"):
         bus.connect()
 
 
@@ -237,7 +237,7 @@ def test_head_moves_whatever_writes_are_answered(simulated: SimulatedPort, level
 def test_status_return_level_0_is_refused(simulated: SimulatedPort) -> None:
     simulated.use(lambda bus: bus[1].set_register("Status Return Level", 0))
     bus = ServoBus(DynamixelPort(simulated.port_name), (PAN, TILT))
-    with pytest.raises(ServoModeError, match="Status Return Level"):
+    with pytest.raises(ServoSetupError, match="Status Return Level"):
         bus.connect()
 
 
