@@ -142,7 +142,7 @@ class Joint:
 
     def _range(self, servo: Servo) -> tuple[int, int]:
         """Return lowest and highest tick of a servo that the limits of the joint allow."""
-        first, last = sorted(servo.goal_ticks(limit) for limit in self.limits)
+        first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
@@ -218,7 +218,8 @@ class Joint:
         """Make this the goal that is written from now on; `now` is monotonic, ns."""
         lower, upper = self.limits  # limits may have been narrowed since it was accepted
         position = min(max(position, lower), upper)
-        self._set_goal(tuple([servo.goal_ticks(position) for servo in self.servos]), speed, now)
+        ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
+        self._set_goal(ticks, speed, now)
 
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
         self.goal_ticks = ticks

@@ -521,12 +521,6 @@ class Servo:
         known = self.identity
         return (0, self.model.ticks - 1) if known is None else known.own_range
 
-    def goal_ticks(self, position: float) -> int:
-        """Return the tick next to a position of the joint, rad, inside the range."""
-        ticks = self.calibration.ticks(position)
-        lowest, highest = self.range
-        return lowest if ticks < lowest else highest if ticks > highest else ticks
-
     def encode_goal(self, ticks: int, speed: float) -> bytes:
         """Return what to write for a goal.
 
