@@ -240,7 +240,12 @@ class Joint:
             servo.limit_speed(self.configuration.speed_limit)
 
     def set_default_speed(self, speed: float) -> None:
-        """Set the speed for goals that give none, also for one under way."""
+        """Set the speed for goals that give none, rad/s, also for one under way.
+
+        Raises:
+            GoalError: It is not finite or not above 0.
+        """
+        check_speed(self.name, speed)
         self.default_speed = speed
         self.stale = True
 
@@ -402,7 +407,12 @@ class Joint:
         """Refuse limits that cannot be set; raises as `reconfigure` does. Changes nothing."""
         self._reconfigured(lowest, highest, None)
 
-    def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+    def reconfigure(
+        self,
+        lowest: int | None = None,
+        highest: int | None = None,
+        max_speed: float | None = None,
+    ) -> None:
         """Take over other limits; None leaves one as it is. A goal outside moves inside.
 
         Args:
