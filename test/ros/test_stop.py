@@ -163,7 +163,7 @@ def test_stop_waits_for_no_callback_that_hangs(robot):
     robot.composition.nodes["robot_state_publisher"].create_timer(0.01, lambda: going_on.wait(10.0))
     time.sleep(0.1)
     try:
-        problems = robot.composition.nodes["servo_bus"].stop()
+        problems = robot.composition.loop.stop()
         assert problems == {"head_pan_joint": "", "head_tilt_joint": ""}
         assert torque(robot) == [0, 0]
     finally:
@@ -186,7 +186,7 @@ def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
     tracker = robot.composition.nodes["head_tracker"]
     stopped = latched(robot, "stopped", Bool)
     tracker.interface.control.mode.enable = lambda *_: 1 // 0
-    answer = robot.composition.nodes["servo_bus"].stop()
+    answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert eventually(lambda: stopped[-1].data and tracker.failure is not None)
     assert isinstance(tracker.failure, ZeroDivisionError)
