@@ -283,8 +283,6 @@ class ServoBus:
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)
-        for joint in self._all:
-            joint.confirmed = joint.complete
         self.cycle.begin()
         return self.summary
 

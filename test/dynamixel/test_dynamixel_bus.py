@@ -24,11 +24,10 @@ from head_tracking.dynamixel import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoBus,
-    ServoModeError,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
     TorqueError,
-    WrongModelError,
 )
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
@@ -130,7 +129,7 @@ def test_connect_refuses_another_model() -> None:
     port = FakePort()
     port.servos[2]["Model Number"] = 29
     bus, _ = make(port)
-    with pytest.raises(WrongModelError, match=r"servo 2 \(head_tilt_joint\).*29.*AX-12 \(12\)"):
+    with pytest.raises(ServoSetupError, match=r"servo 2 \(head_tilt_joint\).*29.*AX-12 \(12\)"):
         bus.connect()
     assert not [packet for packet in writes(port.log) if packet[1] == 2]  # nothing written to it
     assert not port.opened
@@ -141,7 +140,7 @@ def test_connect_refuses_wheel_mode_and_relaxes_it() -> None:
     port.servos[1]["CCW Angle Limit"] = 0
     port.servos[1]["Torque Enable"] = 1
     bus, _ = make(port)
-    with pytest.raises(ServoModeError, match=r"wheel mode.*registers 6 and 8"):
+    with pytest.raises(ServoSetupError, match=r"wheel mode.*registers 6 and 8"):
         bus.connect()
     assert port.servos[1]["Torque Enable"] == 0
 
@@ -150,7 +149,7 @@ def test_connect_refuses_a_servo_that_answers_no_reads() -> None:
     port = FakePort()
     port.servos[1]["Status Return Level"] = 0
     bus, _ = make(port)
-    with pytest.raises(ServoModeError, match=r"Status Return Level \(register 16\).*set it to 2"):
+    with pytest.raises(ServoSetupError, match=r"Status Return Level \(register 16\).*set it to 2"):
         bus.connect()
 
 

@@ -387,7 +387,7 @@ def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy() -> N
     port = FakePort()
     bus = connected(port)
     run(bus.switching_torque(["head_pan_joint"], False))
-    with pytest.raises(GoalError, match=r"relaxed on request.*torque_enable.*head_pan_controller"):
+    with pytest.raises(GoalError, match=r"torque_enable"):
         bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
     port.take_log()
     bus.step()

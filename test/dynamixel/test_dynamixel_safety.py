@@ -34,8 +34,8 @@ from head_tracking.dynamixel import (
     ServoError,
     ServoModel,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
-    WrongModelError,
     servo_model,
 )
 from head_tracking.dynamixel.servo import run
@@ -400,7 +400,7 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
 def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
     rig = Rig(SimulatedServo(1), connect=False)
     rig.bench.bus[1].set_register("Model Number", 4711)
-    with pytest.raises(WrongModelError, match=r"4711.*correct the configuration"):
+    with pytest.raises(ServoSetupError, match=r"4711.*correct the configuration"):
         rig.bus.connect()
 
 

@@ -15,8 +15,8 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoCalibration,
-    ServoModeError,
     ServoModel,
+    ServoSetupError,
     Torque,
     TorqueError,
     servo_model,
@@ -241,6 +241,6 @@ def test_extended_position_mode_is_refused() -> None:
     bench = Bench([servo])
     joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
-    with pytest.raises(ServoModeError):
+    with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0
