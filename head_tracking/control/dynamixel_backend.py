@@ -23,6 +23,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     Torque,
 )
+from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.requests import Steps
 
 _T = TypeVar("_T")
@@ -199,15 +200,17 @@ class DynamixelBackend:
 
     # Torque
 
-    def bus_of(self, joint: str) -> ServoBus:
-        """Return the bus of a joint; raises GoalError if it is unknown."""
-        (thread,) = self._shares([joint])
-        return thread.bus
+    def joint(self, name: str) -> Joint:
+        """Return a joint, to look at; see `ServoBus.joint`."""
+        (thread,) = self._shares([name])
+        return thread.bus.joint(name)
 
     @property
     def holds(self) -> bool:
         """Whether the torque of all joints is on."""
-        return all(thread.bus.torque(name) is Torque.ON for name, thread in self._by_joint.items())
+        return all(
+            thread.bus.joint(name).torque is Torque.ON for name, thread in self._by_joint.items()
+        )
 
     def call(
         self,
@@ -264,7 +267,7 @@ class DynamixelBackend:
         holding = [
             name
             for name, thread in self._by_joint.items()
-            if thread.bus.torque(name) is Torque.OFF_UNTIL_COMMANDED
+            if thread.bus.joint(name).torque is Torque.OFF_UNTIL_COMMANDED
         ]
         for future in self.switch_torque(holding, True, epoch):
             future.add_done_callback(self._torque_done)

@@ -134,8 +134,19 @@ class Cycle:
         self._planned = -1
         self.diagnosis.report_swapped()
 
+    def end(self) -> None:
+        """End the cycles, before the port is closed."""
+        self._there = False
+
     def read(self) -> BusReading:
-        """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
+        """Begin a cycle: read every servo, and look after those that are not as usual.
+
+        Returns:
+            What was read in this cycle; joints that did not answer are absent.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self.cycles += 1
         start = self._monotonic()
         stamp = self._clock()
@@ -169,7 +180,14 @@ class Cycle:
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
-        """Write all goals and take steps of what is under way; see `ServoBus.write`."""
+        """End a cycle: write all goals, take steps of what is under way.
+
+        Returns:
+            What has happened meanwhile.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         if not self._there:
             return ()
         try:
@@ -368,7 +386,17 @@ class Cycle:
         return True
 
     def fill(self, until: int) -> bool:
-        """Take a step between two cycles; see `ServoBus.fill`."""
+        """Take a step of what is under way between two cycles, if there is time for it.
+
+        Args:
+            until: When the next cycle is due, monotonic ns.
+
+        Returns:
+            Whether a step was taken.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self._longest = max(self._longest, self._took)
         try:
             return self._there and self._advance(until)

@@ -217,12 +217,12 @@ class BusThread:
             with self._owner:
                 if self._ended:  # somebody has closed the bus while a callback hung
                     return
-                reading = self.bus.read()
+                reading = self.bus.cycle.read()
             self._update(reading)
             with self._owner:
                 if self._ended:
                     return
-                events = self.bus.write()
+                events = self.bus.cycle.write()
             end = time.monotonic_ns()
             if events:
                 reading = reading._replace(events=(*reading.events, *events))
@@ -249,7 +249,7 @@ class BusThread:
                 if found := self._requests.has_waiting():
                     self._requests.begin_next()
                 else:
-                    found = self.bus.fill(due)
+                    found = self.bus.cycle.fill(due)
             left = due - time.monotonic_ns()
             if left <= 0:
                 return not self._stopping

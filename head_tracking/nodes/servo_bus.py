@@ -291,7 +291,7 @@ class ServoBusNode(Node):
     def _speed_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self.backend.bus_of(joint).set_speed(joint, message.data)
+                self.backend.joint(joint).set_default_speed(message.data)
             except DynamixelError as error:
                 self.get_logger().error(f"speed refused: {error}")
 
@@ -300,7 +300,7 @@ class ServoBusNode(Node):
     def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
         """Called when somebody has set a speed, which has been checked."""
         self._set_limits(joint, max_speed=changed.max_speed)
-        self.backend.bus_of(joint).set_speed(joint, changed.joint_speed)
+        self.backend.joint(joint).set_default_speed(changed.joint_speed)
 
     def _on_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody has set a limit, which has been checked."""
@@ -308,7 +308,7 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        self.backend.bus_of(joint).check_limits(joint, changed.min, changed.max)
+        self.backend.joint(joint).check(changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:
@@ -316,7 +316,7 @@ class ServoBusNode(Node):
                 self.get_logger().error(f"{joint}: limits not set: {future.exception()}")
 
         (future,) = self.backend.call(
-            [joint], lambda bus, _: bus.set_limits(joint, **limits), despite_stop=True
+            [joint], lambda bus, _: bus.joint(joint).reconfigure(**limits), despite_stop=True
         )
         future.add_done_callback(done)
 

@@ -415,21 +415,21 @@ class FaultyRun:
         """One cycle at 50 Hz with a new command."""
         driver, clock = self._driver, self._clock
         self._due = max(self._due + PERIOD, clock.now)
-        while driver.fill(self._due):
+        while driver.cycle.fill(self._due):
             pass
         clock.now = max(self._due, clock.now)
         self.cycles += 1
         goals = {
             joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
             for joint in self._joints
-            if not driver.torque(joint.joint_name).waits
+            if not driver.joint(joint.joint_name).torque.waits
         }
         with suppress(GoalError):
             driver.command(goals)
         try:
             self.reading = driver.step()
             if recover and any(
-                driver.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self._joints
+                driver.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self._joints
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
@@ -465,7 +465,7 @@ def returning_servo() -> str:
 
         def cycle(driver: ServoBus = driver, clock: SimulatedClock = clock) -> float:
             due = clock.now + PERIOD
-            while driver.fill(due):
+            while driver.cycle.fill(due):
                 pass
             clock.now = start = max(due, clock.now)
             for name in ("joint_1", "joint_2"):
@@ -480,7 +480,7 @@ def returning_servo() -> str:
             cycle()
         servos[0].power_on()
         longest = max(cycle() for _ in range(100))
-        assert driver.torque("joint_1") is Torque.ON
+        assert driver.joint("joint_1").torque is Torque.ON
         found.append(f"{longest:.1f} ms at {baud_rate} baud, where a usual one takes {usual:.1f}")
     return f"| longest cycle while one of two AX-12 returns | **{'; '.join(found)}** | | twice |"
 
@@ -579,10 +579,10 @@ def _follow(model: ServoModel, baud_rate: int, rate: int) -> tuple[float, float]
     samples: list[tuple[int, float, float]] = []
     for k in range(rate * 5):
         clock.now = max(clock.now, start + k * period)
-        driver.read()
+        driver.cycle.read()
         now = (clock.now - start) * 1e-9
         driver.command({f"joint_{i}": Goal(_on_path(i, now), 6.0) for i in (1, 2)})
-        driver.write()
+        driver.cycle.write()
         if k > rate:
             for part in range(1, 5):
                 time_now = clock.now + part * period // 5

@@ -91,7 +91,7 @@ def _drive(driver: ServoBus, thread: BusThread, now: float) -> None:
     names = [joint.joint_name for joint in driver.joints]
     with suppress(DynamixelError):
         driver.command({name: Goal(0.5 * math.sin(now + i)) for i, name in enumerate(names)})
-    if any(driver.torque(name) is Torque.OFF_BY_FAULT for name in names):
+    if any(driver.joint(name).torque is Torque.OFF_BY_FAULT for name in names):
         with suppress(DynamixelError):
             thread.call(lambda bus: bus.run(bus.recovering())).result(5.0)
 

@@ -134,7 +134,7 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
     backend = DynamixelBackend([bus], loop, 50.0)
     backend.connect()
     refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
-    bus.write = lambda: (refused,)  # type: ignore[method-assign]
+    bus.cycle.write = lambda: (refused,)  # type: ignore[method-assign]
     backend.start()
     try:
         deadline = time.monotonic() + PATIENCE

@@ -28,6 +28,7 @@ from head_tracking.dynamixel import (
     ServoCalibration,
     ServoState,
     Symptom,
+    Torque,
     servo_model,
 )
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
@@ -410,7 +411,7 @@ def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
     rig.run(0.06)
     rig.bus.run(rig.bus.switching_torque([PAN], False))
     rig.run(0.04)
-    assert outcome(rig) == "not reached: relaxed on request; commands are refused"
+    assert outcome(rig) == f"not reached: {Torque.OFF_ON_REQUEST.value}"
     rig.bus.run(rig.bus.switching_torque([PAN], True))
     rig.run(0.5)
     rig.goal = lambda joint: -0.8  # type: ignore[method-assign]

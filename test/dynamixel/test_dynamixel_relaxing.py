@@ -46,7 +46,7 @@ def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end
     bus = connected(port)
     bus.run(bus.stopping([PAN.joint_name]))
     port.servos[1].answers = False
-    assert bus.torque(PAN.joint_name) is Torque.OFF_STOPPED
+    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
     bus.run(bus.switching_torque(None, False))
     assert bus.close() == ()
 

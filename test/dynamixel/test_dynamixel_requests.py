@@ -140,7 +140,7 @@ class Interleavings:
             assert self.may_move
             assert servo["Goal Position"] in {servo["Present Position"], *self.goals}
         elif not self.may_move:
-            assert self.bus.torque(JOINT) is not Torque.ON
+            assert self.bus.joint(JOINT).torque is not Torque.ON
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -202,7 +202,9 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     for bus in single:
         bus.step()
     assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {bus.torque(bus.joints[0].joint_name) for bus in single} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {bus.joint(bus.joints[0].joint_name).torque for bus in single} == {
+        Torque.OFF_UNTIL_COMMANDED
+    }
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:

@@ -34,8 +34,8 @@ from head_tracking.dynamixel import (
     ServoError,
     ServoModel,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
-    WrongModelError,
     servo_model,
 )
 from head_tracking.simulation import (
@@ -91,7 +91,7 @@ class Rig:
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
             due = self.bench.now() + round(PERIOD * 1e9)
-            while self.bus.fill(due):
+            while self.bus.cycle.fill(due):
                 pass
             self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
@@ -126,7 +126,7 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.go(0.3)
     rig.servos[0].overload()
     rig.step(5)
-    assert rig.bus.torque("j1") is Torque.OFF_BY_FAULT
+    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
     if "relax" in between:
         rig.bus.run(rig.bus.switching_torque(None, False))
         rig.step(3)
@@ -143,7 +143,7 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     assert rig.bus.run(rig.bus.recovering()) == ("j1",)
     rig.step(20)
     if "relax" in between:
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST  # a fact of its own
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST  # a fact of its own
         rig.bus.run(rig.bus.switching_torque(None, True))
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
@@ -202,7 +202,7 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     rig.step(100)
     assert recovering.result() == ("j1",)
     assert rig.torque == [0, 0, 0]
-    assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+    assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
@@ -214,7 +214,7 @@ def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
         rig.bus.submit(rig.bus.switching_torque(["j1"], False))
         rig.step(30)
         assert rig.torque[0] == 0, steps
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
@@ -325,7 +325,7 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
     rig = Rig(SimulatedServo(1))
     rig.go(0.2)
     with pytest.raises(ConfigurationError, match="direction"):
-        rig.bus.set_limits("j1", lowest=768, highest=256)
+        rig.bus.joint("j1").reconfigure(lowest=768, highest=256)
     reading = rig.go(0.3)
     assert reading.states["j1"].position == pytest.approx(0.3, abs=0.03)
 
@@ -377,7 +377,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     before = servos[1].register("Goal Position")
     for _ in range(80):
         longest = max(longest, cycle())
-    assert rig.bus.torque("j1") is Torque.ON
+    assert rig.bus.joint("j1").torque is Torque.ON
     assert servos[1].register("Goal Position") == before
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
@@ -401,7 +401,7 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
 def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
     rig = Rig(SimulatedServo(1), connect=False)
     rig.bench.bus[1].set_register("Model Number", 4711)
-    with pytest.raises(WrongModelError, match=r"4711.*correct the configuration"):
+    with pytest.raises(ServoSetupError, match=r"4711.*correct the configuration"):
         rig.bus.connect()
 
 
@@ -519,7 +519,7 @@ def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cy
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
     rig.step(20)
     assert rig.torque == [0, 0]
-    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {rig.bus.joint(f"j{i}").torque for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
@@ -535,7 +535,7 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
         with thread._owner:  # as a cycle holds it that the machine does not let end
             assert all(buses.relax_now(0.02).values())
         deadline = time.monotonic() + 10.0
-        while bus.torque(PAN.joint_name) is not Torque.OFF_UNTIL_COMMANDED:
+        while bus.joint(PAN.joint_name).torque is not Torque.OFF_UNTIL_COMMANDED:
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:
