@@ -472,7 +472,7 @@ def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(mo
         assert look.set_parameters([Parameter("follow", value=follow)])[0].successful
     wait_for(lambda: isinstance(look._target.tracker.detector, GivenDetector))
     assert set(made_in) == {"visual target"}
-    executor.remove_node(look)
+    executor.shutdown()
     look.destroy_node()
     rclpy.try_shutdown()
     assert "visual target" not in {thread.name for thread in threading.enumerate()}
