@@ -30,7 +30,9 @@ from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (
     BusStatistics,
     BusStoppedError,
+    DynamixelPort,
     JointConfiguration,
+    ServoBus,
     StoppedError,
 )
 from head_tracking.exceptions import (
@@ -130,15 +132,13 @@ class Head:
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
         self._following = Following()
-        self._servos = DynamixelBackend(
-            port,
+        self._bus = ServoBus(
+            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
             servos,
-            self._loop,
-            _RATE,
-            baud_rate=baud_rate,
-            reply_timeout=reply_timeout,
-            on_failure=self._fail,
+            epoch=self._owners.epoch,
         )
+        self._servos = DynamixelBackend([self._bus], self._loop, _RATE)
+        self._servos.connect()
         self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
@@ -166,11 +166,10 @@ class Head:
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
         atexit.register(self._close)
-        try:
-            self._servos.start()
-        except BusStoppedError:
+        self._servos.start(self._check_control, self._fail)
+        if not self._servos.measured.wait(_PATIENCE):
             self.close()
-            raise
+            raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
 
     @classmethod
     def open(
@@ -282,6 +281,7 @@ class Head:
         with control.lock:
             self._permit(epoch)
             self._loop.hold("")  # the servos hold, whatever a `follow` before still waits for
+            control.watch()  # that trouble is over
             control.carry_out(task)
         try:
             return result.result(timeout)
@@ -479,7 +479,7 @@ class Head:
     @property
     def statistics(self) -> BusStatistics:
         """Counters of the bus, and the latest measurements of each servo."""
-        return self._servos.statistics()
+        return self._bus.statistics()
 
     def pose(self, link: str, frame: str = "base_link", *, stamp: float | None = None) -> Transform:
         """Return `T_frame_link`: where a link is.
@@ -606,7 +606,8 @@ class Head:
         if self._loop.held or self._servos.holds:
             return
         self._loop.hold("the servos do not hold yet")
-        self._servos.switch_torque(True, epoch).add_done_callback(self._torque_done)
+        (holding,) = self._servos.switch_torque(None, True, epoch)
+        holding.add_done_callback(self._torque_done)
 
     def _torque_done(self, future: Future[None]) -> None:
         error = None if future.cancelled() else future.exception()
@@ -615,12 +616,17 @@ class Head:
         self._loop.hold("")
 
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
+        (switched,) = self._servos.switch_torque(None, on, epoch)
         try:
-            self._servos.switch_torque(on, epoch).result(_PATIENCE)
+            switched.result(_PATIENCE)
         except StoppedError:
             raise RefusedCommandError(HeadState.STOPPED) from None
         except FutureTimeoutError:
             raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
+
+    def _check_control(self, *_: object) -> None:
+        if self._control.failure is not None:
+            raise self._control.failure
 
     def _fail(self, error: BaseException) -> None:
         """End everything: the port has failed, and the servos were relaxed if that was possible."""

@@ -47,7 +47,7 @@ ALLOWED: dict[str, set[str]] = {
     "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),
     "__main__": {"run", "ros", "output", "programs"},
-    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
+    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line", "programs"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 

@@ -64,7 +64,7 @@ from head_tracking.dynamixel.state import (
     Symptom,
     Torque,
 )
-from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming
+from head_tracking.dynamixel.thread import BusThread, BusTiming
 
 __all__ = [
     "Adapter",
@@ -76,7 +76,6 @@ __all__ = [
     "BusStoppedError",
     "BusThread",
     "BusTiming",
-    "Buses",
     "CommandResult",
     "CommunicationError",
     "ConfigurationError",

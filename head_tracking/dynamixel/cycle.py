@@ -134,8 +134,19 @@ class Cycle:
         self._planned = -1
         self.diagnosis.report_swapped()
 
+    def end(self) -> None:
+        """End the cycles, before the port is closed."""
+        self._there = False
+
     def read(self) -> BusReading:
-        """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
+        """Begin a cycle: read every servo, and look after those that are not as usual.
+
+        Returns:
+            What was read in this cycle; joints that did not answer are absent.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self.cycles += 1
         start = self._monotonic()
         stamp = self._clock()
@@ -169,7 +180,14 @@ class Cycle:
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
-        """Write all goals and take steps of what is under way; see `ServoBus.write`."""
+        """End a cycle: write all goals, take steps of what is under way.
+
+        Returns:
+            What has happened meanwhile.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         if not self._there:
             return ()
         try:
@@ -207,7 +225,6 @@ class Cycle:
                     if (
                         reply.error
                         or servo.errors
-                        or servo.interrupted
                         or state.temperature >= rest
                         or joint.resting
                         or (told and servo.id in told)
@@ -317,8 +334,7 @@ class Cycle:
             if joint.torque.waits or not joint.complete:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
-            read = all(servo.link is LinkState.PRESENT for servo in joint.servos)
-            if read and not joint.busy:  # torque needs to know where it stands
+            if joint.writable and not joint.busy:  # torque needs to know where it stands
                 self._procedures.switch_on_for_goal(joint)
 
     def write_goals(self, also_silent: bool = False) -> None:
@@ -370,7 +386,17 @@ class Cycle:
         return True
 
     def fill(self, until: int) -> bool:
-        """Take a step between two cycles; see `ServoBus.fill`."""
+        """Take a step of what is under way between two cycles, if there is time for it.
+
+        Args:
+            until: When the next cycle is due, monotonic ns.
+
+        Returns:
+            Whether a step was taken.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self._longest = max(self._longest, self._took)
         try:
             return self._there and self._advance(until)
@@ -395,7 +421,6 @@ class Cycle:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= self._settings.lost_after:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
-            servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
         self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
@@ -411,11 +436,11 @@ class Cycle:
             if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
                 servo.ask_at = now + round(self._settings.poll_interval * 1e9)
                 with suppress(CommunicationError):
-                    if servo.readable:
-                        servo.ping()
-                    else:
+                    if servo.damaged_cycles:  # two servos with one id may answer pings
                         servo.read_feedback()
-                        servo.readable = True
+                        servo.damaged_cycles = 0
+                    else:
+                        servo.ping()
                     self._procedures.return_servo(joint, servo)
                 return self._monotonic() - now
         return 0

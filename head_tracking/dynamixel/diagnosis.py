@@ -80,7 +80,7 @@ class _Watch:
 
     def __init__(self, joint: Joint, servo: Servo, index: int) -> None:
         self.joint, self.servo, self.index = joint, servo, index
-        self.tick = abs(servo.scale)
+        self.tick = servo.model.radians_per_tick
         self.now = self.cycle = 0  # ns; number of the cycle
         self.elapsed = self.step = self.error = self.asked = 0.0
         self.identity: ServoIdentity | None = None
@@ -369,7 +369,7 @@ class Diagnosis:
             if watch.target and not joint.busy:
                 self._end(watch, f"not reached: {joint.torque.value}")
             return
-        watch.error = (joint.goal_ticks[watch.index] - servo.zero) * servo.scale - servo.position
+        watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
         watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
         if watch.target != joint.goal_ticks:
             watch.target, watch.outcome = joint.goal_ticks, _UNDER_WAY

@@ -46,7 +46,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
                 "on; hold it still and try again"
             )
     yield from servo.arm()
-    servo.interrupted = False
+    servo.note_torque()
     return goal
 
 

@@ -14,7 +14,7 @@ from head_tracking.dynamixel.events import Note
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.protocol import ErrorBits, describe_errors
-from head_tracking.dynamixel.servo import Servo
+from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import EventKind, ServoState
 
 _REPEAT: Final = 1_000_000_000  # ns between two looks at the error register of a servo
@@ -56,7 +56,7 @@ class Protection:
                 continue
             if servo.error or servo.errors or servo.id in self.told:
                 self._judge_errors(joint, servo, now)
-            if servo.interrupted and not joint.busy:
+            if servo.link is LinkState.INTERRUPTED and not joint.busy:
                 self._look_for_torque(joint, servo)
         self._judge_heat(joint, state.temperature)
 
@@ -103,7 +103,7 @@ class Protection:
                     f"servo {servo.id} has lost its torque, probably with its power; the joint is "
                     "relaxed until the next command",
                 )
-        servo.interrupted = False
+        servo.note_torque()
 
     def _judge_heat(self, joint: Joint, temperature: float) -> None:
         settings = self._settings

@@ -50,12 +50,12 @@ class CommandResult:
         positions: Goal positions taken over, rad, by joint; within the limits.
         clamped: By how much a position was moved to reach the limit (taken over minus asked), rad,
             for the joints where it was.
-        lost: Joints whose goal was dropped because their servo does not answer.
+        left_out: Why joints take no goals now, by joint; theirs were dropped.
     """
 
     positions: Mapping[str, float]
     clamped: Mapping[str, float]
-    lost: tuple[str, ...]
+    left_out: Mapping[str, str]
 
 
 def check_speed(joint_name: str, speed: float) -> None:

@@ -6,7 +6,7 @@ which takes it in steps between its cycles, and answers when that is done. Relax
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import partial
 from typing import Any
@@ -15,9 +15,9 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.control import JointOwners
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     DynamixelError,
     EepromSettings,
     ServoBus,
@@ -43,36 +43,29 @@ class BusServices:
 
     Args:
         bus: the node servo_bus.
-        buses: carry the requests out.
-        owners: say whether the head is stopped; then only what takes torque away is done.
+        servos: carry the requests out.
+        loop: STOP is its; while the head is stopped only what takes torque away is done.
         eeprom: what to write into the servos' memory when somebody asks for it.
-        stop: relaxes everything at once; for each joint what went wrong, or an empty string.
-        resume: ends that; returns the controllers that go on.
         short_names: whether services of the whole bus are offered without the node's name, too.
     """
 
     def __init__(
         self,
         bus: Node,
-        buses: Buses,
-        owners: JointOwners,
+        servos: DynamixelBackend,
+        loop: ControlLoop,
         eeprom: Callable[[], EepromSettings],
-        stop: Callable[[], Mapping[str, str]],
-        resume: Callable[[], Sequence[str]],
         *,
         short_names: bool,
     ) -> None:
-        self._buses = buses
-        self._owners = owners
-        self._eeprom = eeprom
-        self._stop_all = stop
-        everything = tuple(joint.joint_name for joint in buses.joints)
+        self._servos, self._loop, self._eeprom = servos, loop, eeprom
+        everything = tuple(joint.joint_name for joint in servos.joints)
         # Each service has a callback group and so holds one thread at most: one is left for STOP.
         self._own = OwnThread(
             bus, f"{bus.get_name()}_services", threads=_PER_JOINT * len(everything) + _PER_BUS
         )
         self._node = self._own.node
-        for joint in buses.joints:
+        for joint in servos.joints:
             one, controller = (joint.joint_name,), joint.controller
             self._offer_torque(f"{controller}/torque_enable", one)
             self._offer(f"{controller}/stop", partial(self._take_out, one))
@@ -86,7 +79,7 @@ class BusServices:
             self._offer(f"{prefix}relax", lambda: self._switch(everything, False))
             self._offer(f"{prefix}recover", lambda: self._recover(everything))
         self._offer(f"{own}write_eeprom", lambda: self._write_eeprom(everything))
-        offer_stop(self._node, stop, resume, prefixes)
+        offer_stop(self._node, loop.stop, servos.resume, prefixes)
         self._own.start()
 
     def close(self) -> None:
@@ -110,8 +103,8 @@ class BusServices:
         )
 
     def _switch(self, joints: Joints, on: bool) -> str:
-        if not on and self._owners.stopped:  # relaxed they are; a cable may have been out
-            problems = {j: problem for j, problem in self._stop_all().items() if problem}
+        if not on and self._loop.owners.stopped:  # relaxed they are; a cable may have been out
+            problems = {j: problem for j, problem in self._loop.stop().items() if problem}
             if problems:
                 raise TorqueError(False, problems)
         else:
@@ -127,7 +120,7 @@ class BusServices:
         return f"{', '.join(joints)}: started, relaxed until a command comes"
 
     def _restart(self, joints: Joints) -> str:
-        self._owners.permit()
+        self._loop.owners.permit()
         self._take_out(joints)
         return self._start(joints)
 
@@ -177,8 +170,8 @@ class BusServices:
                 relax, which nobody takes back.
         """
         timeout = timeout or _TIMEOUT
-        epoch = None if relaxes else self._owners.permit()
-        futures: list[Future[Any]] = self._buses.call(joints, request, epoch, despite_stop=relaxes)
+        epoch = None if relaxes else self._loop.owners.permit()
+        futures: list[Future[Any]] = self._servos.call(joints, request, epoch, despite_stop=relaxes)
         late = list(wait(futures, timeout).not_done)
         if late and not relaxes:
             late = [future for future in late if future.cancel()]

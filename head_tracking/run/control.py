@@ -65,12 +65,12 @@ class Composition:
 
     def stop(self) -> list[str]:
         """STOP; return a line for each joint."""
-        problems = self.nodes["servo_bus"].stop()
+        problems = self.loop.stop()
         return [stop_report(joint, problem) for joint, problem in problems.items()]
 
     def resume(self) -> list[str]:
         """End a STOP; return a line that says who goes on."""
-        return [resume_report(self.nodes["servo_bus"].resume())]
+        return [resume_report(self.nodes["servo_bus"].backend.resume())]
 
 
 def compose(

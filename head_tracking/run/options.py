@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
+from head_tracking.programs import COMMANDS
 from head_tracking.run.node_sets import (
     HEAD,
     LEFT_OUT,
@@ -66,7 +67,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser = argparse.ArgumentParser(
         prog="head_tracking",
         description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
-        epilog="ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
+        epilog=f"head_tracking COMMAND runs one of {', '.join(COMMANDS)}; see COMMAND --help. "
+        "ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
         "unless ROS_AUTOMATIC_DISCOVERY_RANGE says something else.",
     )
     servos = parser.add_mutually_exclusive_group()

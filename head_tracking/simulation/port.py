@@ -371,8 +371,8 @@ class Mount(Protocol):
         """Tick of position 0."""
 
     @property
-    def reversed(self) -> bool:
-        """Whether rising ticks are falling positions."""
+    def direction(self) -> int:
+        """-1 if rising ticks are falling positions, else 1."""
 
 
 class Mounting(Protocol):
@@ -411,7 +411,7 @@ class SimulatedJoints:
         for joint in self._joints.values():
             if len(joint.calibrations) == 2:
                 one, other = joint.calibrations
-                bus.couple(one.id, other.id, 1 if one.reversed == other.reversed else -1)
+                bus.couple(one.id, other.id, one.direction * other.direction)
         self.port = SimulatedPort(bus, paced=True)
 
     @property

@@ -30,7 +30,7 @@ SAMPLES = 5
 
 def soak(minutes: float) -> str:
     """A table with a line for every part of the run."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     rows = [
         "| minute | memory, MB | threads | file descriptors | cycles per second | joints read | "
         "transactions failed | times unplugged | processor |",
@@ -91,7 +91,7 @@ def _drive(driver: ServoBus, thread: BusThread, now: float) -> None:
     names = [joint.joint_name for joint in driver.joints]
     with suppress(DynamixelError):
         driver.command({name: Goal(0.5 * math.sin(now + i)) for i, name in enumerate(names)})
-    if any(driver.torque(name) is Torque.OFF_BY_FAULT for name in names):
+    if any(driver.joint(name).torque is Torque.OFF_BY_FAULT for name in names):
         with suppress(DynamixelError):
             thread.call(lambda bus: bus.run(bus.recovering())).result(5.0)
 

@@ -204,8 +204,8 @@ def test_missing_ports_and_servos_are_named(servos, kinectbot):
         Head.open("/dev/ttyNOT0")
     assert missing.value.port_name == "/dev/ttyNOT0"
     pair = (
-        JointConfiguration("head_pan_joint", "a", 1),
-        JointConfiguration("head_tilt_joint", "b", 9),
+        JointConfiguration("head_pan_joint", 1, controller="a"),
+        JointConfiguration("head_tilt_joint", 9, controller="b"),
     )
     with pytest.raises(ServoNotFoundError):
         Head(servos.name, kinectbot, pair, reply_timeout=0.2)

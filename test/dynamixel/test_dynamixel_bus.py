@@ -179,8 +179,8 @@ def test_servos_own_angle_limits_narrow_the_range() -> None:
     port.servos[1]["CW Angle Limit"] = 400
     port.servos[2]["CCW Angle Limit"] = 700
     bus, _ = connected(port)
-    assert bus.limits("head_pan_joint") == (PAN.position(400), PAN.position(1023))
-    assert bus.limits("head_tilt_joint") == (TILT.position(300), TILT.position(700))
+    assert bus.joint("head_pan_joint").limits == (PAN.position(400), PAN.position(1023))
+    assert bus.joint("head_tilt_joint").limits == (TILT.position(300), TILT.position(700))
 
 
 def test_limits_of_a_reversed_servo_stay_ordered() -> None:
@@ -189,7 +189,7 @@ def test_limits_of_a_reversed_servo_stay_ordered() -> None:
     joint = replace(PAN, min=1023, max=0)
     bus, _ = make(port, joint)
     bus.connect()
-    lower, upper = bus.limits("head_pan_joint")
+    lower, upper = bus.joint("head_pan_joint").limits
     assert (lower, upper) == (joint.position(1023), joint.position(400))
     assert lower < upper
 
@@ -556,7 +556,7 @@ def test_torque_off_while_the_port_is_gone_is_remembered() -> None:
     for _ in range(3):
         bus.step()
     assert port.servos[1]["Torque Enable"] == 0
-    assert bus.torque("head_pan_joint") is Torque.OFF_ON_REQUEST
+    assert bus.joint("head_pan_joint").torque is Torque.OFF_ON_REQUEST
 
 
 def test_port_that_goes_between_two_cycles_is_found_again() -> None:

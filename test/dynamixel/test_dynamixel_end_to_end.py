@@ -33,8 +33,8 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedPort, SimulatedServo
 
 TABLE = servo_model("AX-12").control_table
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, 512, 300, 800)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, 512, 300, 800, controller="head_tilt_controller")
 TICK = PAN.resolution
 
 

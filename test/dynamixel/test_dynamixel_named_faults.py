@@ -66,8 +66,12 @@ class Rig:
         center, last = model.center, model.ticks - 1
         second = ServoCalibration(PAN, 3, center, 0, last, model) if pair else None
         self.joints = (
-            JointConfiguration(PAN, "pan", 1, center, 0, last, model=model, second=second),
-            JointConfiguration(TILT, "tilt", 2, center, last // 8, last - last // 8, model=model),
+            JointConfiguration(
+                PAN, 1, center, 0, last, controller="pan", model=model, second=second
+            ),
+            JointConfiguration(
+                TILT, 2, center, last // 8, last - last // 8, controller="tilt", model=model
+            ),
         )
         self.volts = model.nominal_voltage
         self.time = 0.0

@@ -29,7 +29,7 @@ class Pair:
         low, high, last = model.ticks // 4, 3 * model.ticks // 4, model.ticks - 1
         self.second = ServoCalibration("j", 2, last - model.center, last - low, last - high, model)
         self.joint = JointConfiguration(
-            "j", "c", 1, model.center, low, high, model=model, second=self.second
+            "j", 1, model.center, low, high, controller="c", model=model, second=self.second
         )
         servos = [
             SimulatedServo(1, model),
@@ -77,7 +77,7 @@ def test_a_joint_of_two_servos_goes_where_it_is_sent(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
     assert pair.position == pytest.approx(
-        pair.joint.position(pair.bus._joints["j"].goal_ticks[0]), abs=0.05
+        pair.joint.position(pair.bus.joint("j").goal_ticks[0]), abs=0.05
     )
     assert pair.apart < APART and pair.goals_apart < APART
 
@@ -87,7 +87,7 @@ def test_narrowed_limits_move_both_goals(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
     ticks = pair.joint.model.ticks
-    pair.bus.set_limits("j", highest=ticks // 2)
+    pair.bus.joint("j").reconfigure(highest=ticks // 2)
     pair.step(100)
     assert pair.position == pytest.approx(pair.joint.position(ticks // 2), abs=0.05)
     assert pair.apart < APART and pair.goals_apart < APART
@@ -99,7 +99,7 @@ def test_torque_comes_on_outside_narrowed_limits_without_tearing(name: str) -> N
     pair.go(0.9)
     pair.bus.run(pair.bus.switching_torque(None, False))
     ticks = pair.joint.model.ticks
-    pair.bus.set_limits("j", highest=ticks // 2)
+    pair.bus.joint("j").reconfigure(highest=ticks // 2)
     pair.bus.run(pair.bus.switching_torque(None, True))
     pair.go(0.1)
     assert pair.apart < APART and pair.goals_apart < APART
@@ -120,5 +120,5 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) 
     mute.set_register("ID", silent)
     pair.step(60)
     pair.go(0.2)
-    assert pair.bus.torque("j") is Torque.ON
+    assert pair.bus.joint("j").torque is Torque.ON
     assert pair.apart < APART and pair.goals_apart < APART

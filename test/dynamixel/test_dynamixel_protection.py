@@ -33,7 +33,9 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import SimulatedServo
 
 XM = servo_model("XM430-W350")
-XM_PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 2048, 1024, 3072, model=XM)
+XM_PAN = JointConfiguration(
+    "head_pan_joint", 1, 2048, 1024, 3072, controller="head_pan_controller", model=XM
+)
 
 
 class Rig:
@@ -81,7 +83,7 @@ class Rig:
 
     @property
     def torque(self) -> Torque:
-        return self.bus.torque("head_pan_joint")
+        return self.bus.joint("head_pan_joint").torque
 
 
 def xm_rig(**options: BusSettings) -> Rig:
@@ -332,15 +334,15 @@ def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
 
 def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
     rig = Rig().switched_on(0.9)
-    rig.bus.set_limits("head_pan_joint", lowest=450, highest=600, max_speed=0.5)
-    assert rig.bus.limits("head_pan_joint") == (PAN.position(450), PAN.position(600))
+    rig.bus.joint("head_pan_joint").reconfigure(lowest=450, highest=600, max_speed=0.5)
+    assert rig.bus.joint("head_pan_joint").limits == (PAN.position(450), PAN.position(600))
     rig.steps()
     assert rig.pan["Goal Position"] == 600
-    assert rig.bus.speed("head_pan_joint") == 0.5
+    assert rig.bus.joint("head_pan_joint").configuration.speed_limit == 0.5
     assert rig.pan["Moving Speed"] == speed_ticks(PAN, 0.5)
     with pytest.raises(GoalError):
         rig.bus.command({"head_pan_joint": Goal(0.9)})
-    rig.bus.set_limits("head_pan_joint", max_speed=0.0)
+    rig.bus.joint("head_pan_joint").reconfigure(max_speed=0.0)
     rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
     rig.steps()
     assert rig.pan["Moving Speed"] == speed_ticks(PAN, 3.0)
@@ -348,10 +350,10 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
 
 def test_impossible_limits_change_nothing() -> None:
     rig = Rig().switched_on()
-    before = rig.bus.limits("head_pan_joint")
+    before = rig.bus.joint("head_pan_joint").limits
     with pytest.raises(ConfigurationError):
-        rig.bus.set_limits("head_pan_joint", lowest=2000)
-    assert rig.bus.limits("head_pan_joint") == before
+        rig.bus.joint("head_pan_joint").reconfigure(lowest=2000)
+    assert rig.bus.joint("head_pan_joint").limits == before
 
 
 # Two servos on a joint
@@ -475,7 +477,7 @@ def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
 def simulated(position: float = 2048.0) -> tuple[SimulatedServo, Bench, ServoBus]:
     servo = SimulatedServo(1, XM, position=position)
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=XM)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=XM)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
     bus.connect()
     return servo, bench, bus
@@ -526,7 +528,7 @@ def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps: int) -> None
     switching = bus.switching_torque(None, True)
     for _ in range(steps):
         next(switching, None)
-    bus.set_limits("j", highest=2500)
+    bus.joint("j").reconfigure(highest=2500)
     bus.run(switching)
     cycles(bench, bus, 5)
     assert servo.register("Torque Enable") == 1

@@ -63,11 +63,10 @@ class Requests(RuleBasedStateMachine):
         self.bench = Bench(self.servos.values())
         configurations = [
             JointConfiguration(
-                name, f"c{name}", servo.id, servo.model.center, 0, servo.model.ticks - 1,
-                model=servo_model(servo.model.name),
+                name, i, model.center, 0, model.ticks - 1, model, controller=f"c{name}"
             )
-            for name, servo in self.servos.items()
-        ]  # fmt: skip
+            for i, (name, model) in enumerate(zip(self.servos, models, strict=True), start=1)
+        ]
         bench = self.bench
         self.bus = ServoBus(
             bench.port, configurations, bench.now, monotonic=bench.now, pause=bench.pass_time
@@ -120,8 +119,8 @@ class Requests(RuleBasedStateMachine):
             for name in chosen or self.expected:
                 expected = self.expected[name]
                 if not (expected.stopped or expected.faulted):
-                    expected.relaxed = self.bus._joints[name].relaxed
-                expected.wanted = self.bus.torque(name) is Torque.ON
+                    expected.relaxed = self.bus.joint(name).relaxed
+                expected.wanted = self.bus.joint(name).torque is Torque.ON
             return
         self.settle()
         assert future.done()
@@ -219,7 +218,7 @@ class Requests(RuleBasedStateMachine):
         self.plugged = self.bench.line.plugged = True
         self.settle()
         for name, expected in self.expected.items():
-            joint = self.bus._joints[name]
+            joint = self.bus.joint(name)
             if expected.powered and not expected.stopped:
                 # What happened to its power meanwhile, only the servo knows.
                 expected.faulted = joint.faulted
@@ -233,7 +232,7 @@ class Requests(RuleBasedStateMachine):
             return
         self.settle()
         for name, expected in self.expected.items():
-            joint, servo = self.bus._joints[name], self.servos[name]
+            joint, servo = self.bus.joint(name), self.servos[name]
             assert joint.stopped == expected.stopped, name
             assert joint.relaxed == expected.relaxed, name
             if expected.powered and not expected.stopped:

@@ -46,7 +46,7 @@ def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end
     bus = connected(port)
     bus.run(bus.stopping([PAN.joint_name]))
     port.servos[1].answers = False
-    assert bus.torque(PAN.joint_name) is Torque.OFF_STOPPED
+    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
     bus.run(bus.switching_torque(None, False))
     assert bus.close() == ()
 
@@ -75,7 +75,7 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
     bus.connect()
     bus.run(bus.switching_torque(None, True))

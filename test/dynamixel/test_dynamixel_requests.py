@@ -9,8 +9,9 @@ from random import Random
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort
 
+from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusThread,
     DynamixelError,
     Epoch,
@@ -139,7 +140,7 @@ class Interleavings:
             assert self.may_move
             assert servo["Goal Position"] in {servo["Present Position"], *self.goals}
         elif not self.may_move:
-            assert self.bus.torque(JOINT) is not Torque.ON
+            assert self.bus.joint(JOINT).torque is not Torque.ON
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -191,16 +192,19 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     for bus in single:
         bus.connect()
         bus.run(bus.switching_torque(None, True))
-    buses = Buses(single, 50.0, lambda *_: None, lambda _: None, epoch=epoch)
+    loop = ControlLoop(None, JointOwners(epoch=epoch))
+    buses = DynamixelBackend(single, loop, 50.0)
     held = buses.threads[1]._owner
     with held:
-        problems = buses.relax_at_once(0.02)
+        problems = buses.relax_now(0.02)
     assert not problems[PAN.joint_name] and problems[TILT.joint_name]
-    assert buses.epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
+    assert epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
     for bus in single:
         bus.step()
     assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {bus.joint(bus.joints[0].joint_name).torque for bus in single} == {
+        Torque.OFF_UNTIL_COMMANDED
+    }
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from random import Random
@@ -16,8 +15,9 @@ from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
 from head_tracking.configuration.bus_parameters import EepromParameters
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusReading,
     BusThread,
     CommunicationError,
@@ -25,7 +25,6 @@ from head_tracking.dynamixel import (
     CorruptReplyError,
     DynamixelError,
     DynamixelPort,
-    Epoch,
     EventKind,
     Goal,
     GoalError,
@@ -54,7 +53,7 @@ PERIOD = 0.02
 def joint(servo_id: int, model: ServoModel) -> JointConfiguration:
     low, high = model.ticks // 4, 3 * model.ticks // 4
     return JointConfiguration(
-        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
     )
 
 
@@ -92,7 +91,7 @@ class Rig:
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
             due = self.bench.now() + round(PERIOD * 1e9)
-            while self.bus.fill(due):
+            while self.bus.cycle.fill(due):
                 pass
             self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
@@ -127,7 +126,7 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.go(0.3)
     rig.servos[0].overload()
     rig.step(5)
-    assert rig.bus.torque("j1") is Torque.OFF_BY_FAULT
+    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
     if "relax" in between:
         rig.bus.run(rig.bus.switching_torque(None, False))
         rig.step(3)
@@ -144,7 +143,7 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     assert rig.bus.run(rig.bus.recovering()) == ("j1",)
     rig.step(20)
     if "relax" in between:
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST  # a fact of its own
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST  # a fact of its own
         rig.bus.run(rig.bus.switching_torque(None, True))
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
@@ -203,7 +202,7 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     rig.step(100)
     assert recovering.result() == ("j1",)
     assert rig.torque == [0, 0, 0]
-    assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+    assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
@@ -215,7 +214,7 @@ def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
         rig.bus.submit(rig.bus.switching_torque(["j1"], False))
         rig.step(30)
         assert rig.torque[0] == 0, steps
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
@@ -246,16 +245,15 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 # Stopping
 
 
-def two_buses(on_reading: Callable[[ServoBus, BusReading], object]) -> tuple[Buses, list[FakePort]]:
-    ports = [FakePort(1), FakePort(2)]
-    epoch = Epoch()
+def two_buses() -> tuple[DynamixelBackend, list[FakePort]]:
+    ports, loop = [FakePort(1), FakePort(2)], ControlLoop(None)
     buses = [
-        ServoBus(port, [each], epoch=epoch)  # type: ignore[arg-type]
+        ServoBus(port, [each], epoch=loop.owners.epoch)  # type: ignore[arg-type]
         for port, each in zip(ports, (PAN, TILT), strict=True)
     ]
-    for bus in buses:
-        bus.connect()
-    return Buses(buses, 100.0, on_reading, lambda error: None), ports
+    backend = DynamixelBackend(buses, loop, 100.0)
+    backend.connect()
+    return backend, ports
 
 
 def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
@@ -268,16 +266,16 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             hanging.set()
             release.wait(20.0)
 
-    buses, ports = two_buses(on_reading)
+    buses, ports = two_buses()
     stop = BusThread.stop
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
-        buses.start()
+        buses.start(on_reading)
         while not (hanging.is_set() and ports[1].servos[2]["Torque Enable"]):
             buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
             hanging.wait(0.02)
         with pytest.raises(DynamixelError, match="callback does not return"):
-            buses.stop()
+            buses.close()
         assert ports[0].servos[1]["Torque Enable"] == 0
         assert ports[1].servos[2]["Torque Enable"] == 0
         assert not ports[0].opened and not ports[1].opened
@@ -327,7 +325,7 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
     rig = Rig(SimulatedServo(1))
     rig.go(0.2)
     with pytest.raises(ConfigurationError, match="direction"):
-        rig.bus.set_limits("j1", lowest=768, highest=256)
+        rig.bus.joint("j1").reconfigure(lowest=768, highest=256)
     reading = rig.go(0.3)
     assert reading.states["j1"].position == pytest.approx(0.3, abs=0.03)
 
@@ -379,7 +377,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     before = servos[1].register("Goal Position")
     for _ in range(80):
         longest = max(longest, cycle())
-    assert rig.bus.torque("j1") is Torque.ON
+    assert rig.bus.joint("j1").torque is Torque.ON
     assert servos[1].register("Goal Position") == before
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
@@ -521,23 +519,24 @@ def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cy
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
     rig.step(20)
     assert rig.torque == [0, 0]
-    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {rig.bus.joint(f"j{i}").torque for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
     port = FakePort()
-    bus = ServoBus(port, [PAN, TILT])
+    loop = ControlLoop(None)
+    bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
     bus.connect()
     bus.run(bus.switching_torque(None, True))
-    buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
+    buses = DynamixelBackend([bus], loop, 50.0)
     (thread,) = buses.threads
     buses.start()
     try:
         with thread._owner:  # as a cycle holds it that the machine does not let end
-            assert all(buses.relax_at_once(0.02).values())
+            assert all(buses.relax_now(0.02).values())
         deadline = time.monotonic() + 10.0
-        while bus.torque(PAN.joint_name) is not Torque.OFF_UNTIL_COMMANDED:
+        while bus.joint(PAN.joint_name).torque is not Torque.OFF_UNTIL_COMMANDED:
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:
-        buses.stop()
+        buses.close()

@@ -106,7 +106,7 @@ def test_a_quiet_line_is_not_waited_for() -> None:
 def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float) -> None:
     servos = [SimulatedServo(1), SimulatedServo(2)]
     made = Bench(servos)
-    joints = [JointConfiguration(f"j{i}", f"c{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"j{i}", i, controller=f"c{i}") for i in (1, 2)]
     bus = ServoBus(
         made.port, joints, made.now, monotonic=made.now, pause=lambda s: made.pass_time(float(s))
     )

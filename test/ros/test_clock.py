@@ -8,9 +8,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from head_under_test import Head
 from rclpy.duration import Duration
-from robot_under_test import wait_for
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.point_head import PointHeadNode

@@ -4,9 +4,9 @@ import threading
 
 import pytest
 import rclpy
-from action_client import ABORTED, CANCELED, SUCCEEDED, Client
+from action_client import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Client
 from rclpy.node import Node
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.point_head import PointHeadNode
 from head_tracking.ros import head_actions, spinning
@@ -42,6 +42,7 @@ def test_goals_are_ended_from_any_thread_and_once(served):
     for end, status in (("succeed", SUCCEEDED), ("abort", ABORTED), ("cancel", ABORTED)):
         sent = client.send(actions.PointHead.Goal())
         goal = begun.pop()
+        wait_for(lambda sent=sent: sent.status == EXECUTING)
         goal.feedback(actions.PointHead.Feedback(pointing_angle_error=0.5))
         wait_for(lambda sent=sent: sent.feedback)
         thread = threading.Thread(target=getattr(goal, end), args=[result])

@@ -5,8 +5,8 @@ import time
 
 import pytest
 from action_client import ABORTED, CANCELED, SUCCEEDED, Client
-from robot_under_test import wait_for
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tf.qos import LATCHED

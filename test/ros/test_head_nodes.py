@@ -4,7 +4,7 @@ import time
 
 import pytest
 from head_under_test import Head
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.point_head import PointHeadNode

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 from rclpy.node import Node
-from robot_under_test import wait_for
 from std_srvs.srv import Trigger
+from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.run.node_starter import NodeStarterNode

@@ -7,7 +7,7 @@ import pytest
 from action_client import ABORTED, SUCCEEDED, Client
 from diagnostic_msgs.msg import DiagnosticStatus
 from head_under_test import Head
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead

@@ -10,10 +10,10 @@ from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from robot_under_test import wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
+from waiting import wait_for
 
 from head_tracking.nodes.detection_target import DetectionTargetNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode

@@ -13,8 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import wait_for
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.ros.listening import TopicListener
 from head_tracking.ros.spinning import NodeThreads

@@ -6,8 +6,8 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.time import Time
-from robot_under_test import wait_for
 from transform_messages import shifted
+from waiting import wait_for
 
 from head_tracking.tf import Buffer, TransformListener
 
@@ -91,3 +91,12 @@ def test_a_future_that_another_thread_fulfils(buffer):
     bring.join()
     assert future.result().transform.translation.x == 9.0
     assert done.wait(20.0)
+
+
+def test_a_question_that_makes_no_sense_disturbs_nobody(buffer):
+    for question in (("map", "ball", None), (3, "ball", Time())):
+        with pytest.raises(TypeError):
+            buffer.wait_for_transform_async(*question)
+    future = buffer.wait_for_transform_async("map", "later", Time())
+    buffer.set_transform(shifted(1.0, 1, child="later"))
+    assert future.done()

@@ -3,6 +3,7 @@
 import math
 import threading
 
+import numpy as np
 import pytest
 from geometry_msgs.msg import (
     Point,
@@ -16,6 +17,7 @@ from geometry_msgs.msg import (
 )
 from rclpy.clock import ClockType, ROSClock
 from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from std_msgs.msg import Header
 
@@ -340,3 +342,26 @@ def test_a_clock_that_jumps_back_clears(buffer):
     assert buffer.can_transform("map", "ball", Time())
     clock.set_ros_time_override(Time(seconds=50, clock_type=ClockType.ROS_TIME))
     assert not buffer.can_transform("map", "ball", Time())
+
+
+def test_times_as_stamps_and_numbers_of_numpy_are_taken_as_tf2_takes_them(buffer):
+    given = message(2.0, 5)
+    given.header.stamp = Time(seconds=5)
+    given.transform.translation.y = np.float32(0.5)
+    buffer.set_transform(given)
+    found = buffer.lookup_transform("map", "ball", Time(seconds=5))
+    assert found.transform.translation.y == 0.5
+    deserialize_message(serialize_message(found), TransformStamped)
+    point = stamped(PointStamped, seconds=5)
+    point.header.stamp = Time(seconds=5)
+    point.point.x = np.float32(0.25)
+    moved = buffer.transform(point, "map")
+    again = deserialize_message(serialize_message(moved), PointStamped)
+    assert again.point.x == moved.point.x == pytest.approx(2.0 + 0.25 * math.cos(TURN))
+
+
+def test_a_pose_has_the_quaternion_whose_w_is_not_below_zero(buffer):
+    pose = stamped(PoseStamped)
+    pose.pose.orientation.w = -1.0
+    turned = buffer.transform(pose, "map").pose.orientation
+    assert (turned.z, turned.w) == pytest.approx((math.sin(0.5 * TURN), math.cos(0.5 * TURN)))

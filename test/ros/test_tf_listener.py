@@ -10,10 +10,10 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from transform_messages import shifted
+from waiting import wait_for
 
 from head_tracking.share import robot_file
 from head_tracking.tf import (

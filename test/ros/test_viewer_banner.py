@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from contract_nodes import ControllerStandIn
 from rclpy.node import Node
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode

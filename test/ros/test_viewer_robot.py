@@ -9,7 +9,8 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import Robot, wait_for
+from robot_under_test import Robot
+from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode

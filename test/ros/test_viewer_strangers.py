@@ -12,7 +12,7 @@ from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode

@@ -14,8 +14,8 @@ import pytest
 from contract_nodes import ControllerStandIn
 from geometry_msgs.msg import PointStamped
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from std_msgs.msg import Header
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode

@@ -16,9 +16,9 @@ from geometry_msgs.msg import PointStamped
 from lockstep import World
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from visual_pursuit import pursue, tutorial_law
+from waiting import wait_for
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode

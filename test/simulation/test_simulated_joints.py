@@ -12,8 +12,8 @@ from head_tracking.dynamixel import (
 from head_tracking.simulation import SimulatedJoints
 
 JOINTS = (
-    JointConfiguration("pan", "pan_controller", 3),
-    JointConfiguration("tilt", "tilt_controller", 5, init=600, min=800, max=300),
+    JointConfiguration("pan", 3, controller="pan_controller"),
+    JointConfiguration("tilt", 5, controller="tilt_controller", init=600, min=800, max=300),
 )
 
 
@@ -48,7 +48,7 @@ def test_a_hand_leads_a_joint():
 
 def test_two_servos_on_a_joint_are_both_there_and_led_together():
     second = ServoCalibration("lift", 8, 500, 900, 100)
-    joint = JointConfiguration("lift", "lift_controller", 7, second=second)
+    joint = JointConfiguration("lift", 7, controller="lift_controller", second=second)
     with SimulatedJoints([joint]) as joints:
         assert joints.port.use(lambda bus: [servo.id for servo in bus]) == [7, 8]
         joints.port.lead(7, joint.ticks(0.5), 0.1)

@@ -60,8 +60,8 @@ from head_tracking.simulation import SimulatedPort, SimulatedServo, Write
 from head_tracking.transforms import load_robot_model
 
 ROOT = Path(__file__).parents[2]
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)
 JOINTS = (PAN, TILT)
 STOP_LIMIT = 0.5  # s
 RECOVERY_LIMIT = 2.0  # s

@@ -10,12 +10,14 @@ from head_tracking.transforms import (
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
+    Rotation,
     Transform,
     TransformBuffer,
     parse_robot_model,
 )
 
 SECOND = 1_000_000_000
+
 HEAD = {"head_pan_joint": 0.5, "head_tilt_joint": -0.2}
 
 
@@ -246,3 +248,66 @@ def test_a_change_elsewhere_does_not_disturb_a_lookup(buffer):
     kept = dict(buffer._routes)
     buffer.set_transform(0, "world", "base_link", moved(1), static=True)  # nothing new
     assert buffer._routes == kept
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float64, int])
+def test_numbers_of_other_types_become_floats(buffer, number):
+    """A message cannot hold them: what reaches the wire would be garbage."""
+    zero, one = number(0), number(1)
+    turn = Rotation(zero, zero, zero, one)
+    buffer.set_transform(SECOND, "map", "base_link", Transform((one, zero, zero), turn))
+    buffer.set_transform(0, "cup", "tea", Transform((one, zero, zero), turn), static=True)
+    buffer.set_joint_positions(2 * SECOND, {"head_pan_joint": one, "head_tilt_joint": zero})
+    answers = [
+        *buffer.lookup_transform("map", "base_link", SECOND).transform,
+        *buffer.lookup_transform("cup", "tea").transform,
+        *buffer.lookup_transform("base_link", "camera_link").transform,
+        *buffer.transform_point((one, zero, zero), "cup", "tea"),
+    ]
+    assert {type(answer) for answer in answers} == {float}
+
+
+def test_until_a_joint_is_measured_samples_tell_where_its_link_is(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    joint = kinectbot.joints["head_pan_joint"]
+
+    def pan() -> float:
+        found = buffer.lookup_transform(joint.parent, joint.child).transform
+        return (joint.origin.inverse() @ found).rotation.as_rpy()[2]
+
+    assert buffer.set_transform(SECOND, joint.parent, joint.child, joint.transform(0.3))
+    assert buffer.set_transform(2 * SECOND, joint.parent, joint.child, joint.transform(0.4))
+    assert pan() == pytest.approx(0.4)
+    buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": -0.2})
+    assert pan() == pytest.approx(-0.2)
+    assert not buffer.set_transform(4 * SECOND, joint.parent, joint.child, joint.transform(0.5))
+    assert pan() == pytest.approx(-0.2)
+    fixed = next(joint for joint in kinectbot.joints.values() if not joint.moves)
+    assert not buffer.set_transform(SECOND, fixed.parent, fixed.child, Transform.identity())
+
+
+def test_frames_that_are_silent_for_ten_cache_times_are_forgotten(buffer):
+    for person in range(500):
+        buffer.set_transform(SECOND, "map", f"person_{person}", Transform.identity())
+    buffer.set_transform(0, "map", "base_link", Transform.identity(), static=True)
+    buffer.set_transform(SECOND + 99 * SECOND, "map", "person_500", Transform.identity())
+    assert "person_0" in buffer.frames()
+    buffer.set_transform(SECOND + 111 * SECOND, "room", "person_501", Transform.identity())
+    people = {name for name in buffer.frames() if name.startswith("person")}
+    assert people == {"person_500", "person_501"}
+    assert buffer.can_transform("map", "camera_link")
+    buffer.set_transform(SECOND + 112 * SECOND, "map", "person_0", Transform.identity())
+    assert buffer.lookup_transform("map", "person_0").stamp == SECOND + 112 * SECOND
+
+
+def test_all_pairs_of_many_frames_can_be_asked_for():
+    buffer = TransformBuffer()
+    names = [f"frame_{index}" for index in range(60)]
+    for index, name in enumerate(names):
+        buffer.set_transform(0, "map", name, Transform.from_xyz_rpy((index, 0, 0)), static=True)
+    for _ in range(2):
+        for a, target in enumerate(names):
+            for b, source in enumerate(names):
+                x, *_ = buffer.lookup_transform(target, source).transform
+                assert x == pytest.approx(b - a)

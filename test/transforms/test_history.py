@@ -45,7 +45,9 @@ def test_ten_seconds_are_kept_and_one_sample_more():
     history = JointHistory()
     for index in range(5000):
         history.insert(index * SECOND // 100, float(index))
-    assert history.stamps[-1] - history.stamps[0] == 10 * SECOND + SECOND // 100
+    assert history.stamps[-1] - history.oldest == 10 * SECOND + SECOND // 100
+    assert len(history) == 1002
+    assert len(history.stamps) == len(history.values) <= 2 * len(history)
 
 
 def test_the_sample_before_a_pause_stays_until_the_next_one():

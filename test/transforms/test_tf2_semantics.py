@@ -147,6 +147,30 @@ def test_a_quaternion_a_little_off_is_taken_as_in_tf2_and_normalised(buffer):
     assert math.hypot(*rotation) == pytest.approx(1.0, abs=1e-15)
 
 
+def test_a_name_that_keeps_a_slash_cannot_be_asked_for(buffer):
+    buffer.set_transform(SECOND, "b", "//a", moved(1))
+    for target, source in (("/a", "b"), ("b", "/a")):
+        with pytest.raises(InvalidArgumentException):
+            buffer.lookup_transform(target, source)
+        assert not buffer.can_transform(target, source)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((0.0, 0.0, 0.6, 0.8), (0.0, 0.0, 0.6, 0.8)),
+        ((0.0, 0.0, 0.6, -0.8), (0.0, 0.0, -0.6, 0.8)),
+        ((0.0, 0.28, -0.96, 0.0), (0.0, -0.28, 0.96, 0.0)),
+        ((-0.96, 0.0, 0.0, 0.28), (0.96, 0.0, 0.0, -0.28)),
+    ],
+)
+def test_of_the_two_quaternions_of_a_rotation_it_is_tf2_s(buffer, given, expected):
+    buffer.set_transform(SECOND, "map", "base", Transform((0.0, 0.0, 0.0), Rotation(*given)))
+    assert buffer.lookup_transform("map", "base").transform.rotation == pytest.approx(expected)
+    full = buffer.lookup_transform_full("map", SECOND, "base", SECOND, "map")
+    assert full.transform.rotation == pytest.approx(expected)
+
+
 def test_a_frame_in_itself_is_always_known_even_if_it_is_not(buffer):
     found = buffer.lookup_transform("nowhere", "nowhere", 5 * SECOND)
     assert (found.stamp, found.transform) == (5 * SECOND, Transform.identity())

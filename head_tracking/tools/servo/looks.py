@@ -208,7 +208,7 @@ def _add_row(table: Table, link: Servo, measured: dict[int, list[str]]) -> None:
 def _measured(link: Servo, torque: int) -> list[str]:
     return [
         "on" if torque else "off",
-        str(link.raw_ticks),
+        str(link.ticks),
         f"{link.position:+.3f}",
         f"{math.degrees(link.position):+.1f}",
         f"{link.velocity:+.2f}",
