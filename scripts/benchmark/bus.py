@@ -42,6 +42,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.reading import Failed
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -433,7 +434,7 @@ class FaultyRun:
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    driver.run(driver.recovering())
+                    run(driver.recovering())
         except Exception:
             self.exceptions += 1
         if len(self.reading.states) < len(self._joints):
