@@ -21,6 +21,7 @@ from head_tracking.run.node_sets import (
     VIEWER,
     NodeSpec,
     fixed_target,
+    frame_target,
     simulated_camera,
 )
 from head_tracking.share import robot_parameters
@@ -89,7 +90,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--target",
         type=_target,
-        metavar=f"{'|'.join(TARGETS)}|x,y,z@frame",
+        metavar=f"{'|'.join(TARGETS)}|x,y,z@frame|@frame",
         help="what to look at besides what others publish on /target_point "
         "(default: fictitious for --sim --mode track, else none)",
     )
@@ -192,12 +193,14 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
     """Return the nodes that publish a target, and the scene that a simulated camera needs."""
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
+    if text.startswith("@") and text != "@":
+        return frame_target(text[1:]), ""
     try:
         return fixed_target(*point_in_frame(text)), ""
     except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no target; give {', '.join(TARGETS)}, or a point in metres and its "
-            "frame such as 1,0.5,0@base_link"
+            f"{text!r} is no target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
+            "or a point in metres and its frame such as 1,0.5,0@base_link"
         ) from None
 
 

@@ -108,9 +108,3 @@ def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
     for node in nodes.values():
         assert node.end(signal.SIGINT) == 0, node.output
         assert "Traceback" not in node.output
-
-
-def test_check_model_prints_the_tree(bench):
-    program = bench.start("check_model", "kinectbot")
-    assert program.end() == 0
-    assert "head_pan_link" in program.output
