@@ -26,6 +26,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     Torque,
 )
+from head_tracking.dynamixel.servo import run
 
 RATE = 50.0
 SAMPLES = 5
@@ -100,4 +101,4 @@ def _drive(driver: ServoBus, thread: BusThread, now: float) -> None:
         driver.command({name: Goal(0.5 * math.sin(now + i)) for i, name in enumerate(names)})
     if any(driver.joint(name).torque is Torque.OFF_BY_FAULT for name in names):
         with suppress(DynamixelError):
-            thread.call(lambda bus: bus.run(bus.recovering())).result(5.0)
+            thread.call(lambda bus: run(bus.recovering())).result(5.0)
