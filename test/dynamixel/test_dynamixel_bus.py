@@ -29,6 +29,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 JOINTS = (PAN, TILT)
@@ -159,7 +160,7 @@ def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:
     bus.command({"head_pan_joint": Goal(0.1)})
     bus.step()
     assert port.servos[1]["Torque Enable"] == 1
-    bus.run(bus.switching_torque(None, False))
+    run(bus.switching_torque(None, False))
     assert port.servos[1]["Torque Enable"] == 0
     assert bus.statistics().servos[0].timeouts == 0
 
@@ -224,7 +225,7 @@ def test_bus_must_be_connected() -> None:
     for use in (
         bus.step,
         bus.hold,
-        lambda: bus.run(bus.switching_torque(None, True)),
+        lambda: run(bus.switching_torque(None, True)),
         lambda: bus.command({}),
     ):
         with pytest.raises(NotConnectedError, match="not connected"):
@@ -454,7 +455,7 @@ def test_returned_servo_takes_commands_again() -> None:
 def test_servo_relaxed_on_request_returns_so() -> None:
     port = FakePort()
     bus, clock = connected(port)
-    bus.run(bus.switching_torque(["head_pan_joint"], False))
+    run(bus.switching_torque(["head_pan_joint"], False))
     lose_pan(bus, port)
     port.servos[1].answers = True
     clock.pass_time(0.6)
@@ -549,7 +550,7 @@ def test_torque_off_while_the_port_is_gone_is_remembered() -> None:
     port.gone = True
     bus.step()
     with pytest.raises(TorqueError):
-        bus.run(bus.switching_torque(None, False))
+        run(bus.switching_torque(None, False))
     port.gone = False
     clock.pass_time(0.3)
     for _ in range(3):
@@ -563,7 +564,7 @@ def test_port_that_goes_between_two_cycles_is_found_again() -> None:
     bus, clock = connected(port)
     port.gone = True
     with pytest.raises(TorqueError, match="unplugged"):
-        bus.run(bus.switching_torque(["head_pan_joint"], True))
+        run(bus.switching_torque(["head_pan_joint"], True))
     assert [event.kind for event in bus.step().events] == [EventKind.PORT_LOST]
     port.gone = False
     clock.pass_time(0.3)
