@@ -137,7 +137,7 @@ class Head:
             servos,
             epoch=self._owners.epoch,
         )
-        self._servos = DynamixelBackend([self._bus], self._loop, _RATE)
+        self._servos = DynamixelBackend([self._bus], self._loop, _RATE, self._report)
         self._servos.connect()
         self._loop.attach(self._servos)
         self._control = HeadControl(
@@ -161,7 +161,6 @@ class Head:
         self._control.begin()
         self._relaxed = self._closed = False
         self._failure: BaseException | None = None
-        self._torque_error: BaseException | None = None
         self._leading = threading.Lock()
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
@@ -280,8 +279,6 @@ class Head:
         )
         with control.lock:
             self._permit(epoch)
-            self._loop.hold("")  # the servos hold, whatever a `follow` before still waits for
-            control.watch()  # that trouble is over
             control.carry_out(task)
         try:
             return result.result(timeout)
@@ -295,7 +292,7 @@ class Head:
     ) -> None:
         """Keep the head on a target that moves; call this for each new measurement of it.
 
-        Returns at once; the head begins when the servos hold.
+        Returns at once; the head begins as soon as the servos hold.
 
         Args:
             point: shape (3,) [m].
@@ -306,7 +303,6 @@ class Head:
         Raises:
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
-            DynamixelError: a servo could not hold after the call before.
             ValueError: a number is not finite.
         """
         target, epoch = _target(point, frame, stamp), self._permit()
@@ -591,29 +587,11 @@ class Head:
             self._follow(target, epoch)
 
     def _follow(self, target: Target, epoch: int) -> None:
-        error, self._torque_error = self._torque_error, None
-        if error is not None:
-            raise error
         with self._control.lock:
             self._permit(epoch)
             if self._control.task is not None:
                 self._control.hold("superseded")
-            self._hold_torque(epoch)
             self._control.accept(target)
-
-    def _hold_torque(self, epoch: int) -> None:
-        """Switch the torque on, and let the head wait for it: else the servos would seem slow."""
-        if self._loop.held or self._servos.holds:
-            return
-        self._loop.hold("the servos do not hold yet")
-        (holding,) = self._servos.switch_torque(None, True, epoch)
-        holding.add_done_callback(self._torque_done)
-
-    def _torque_done(self, future: Future[None]) -> None:
-        error = None if future.cancelled() else future.exception()
-        if error is not None and not isinstance(error, StoppedError):
-            self._torque_error = error
-        self._loop.hold("")
 
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
         (switched,) = self._servos.switch_torque(None, on, epoch)
@@ -623,6 +601,9 @@ class Head:
             raise RefusedCommandError(HeadState.STOPPED) from None
         except FutureTimeoutError:
             raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
+
+    def _report(self, subject: str, text: str) -> None:
+        self._control.warn(subject, f"{subject}: {text}")
 
     def _check_control(self, *_: object) -> None:
         if self._control.failure is not None:

@@ -30,12 +30,11 @@ from head_tracking.dynamixel.exceptions import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
-    ServoModeError,
     ServoNotFoundError,
+    ServoSetupError,
     StoppedError,
     TorqueError,
     UnknownRegisterError,
-    WrongModelError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -113,9 +112,9 @@ __all__ = [
     "ServoCalibration",
     "ServoError",
     "ServoIdentity",
-    "ServoModeError",
     "ServoModel",
     "ServoNotFoundError",
+    "ServoSetupError",
     "ServoState",
     "ServoStatistics",
     "StoppedError",
@@ -123,7 +122,6 @@ __all__ = [
     "Torque",
     "TorqueError",
     "UnknownRegisterError",
-    "WrongModelError",
     "XL320Errors",
     "check_configuration",
     "describe_errors",

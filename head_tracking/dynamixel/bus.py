@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future
 from contextlib import suppress
-from typing import Final, TypeVar
+from typing import Final
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.configuration import (
@@ -37,8 +36,6 @@ from head_tracking.dynamixel.state import (
     Goal,
 )
 
-_T = TypeVar("_T")
-
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
 
@@ -57,8 +54,8 @@ class ServoBus:
     Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
     with what is there and looks for the rest.
 
-    What takes several transactions, such as `recovering`, comes as steps: `submit` spreads them
-    over the cycles, `run` takes them at once.
+    What takes several transactions, such as `recovering`, comes as steps: the cycles take those of
+    `requests` one by one; `servo.run` takes them at once.
 
     Args:
         port: Where the servos are.
@@ -286,8 +283,6 @@ class ServoBus:
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)
-        for joint in self._all:
-            joint.confirmed = joint.complete
         self.cycle.begin()
         return self.summary
 
@@ -343,28 +338,7 @@ class ServoBus:
         events = self.cycle.write()
         return reading._replace(events=(*reading.events, *events)) if events else reading
 
-    # Owner's thread: what takes longer than one transaction
-
-    def submit(self, steps: Steps[_T], *, despite_stop: bool = False) -> Future[_T]:
-        """Take steps, the first one now and the others between the work of the next cycles.
-
-        Args:
-            steps: The steps; cancelling the future ends them.
-            despite_stop: Whether they go on after a STOP; see `Request`.
-        """
-        request = self.requests.start(steps, despite_stop=despite_stop)
-        self.requests.advance(request)
-        return request.future
-
-    def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
-        """Take steps at once, after those that are under way; raises what they raise."""
-        under_way = self.requests.under_way
-        while under_way:
-            self.requests.advance(under_way[0])
-            under_way.rotate(-1)
-        return run(steps, pause)
-
-    # Owner's thread: requests
+    # Owner's thread: what takes longer than one transaction, as steps
 
     def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
         """Return the steps that switch the torque of some joints, or of all (None).

@@ -49,6 +49,16 @@ def lowest_supply(model: ServoModel, lowest_voltage: float, share: float = 0.8) 
     return max(share * model.nominal_voltage, lowest_voltage + 0.5)
 
 
+def low_supply(servo: Servo, lowest: float) -> str:
+    """Return a sentence if a servo's supply is below a voltage, else nothing."""
+    if servo.voltage >= lowest:
+        return ""
+    return (
+        f"its supply is down to {servo.voltage:.1f} V, of {servo.model.nominal_voltage:.1f} V that "
+        "it is made for: charge the battery, or take a stronger supply"
+    )
+
+
 def warm_from(warm: float, temperature_limit: float) -> float:
     """Return the temperature, °C, from which a servo is too warm.
 
@@ -57,6 +67,37 @@ def warm_from(warm: float, temperature_limit: float) -> float:
         temperature_limit: At which it shuts itself down; it is warm 8 degrees below.
     """
     return min(warm, temperature_limit - 8.0)
+
+
+def warmth(servo: Servo, warm: float) -> str:
+    """Return a sentence if an identified servo is as warm as that, °C, else nothing."""
+    identity = servo.identity
+    if identity is None or servo.temperature < warm:
+        return ""
+    return (
+        f"it is at {servo.temperature:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts "
+        "itself down: what does it work against?"
+    )
+
+
+def conditions(servo: Servo, warm: float, share: float = 0.8) -> dict[Symptom, str]:
+    """Return what one reading of an identified servo tells: supply and heat, a sentence each.
+
+    Args:
+        servo: The servo, as read last.
+        warm: See `warm_from`.
+        share: See `lowest_supply`.
+    """
+    identity = servo.identity
+    if identity is None:
+        return {}
+    found = {
+        Symptom.SUPPLY: low_supply(
+            servo, lowest_supply(servo.model, identity.lowest_voltage, share)
+        ),
+        Symptom.WARM: warmth(servo, warm_from(warm, identity.temperature_limit)),
+    }
+    return {symptom: text for symptom, text in found.items() if text}
 
 
 def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
@@ -148,13 +189,8 @@ def _frozen(watch: _Watch) -> str:
 
 def _low_supply(watch: _Watch) -> str:
     """Find a voltage below what the servo needs."""
-    volts = watch.servo.voltage
-    if volts >= watch.lowest or not watch.lasting("low supply", 0.06):
-        return ""
-    return (
-        f"its supply is down to {volts:.1f} V, of {watch.servo.model.nominal_voltage:.1f} V that "
-        "it is made for: charge the battery, or take a stronger supply"
-    )
+    text = low_supply(watch.servo, watch.lowest)
+    return text if text and watch.lasting("low supply", 0.06) else ""
 
 
 def _sag(watch: _Watch) -> str:
@@ -172,14 +208,36 @@ def _sag(watch: _Watch) -> str:
 
 def _warmth(watch: _Watch) -> str:
     """Find a temperature near that at which it shuts itself down; 3 degrees less end it."""
-    celsius, identity = watch.servo.temperature, watch.identity
-    if identity is None or celsius < watch.warm - 3.0:
-        return ""
-    if celsius < watch.warm and Symptom.WARM not in watch.symptoms:
+    slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
+    return warmth(watch.servo, watch.warm - slack)
+
+
+def _line(watch: _Watch) -> str:
+    """Find 4 transactions that failed within 0.3 s, with a servo that answers."""
+    counters = watch.servo.counters
+    failed = counters.timeouts + counters.corrupt
+    watch.failures += [watch.now] * min(4, failed - watch.failed)
+    watch.failed = failed
+    watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
+    if len(watch.failures) < 4 or watch.servo.failed_cycles:
         return ""
     return (
-        f"it is at {celsius:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts itself down: "
-        "what does it work against?"
+        f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: plugs, "
+        "cables, ground, or two servos with one id"
+    )
+
+
+def _apart(watch: _Watch) -> str:
+    """Find that the two servos of a joint are apart."""
+    first, second = watch.joint.servos
+    apart = abs(first.position - second.position)
+    comparable = first.answers and second.answers and not watch.joint.busy
+    far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
+    if not (far and watch.lasting("apart", 0.06)):
+        return ""
+    return (
+        f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a horn has "
+        "slipped, or one is mounted or calibrated the wrong way round"
     )
 
 
@@ -260,6 +318,9 @@ def _stuck(watch: _Watch) -> str:
 
 Detector = tuple[Symptom, Callable[[_Watch], str]]
 
+LINE: Final[tuple[Detector, ...]] = ((Symptom.LINE, _line),)
+"""For a servo with a failed transaction since the last examination, also if it was not read."""
+
 MOTION: Final[tuple[Detector, ...]] = ((Symptom.JUMP, _jump), (Symptom.FROZEN, _frozen))
 """For every servo that was read."""
 
@@ -276,6 +337,9 @@ FOLLOWING: Final[tuple[Detector, ...]] = (
     (Symptom.BLOCKED, _stuck),
 )
 """For a servo that follows goals. Before one of these is reported, registers tell the cause."""
+
+PAIR: Final[tuple[Detector, ...]] = ((Symptom.APART, _apart),)
+"""For the first servo of a joint that two of them turn."""
 
 
 class Diagnosis:
@@ -333,9 +397,8 @@ class Diagnosis:
                     self._clear(watch)
                 if joint.goal_ticks:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
-                counters = servo.counters
-                if counters.timeouts + counters.corrupt != watch.failed:
-                    self._count(watch, counters.timeouts + counters.corrupt)
+                if servo.counters.timeouts + servo.counters.corrupt != watch.failed:
+                    self._find(watch, LINE)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
                     self._examine(watch)
                 else:
@@ -343,7 +406,7 @@ class Diagnosis:
                     if servo.lost and watch.target:
                         self._end(watch, "not reached: the servo does not answer")
             if len(watches) > 1:
-                self._compare(*watches)
+                self._find(watches[0], PAIR)
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -357,13 +420,9 @@ class Diagnosis:
             self._know(watch)
         volts = servo.voltage
         usual = volts == watch.usual_voltage and volts >= watch.lowest
-        for symptom, find in MOTION:
-            if text := find(watch):
-                self._report(watch, symptom, text)
+        self._find(watch, MOTION)
         if not usual or servo.temperature >= watch.warm - 3.0:
-            for symptom, find in SUPPLY:
-                if text := find(watch):
-                    self._report(watch, symptom, text)
+            self._find(watch, SUPPLY)
         if not joint.on or joint.busy or not joint.goal_ticks:
             watch.forget_motion()
             if watch.target and not joint.busy:
@@ -430,30 +489,10 @@ class Diagnosis:
         elif symptom is Symptom.TRIPPED:
             self._clear_watchdog(joint)
 
-    def _compare(self, watch: _Watch, other: _Watch) -> None:
-        """Find that the two servos of a joint are apart."""
-        first, second = watch.servo, other.servo
-        apart = abs(first.position - second.position)
-        comparable = first.answers and second.answers and not watch.joint.busy
-        far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
-        if far and watch.lasting("apart", 0.06):
-            text = (
-                f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a "
-                "horn has slipped, or one is mounted or calibrated the wrong way round"
-            )
-            self._report(watch, Symptom.APART, text)
-
-    def _count(self, watch: _Watch, failed: int) -> None:
-        """Note failed transactions of the last cycle; 4 within 0.3 s are too many."""
-        watch.failures += [watch.now] * min(4, failed - watch.failed)
-        watch.failed = failed
-        watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
-        if len(watch.failures) >= 4 and not watch.servo.failed_cycles:
-            text = (
-                f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: "
-                "plugs, cables, ground, or two servos with one id"
-            )
-            self._report(watch, Symptom.LINE, text)
+    def _find(self, watch: _Watch, detectors: tuple[Detector, ...]) -> None:
+        for symptom, find in detectors:
+            if text := find(watch):
+                self._report(watch, symptom, text)
 
     def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
         watch.seen[symptom] = watch.now

@@ -27,6 +27,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
         PositionError: It stands where the way to its range could lead the other way round.
         RegisterRefusedError: The servo does not take the goal or the torque.
     """
+    servo.confirmed = False
     yield from servo.disarm()  # one that has tripped refuses goals until it is cleared
     before = servo.get("Present Position")
     if not powered:

@@ -27,15 +27,6 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
-_REMEDIES = {
-    Torque.OFF_ON_REQUEST: "the joint is relaxed on request; switch its torque on first "
-    "(torque_enable true on {})",
-    Torque.OFF_TO_COOL: "the joint's servo is too hot and rests; it takes commands again when it "
-    "has cooled down",
-    Torque.OFF_BY_FAULT: "the joint's servo has shut itself down; find out why, then call recover",
-    Torque.OFF_STOPPED: "the joint is stopped; start it first ({}/start)",
-}
-
 
 class Joint:
     """State of one joint. Only the thread that owns the bus changes it; any thread may look.
@@ -63,7 +54,6 @@ class Joint:
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
         writing: Whether the memory of its servos is being written.
-        confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
     def __init__(
@@ -88,7 +78,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.confirmed = self.writing = False
+        self.busy = self.writing = False
         self._limit_speed()
         self._port = port
         self._overtaken = 0  # counts who relaxed or stopped it
@@ -120,6 +110,11 @@ class Joint:
         return all([servo.link is LinkState.PRESENT for servo in self.servos])
 
     @property
+    def confirmed(self) -> bool:
+        """Whether its servos have confirmed that they are relaxed, and are so since."""
+        return all([servo.confirmed for servo in self.servos])
+
+    @property
     def torque(self) -> Torque:
         """Why it holds or does not hold its position; the most pressing reason of several."""
         if self.on:
@@ -147,7 +142,7 @@ class Joint:
 
     def _range(self, servo: Servo) -> tuple[int, int]:
         """Return lowest and highest tick of a servo that the limits of the joint allow."""
-        first, last = sorted(servo.goal_ticks(limit) for limit in self.limits)
+        first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
@@ -172,8 +167,8 @@ class Joint:
                     "command it again once that is done"
                 )
             if torque.waits:
-                remedy = _REMEDIES[torque].format(self.configuration.controller)
-                raise GoalError(f"{self.name}: command refused, {remedy}")
+                controller = self.configuration.controller
+                raise GoalError(f"{self.name} ({controller}): {torque.value}")
         lower, upper = self.limits
         if lower <= position <= upper:
             return position
@@ -223,7 +218,8 @@ class Joint:
         """Make this the goal that is written from now on; `now` is monotonic, ns."""
         lower, upper = self.limits  # limits may have been narrowed since it was accepted
         position = min(max(position, lower), upper)
-        self._set_goal(tuple([servo.goal_ticks(position) for servo in self.servos]), speed, now)
+        ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
+        self._set_goal(ticks, speed, now)
 
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
         self.goal_ticks = ticks
@@ -315,7 +311,6 @@ class Joint:
         """
         ticks: list[int] = []
         overtaken = self._overtaken
-        self.confirmed = False
         try:
             for servo in self.servos:
                 steps = pin(servo, self._range(servo), powered)
@@ -353,7 +348,6 @@ class Joint:
             servo.ping(3)
             yield 0.0
             yield from servo.identify()
-        self.confirmed = True
 
     def come_back(self, servo: Servo) -> Steps[str]:
         """Take a servo that answers again back; return what became of the torque.
@@ -369,7 +363,6 @@ class Joint:
         others = self.on
         overtaken = self._overtaken
         keep = others or (self._resumes and not (self.relaxed or self.resting))
-        self.confirmed = self.confirmed and not keep
         identity = yield from servo.identify(keep_torque=keep)
         if self._overtaken != overtaken:
             release(self._port, (servo,))

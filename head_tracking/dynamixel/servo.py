@@ -24,8 +24,7 @@ from head_tracking.dynamixel.exceptions import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
-    ServoModeError,
-    WrongModelError,
+    ServoSetupError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -155,6 +154,7 @@ class Servo:
         failed_cycles: Failed cycles in a row.
         ask_at: Not before this monotonic time, ns, is it asked again.
         damaged_cycles: Cycles in a row whose replies were damaged, and no reply since.
+        confirmed: Whether it has confirmed that it is relaxed, and is so since.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -191,7 +191,7 @@ class Servo:
         self.failed_cycles = 0
         self.ask_at = 0
         self.damaged_cycles = 0
-        self.faulted = False
+        self.faulted = self.confirmed = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
         self.ticks = 0
@@ -352,8 +352,8 @@ class Servo:
             keep_torque: Leave its torque as it is.
 
         Raises:
-            ServoModeError: It does not answer reads, or does not work in positions.
-            WrongModelError: It is another model than configured.
+            ServoSetupError: It is another model than configured, does not answer reads, or does
+                not work in positions.
             RegisterRefusedError: It does not switch torque off.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
@@ -364,7 +364,7 @@ class Servo:
                 values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
-                raise ServoModeError(
+                raise ServoSetupError(
                     f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
                     f"Level (register {level}) is probably 0; set it to 2, for example with "
                     f"`servo set {self.id} 'Status Return Level' 2`"
@@ -372,7 +372,7 @@ class Servo:
             memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
             number = memory.get("Model Number", model.model_number)
             if number != model.model_number:
-                raise WrongModelError(
+                raise ServoSetupError(
                     f"servo {self.id} ({joint_name}) is {model_name(number)}, but the "
                     f"configuration says {model.name} ({model.model_number}); correct the "
                     "configuration's model or id"
@@ -404,8 +404,11 @@ class Servo:
             self.faulted = identity.faulted
             self.failed_cycles = self.ask_at = 0
             self._enter(LinkState.RETURNED if self.lost else LinkState.PRESENT)
-        if not keep_torque:
+        if keep_torque:
+            self.confirmed = not identity.powered
+        else:
             yield from self.switch_torque(False)
+            self.confirmed = True
         if problem is not None:
             raise problem
         return identity
@@ -517,12 +520,6 @@ class Servo:
         """Lowest and highest tick by its own angle limits, as far as they are known."""
         known = self.identity
         return (0, self.model.ticks - 1) if known is None else known.own_range
-
-    def goal_ticks(self, position: float) -> int:
-        """Return the tick next to a position of the joint, rad, inside the range."""
-        ticks = self.calibration.ticks(position)
-        lowest, highest = self.range
-        return lowest if ticks < lowest else highest if ticks > highest else ticks
 
     def encode_goal(self, ticks: int, speed: float) -> bytes:
         """Return what to write for a goal.
@@ -687,14 +684,14 @@ def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int)
         value = memory.get(name, wanted)
         if value & mask != wanted:
             address, right = servo.model.control_table[name].address, value & ~mask | wanted
-            raise ServoModeError(
+            raise ServoSetupError(
                 f"{who} {what}: {name} (register {address}) is {value}; set it to {right}, for "
                 f"example with `servo set {servo.id} '{name}' {right}`"
             )
     if servo.model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
         low, high = servo.calibration.tick_range
-        raise ServoModeError(
+        raise ServoSetupError(
             f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
             f"turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to {low} and "
             f"{high} with `servo set {servo.id} REGISTER VALUE`"

@@ -42,6 +42,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.reading import Failed
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -433,7 +434,7 @@ class FaultyRun:
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    driver.run(driver.recovering())
+                    run(driver.recovering())
         except Exception:
             self.exceptions += 1
         if len(self.reading.states) < len(self._joints):
@@ -641,9 +642,9 @@ def replugging() -> str:
             _wait(lambda: newest and len(newest[-1].states) == 2)
             before = _resources()
             for _ in range(REPLUGS):
-                simulated.unplug()
+                simulated.close()
                 _wait(lambda: len(newest[-1].lost) == 2)
-                simulated.replug()
+                simulated.open()
                 start = time.perf_counter()
                 _wait(lambda: len(newest[-1].states) == 2)
                 times.append(time.perf_counter() - start)

@@ -10,7 +10,8 @@ import sys
 import time
 
 from head_tracking.__main__ import main
-from head_tracking.dynamixel import BusEvent, BusReading, ServoBus
+from head_tracking.dynamixel import BusEvent, BusReading
+from head_tracking.dynamixel.cycle import Cycle
 
 took: list[float] = []
 
@@ -21,18 +22,18 @@ class _Stopwatch:
 
 def timed() -> None:
     """Take the time from the begin of each bus's read to the end of its write."""
-    read, write = ServoBus.read, ServoBus.write
+    read, write = Cycle.read, Cycle.write
 
-    def timed_read(bus: ServoBus) -> BusReading:
+    def timed_read(cycle: Cycle) -> BusReading:
         _Stopwatch.begin = time.perf_counter()
-        return read(bus)
+        return read(cycle)
 
-    def timed_write(bus: ServoBus) -> tuple[BusEvent, ...]:
-        events = write(bus)
+    def timed_write(cycle: Cycle) -> tuple[BusEvent, ...]:
+        events = write(cycle)
         took.append(time.perf_counter() - _Stopwatch.begin)
         return events
 
-    ServoBus.read, ServoBus.write = timed_read, timed_write  # type: ignore[method-assign]
+    Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
 
 
 if __name__ == "__main__":

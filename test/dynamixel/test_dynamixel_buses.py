@@ -21,6 +21,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoNotFoundError,
 )
+from head_tracking.dynamixel.servo import run
 
 PATIENCE = 10.0
 
@@ -73,7 +74,7 @@ def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
 def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     buses, ports = make(PAN, TILT)
     buses.start()
-    for future in buses.call(None, lambda bus, joints: bus.run(bus.switching_torque(joints, True))):
+    for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
     assert buses.holds
     (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)
@@ -114,7 +115,7 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
     bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
     backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
     backend.connect()
-    bus.run(bus.switching_torque(["head_tilt_joint"], False))
+    run(bus.switching_torque(["head_tilt_joint"], False))
     goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)}
     backend.write("somebody", goals, loop.owners.epoch.value)
     for _ in range(10):

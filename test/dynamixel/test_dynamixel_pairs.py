@@ -14,6 +14,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 PERIOD = 0.02
@@ -97,10 +98,10 @@ def test_narrowed_limits_move_both_goals(name: str) -> None:
 def test_torque_comes_on_outside_narrowed_limits_without_tearing(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
-    pair.bus.run(pair.bus.switching_torque(None, False))
+    run(pair.bus.switching_torque(None, False))
     ticks = pair.joint.model.ticks
     pair.bus.joint("j").reconfigure(highest=ticks // 2)
-    pair.bus.run(pair.bus.switching_torque(None, True))
+    run(pair.bus.switching_torque(None, True))
     pair.go(0.1)
     assert pair.apart < APART and pair.goals_apart < APART
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
+from dynamixel_fakes import submit
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -23,6 +24,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
@@ -101,9 +103,9 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].off()
         if at_once:
             with suppress(DynamixelError):
-                self.bus.run(self.bus.switching_torque(chosen, False))
+                run(self.bus.switching_torque(chosen, False))
         else:
-            self.bus.submit(self.bus.switching_torque(chosen, False))
+            submit(self.bus, self.bus.switching_torque(chosen, False))
             self.step(2)
         for name in chosen or self.expected:
             if self.plugged and self.expected[name].powered:
@@ -111,7 +113,7 @@ class Requests(RuleBasedStateMachine):
 
     @rule(chosen=some_joints, cycles=st.integers(0, 12))
     def torque_on(self, chosen: list[str] | None, cycles: int) -> None:
-        future = self.bus.submit(self.bus.switching_torque(chosen, True))
+        future = submit(self.bus, self.bus.switching_torque(chosen, True))
         self.step(cycles)
         if not future.done() and cycles % 2:
             assert future.cancel()  # whoever asked has given up
@@ -134,7 +136,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def stop(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.run(self.bus.stopping(chosen))
+            run(self.bus.stopping(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = True
             self.expected[name].off()
@@ -142,7 +144,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def start(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.run(self.bus.starting(chosen))
+            run(self.bus.starting(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = False
         self.settle()
@@ -151,7 +153,7 @@ class Requests(RuleBasedStateMachine):
     def recover(self, chosen: list[str] | None) -> None:
         self.settle()
         with suppress(DynamixelError):
-            self.bus.run(self.bus.recovering(chosen))
+            run(self.bus.recovering(chosen))
         for name in chosen or self.expected:
             expected = self.expected[name]
             if self.plugged and expected.powered and expected.faulted:

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from random import Random
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeClock, FakePort
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -22,6 +22,7 @@ from head_tracking.dynamixel import (
     TorqueError,
 )
 from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.servo import run
 
 INTERLEAVINGS = 10_000
 JOINT = PAN.joint_name
@@ -176,7 +177,7 @@ def test_a_request_of_the_present_epoch_is_carried_out_after_resume() -> None:
 def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
     run = Interleavings(0)
     for steps in range(12):
-        on = run.bus.submit(run.bus.switching_torque(None, True))
+        on = submit(run.bus, run.bus.switching_torque(None, True))
         for _ in range(steps):
             run.bus.step()
         done = on.done()
@@ -191,7 +192,7 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     single = [ServoBus(port, [joint], epoch=epoch) for port, joint in pairs]  # type: ignore[arg-type]
     for bus in single:
         bus.connect()
-        bus.run(bus.switching_torque(None, True))
+        run(bus.switching_torque(None, True))
     loop = ControlLoop(None, JointOwners(epoch=epoch))
     buses = DynamixelBackend(single, loop, 50.0)
     held = buses.threads[1]._owner
@@ -247,7 +248,7 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> N
     port = FakePort()
     bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
+    run(bus.switching_torque(None, True))
 
     def steps() -> Steps[None]:
         try:
@@ -256,6 +257,6 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> N
         finally:
             raise RuntimeError("cannot end")
 
-    bus.submit(steps())
+    submit(bus, steps())
     assert bus.close() == ()
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]

@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 from answer_hook import OnAnswers
-from dynamixel_fakes import PAN, TILT, FakePort
+from dynamixel_fakes import PAN, TILT, FakePort, submit
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
@@ -34,10 +34,11 @@ from head_tracking.dynamixel import (
     ServoError,
     ServoModel,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
-    WrongModelError,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Answer,
     Fault,
@@ -128,23 +129,23 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.step(5)
     assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
     if "relax" in between:
-        rig.bus.run(rig.bus.switching_torque(None, False))
+        run(rig.bus.switching_torque(None, False))
         rig.step(3)
     if "stop" in between:
-        rig.bus.run(rig.bus.stopping(None))
+        run(rig.bus.stopping(None))
         rig.step(3)
-        rig.bus.run(rig.bus.starting(None))
+        run(rig.bus.starting(None))
         rig.step(3)
     if between == "torque on":
         with pytest.raises(ServoError, match="shut down"):
-            rig.bus.run(rig.bus.switching_torque(None, True))
+            run(rig.bus.switching_torque(None, True))
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.0)})
-    assert rig.bus.run(rig.bus.recovering()) == ("j1",)
+    assert run(rig.bus.recovering()) == ("j1",)
     rig.step(20)
     if "relax" in between:
         assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST  # a fact of its own
-        rig.bus.run(rig.bus.switching_torque(None, True))
+        run(rig.bus.switching_torque(None, True))
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
 
@@ -157,7 +158,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
     assert any("recover" in text for text in rig.events)
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.1)})
-    rig.bus.run(rig.bus.recovering())
+    run(rig.bus.recovering())
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
 
 
@@ -168,9 +169,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
-    changed = rig.bus.run(
-        rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time
-    )
+    changed = run(rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time)
     assert "Return Delay Time" in changed[1]
     assert rig.servos[0].register("Shutdown") == before
 
@@ -187,12 +186,12 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     assert rig.torque == [1, 1, 0]
     rig.servos[0].overload()
     rig.step(5)
-    recovering = rig.bus.submit(rig.bus.recovering(["j1"], 3.0))
-    writing = rig.bus.submit(rig.bus.writing_eeprom("j3", EepromParameters().settings))
-    on = rig.bus.submit(rig.bus.switching_torque(["j3"], True))
+    recovering = submit(rig.bus, rig.bus.recovering(["j1"], 3.0))
+    writing = submit(rig.bus, rig.bus.writing_eeprom("j3", EepromParameters().settings))
+    on = submit(rig.bus, rig.bus.switching_torque(["j3"], True))
     rig.step(2)
     assert not (recovering.done() or writing.done() or on.done())
-    relaxing = [rig.bus.submit(rig.bus.switching_torque(None, False)) for _ in range(3)]
+    relaxing = [submit(rig.bus, rig.bus.switching_torque(None, False)) for _ in range(3)]
     rig.step()
     assert rig.torque[1:] == [0, 0]
     rig.step(10)
@@ -209,9 +208,9 @@ def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
     for steps in range(12):
         rig = Rig(SimulatedServo(1), SimulatedServo(2))
         rig.step(3)
-        rig.bus.submit(rig.bus.switching_torque(None, True))
+        submit(rig.bus, rig.bus.switching_torque(None, True))
         rig.step(steps)
-        rig.bus.submit(rig.bus.switching_torque(["j1"], False))
+        submit(rig.bus, rig.bus.switching_torque(["j1"], False))
         rig.step(30)
         assert rig.torque[0] == 0, steps
         assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
@@ -220,7 +219,7 @@ def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
 def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     rig.step(3)
-    future = rig.bus.submit(rig.bus.switching_torque(None, True))
+    future = submit(rig.bus, rig.bus.switching_torque(None, True))
     assert future.cancel()
     rig.step(30)
     assert rig.torque == [0, 0]
@@ -231,7 +230,7 @@ def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
 def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):  # keep the steps of the goal waiting
-        rig.bus.submit(rig.bus.writing_eeprom("j2", EepromParameters().settings))
+        submit(rig.bus, rig.bus.writing_eeprom("j2", EepromParameters().settings))
     rig.step()
     rig.bus.command({"j1": Goal(0.2)})
     rig.step(cycles)
@@ -288,7 +287,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
     rig = Rig(servo)
-    rig.bus.run(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, True))
     for _ in range(200):
         rig.bus.command({"j1": Goal(1.3, model.no_load_speed)})
         rig.step()
@@ -401,7 +400,7 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
 def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
     rig = Rig(SimulatedServo(1), connect=False)
     rig.bench.bus[1].set_register("Model Number", 4711)
-    with pytest.raises(WrongModelError, match=r"4711.*correct the configuration"):
+    with pytest.raises(ServoSetupError, match=r"4711.*correct the configuration"):
         rig.bus.connect()
 
 
@@ -513,8 +512,8 @@ def test_nobody_is_asked_again_while_another_replies() -> None:
 @pytest.mark.parametrize("cycles", range(8))
 def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
     rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
-    rig.bus.run(rig.bus.switching_torque(None, False))
-    rig.bus.submit(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, False))
+    submit(rig.bus, rig.bus.switching_torque(None, True))
     rig.step(cycles)
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
     rig.step(20)
@@ -527,7 +526,7 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
     loop = ControlLoop(None)
     bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
+    run(bus.switching_torque(None, True))
     buses = DynamixelBackend([bus], loop, 50.0)
     (thread,) = buses.threads
     buses.start()

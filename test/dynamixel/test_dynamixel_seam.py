@@ -15,12 +15,13 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoCalibration,
-    ServoModeError,
     ServoModel,
+    ServoSetupError,
     Torque,
     TorqueError,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
@@ -213,7 +214,7 @@ def test_torque_beyond_the_seam_is_refused_and_told(case: Case) -> None:
     assert {servo.register("Torque Enable") for servo in rig.servos} == {0}
     assert EventKind.TORQUE_FAILED in rig.kinds
     with pytest.raises(TorqueError):
-        rig.bus.run(rig.bus.switching_torque(None, True))
+        run(rig.bus.switching_torque(None, True))
 
 
 def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
@@ -222,7 +223,7 @@ def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
     for servo in rig.servos:
         servo.lead(4000, 0.2, 50.0)
     rig.step(30)
-    rig.bus.run(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, True))
     rig.bus.command({"j": Goal(rig.joint.position(3200), 4.0)})
     rig.step(60)
     assert rig.servos[0].true_ticks == pytest.approx(3200, abs=SLACK)
@@ -240,6 +241,6 @@ def test_extended_position_mode_is_refused() -> None:
     bench = Bench([servo])
     joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
-    with pytest.raises(ServoModeError):
+    with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0

@@ -115,12 +115,6 @@ def test_times_are_those_of_rclpy_or_of_messages(buffer):
         assert found.header.stamp.sec == 2
 
 
-def test_static_transforms_hold_at_any_time(buffer):
-    buffer.set_transform_static(message(7.0, 0, "world", "map"))
-    assert buffer.can_transform("world", "map", Time(seconds=99))
-    assert buffer.can_transform("world", "ball", Time(seconds=2))
-
-
 def test_a_quaternion_that_is_none_is_refused(buffer):
     bad = message(1.0, 5)
     bad.transform.rotation.w = 9.0
@@ -199,13 +193,6 @@ def test_a_velocity(buffer):
 def test_the_frames_are_told(buffer):
     assert "Frame ball exists with parent map." in buffer.all_frames_as_string()
     assert "ball:" in buffer.all_frames_as_yaml()
-
-
-def test_clear_forgets_what_was_measured(buffer):
-    buffer.set_transform_static(message(7.0, 0, "world", "map"))
-    buffer.clear()
-    assert not buffer.can_transform("map", "ball", Time())
-    assert buffer.can_transform("world", "map", Time())
 
 
 # Messages in other frames, at 2 s: turned by TURN and 2 m along x
@@ -288,15 +275,6 @@ def test_what_cannot_be_transformed(buffer):
 
 
 # Waiting
-
-
-def test_a_lookup_waits_for_what_another_thread_brings():
-    buffer = Buffer()
-    bring = threading.Timer(0.05, buffer.set_transform, [message(1.0, 1)])
-    bring.start()
-    found = buffer.lookup_transform("map", "ball", Time(seconds=1), Duration(seconds=20))
-    assert found.transform.translation.x == 1.0
-    bring.join()
 
 
 def test_messages_and_full_lookups_wait_as_well(buffer):

@@ -28,10 +28,12 @@ def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
         bus = ServoBus(DynamixelPort(joints.port_name, reply_timeout=0.2), JOINTS)
         assert bus.connect() == "2 AX-12 servos: ids 3, 5"
         bus.command({"tilt": Goal(0.6)})
-        deadline = time.monotonic() + 10
+        deadline, fastest = time.monotonic() + 10, 0.0
         while abs(joints.true_position("tilt") - 0.6) > 0.01:
-            measured = bus.step().states["tilt"].position
+            measured = bus.step().states["tilt"]
+            fastest = max(fastest, measured.velocity)
             assert time.monotonic() < deadline, measured
+        assert fastest > 0.3
         assert bus.step().states["tilt"].position == pytest.approx(0.6, abs=0.015)
         assert joints.true_position("pan") == pytest.approx(0.0, abs=1e-9)
         assert bus.close() == ()

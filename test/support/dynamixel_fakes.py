@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping
+from concurrent.futures import Future
+from typing import TypeVar
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -16,10 +18,14 @@ from head_tracking.dynamixel import (
     ReadGroup,
     Reply,
     ReplyTimeoutError,
+    ServoBus,
     ServoModel,
     servo_model,
 )
 from head_tracking.dynamixel.reading import Failed
+from head_tracking.dynamixel.requests import Steps
+
+T = TypeVar("T")
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
@@ -235,3 +241,10 @@ def goal_bytes(ticks: int, speed: int) -> bytes:
 
 def writes(log: list[Packet]) -> list[Packet]:
     return [packet for packet in log if packet[0] in ("write", "sync")]
+
+
+def submit(bus: ServoBus, steps: Steps[T]) -> Future[T]:
+    """Ask a bus for what takes steps, as another thread does, and let it take the first one."""
+    future: Future[T] = bus.requests.add(lambda: steps)
+    bus.requests.begin_next()
+    return future

@@ -20,6 +20,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo, WriteLog
 
 PERIOD = 0.02
@@ -74,7 +75,7 @@ class Ordeal:
     def recover(self) -> None:
         if any(self.bus.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self.joints):
             with suppress(DynamixelError):
-                self.bus.run(self.bus.recovering())
+                run(self.bus.recovering())
 
     def check(self, reading: BusReading) -> None:
         """What is told was true when it was stamped."""

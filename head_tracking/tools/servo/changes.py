@@ -12,7 +12,7 @@ from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     PositionError,
     ServoError,
-    ServoModeError,
+    ServoSetupError,
 )
 from head_tracking.dynamixel.holding import pin, require_straight_path
 from head_tracking.dynamixel.maintenance import EEPROM_PAUSE, write_eeprom
@@ -197,7 +197,7 @@ def _range(link: Servo) -> tuple[int, int]:
     """Return the limits of a servo that goes to positions; refuse others."""
     try:
         run(link.identify(keep_torque=True))
-    except ServoModeError as refusal:
+    except ServoSetupError as refusal:
         raise RefusedError(str(refusal)) from refusal
     return link.range
 
