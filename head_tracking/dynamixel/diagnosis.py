@@ -80,6 +80,26 @@ def warmth(servo: Servo, warm: float) -> str:
     )
 
 
+def conditions(servo: Servo, warm: float, share: float = 0.8) -> dict[Symptom, str]:
+    """Return what one reading of an identified servo tells: supply and heat, a sentence each.
+
+    Args:
+        servo: The servo, as read last.
+        warm: See `warm_from`.
+        share: See `lowest_supply`.
+    """
+    identity = servo.identity
+    if identity is None:
+        return {}
+    found = {
+        Symptom.SUPPLY: low_supply(
+            servo, lowest_supply(servo.model, identity.lowest_voltage, share)
+        ),
+        Symptom.WARM: warmth(servo, warm_from(warm, identity.temperature_limit)),
+    }
+    return {symptom: text for symptom, text in found.items() if text}
+
+
 def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
     """Return, by id, whose angle limits a servo has in its memory instead of its own joint's."""
     found: dict[int, Servo] = {}

@@ -153,9 +153,9 @@ def _serve(
         stopped.wait()
         return
     while not stopped.wait(unplug_every * random.uniform(0.5, 1.5)):
-        port.unplug()
+        port.close()
         stopped.wait(random.uniform(0.1, 2.0))
-        port.replug()
+        port.open()
         print(port.port_name, flush=True)
 
 

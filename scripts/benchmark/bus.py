@@ -643,9 +643,9 @@ def replugging() -> str:
             _wait(lambda: newest and len(newest[-1].states) == 2)
             before = _resources()
             for _ in range(REPLUGS):
-                simulated.unplug()
+                simulated.close()
                 _wait(lambda: len(newest[-1].lost) == 2)
-                simulated.replug()
+                simulated.open()
                 start = time.perf_counter()
                 _wait(lambda: len(newest[-1].states) == 2)
                 times.append(time.perf_counter() - start)

@@ -497,9 +497,9 @@ class Chaos:
         self.until(self.complete, START_LIMIT, "the robot is complete")  # none starts without it
         seconds = self.random.uniform(0.05, 1.0)
         self.note(f"unplugged for {seconds:.2f} s")
-        self.port.unplug()
+        self.port.close()
         self.wait(seconds)
-        self.port.replug()
+        self.port.open()
 
     def jump(self) -> None:
         """The robot's clock jumps."""
@@ -630,14 +630,14 @@ class Chaos:
         self.until(self.complete, START_LIMIT, "the robot is complete")
         self.until(self.has_bus, START_LIMIT, "the bus comes")
         self.note("STOP while the adapter is out")
-        self.port.unplug()
+        self.port.close()
         self.wait(self.random.uniform(0.0, 0.3))
         answers = self._ask_to_stop()
         self.until(lambda: bool(answers()), 2.0, "STOP answers without an adapter")
         if any(answer.success for answer in answers()) and not self.relaxed():
             raise DidNotHoldError("STOP is confirmed, but the servos are not relaxed")
         self.look()
-        self.port.replug()
+        self.port.open()
         self.until(self.relaxed, 3.0, "STOP relaxes when the adapter is back")
         self._lift_after_a_while()
 

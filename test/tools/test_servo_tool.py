@@ -14,7 +14,9 @@ from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.protocol import NO_ERROR, describe_errors
 from head_tracking.dynamixel.serial_port import port_error
+from head_tracking.dynamixel.state import Symptom
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 from head_tracking.tools.servo import main as tool
 from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
@@ -524,6 +526,15 @@ def test_monitor_shows_what_servos_measure(bench: Bench) -> None:
     assert "input voltage" in rows["8"]
     assert bench.clock() > 0.2
     assert max(map(len, bench.output.splitlines())) <= 80
+
+
+def test_monitor_names_what_the_bus_would_report(bench: Bench) -> None:
+    bench[1].supply_voltage = 9.0
+    bench[2].temperature = 64.0
+    assert bench.run("monitor", "1", "2", "7", "--count", "1") == DONE
+    low, warm, fine = (line.rstrip() for line in bench.output.splitlines()[-3:])
+    assert low.endswith(Symptom.SUPPLY.value) and warm.endswith(Symptom.WARM.value)
+    assert fine.endswith(describe_errors(NO_ERROR))
 
 
 def test_monitor_shows_who_has_gone_silent(bench: Bench) -> None:

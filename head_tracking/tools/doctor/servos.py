@@ -20,9 +20,10 @@ from head_tracking.dynamixel import (
     ReplyTimeoutError,
     Servo,
     ServoError,
+    Symptom,
     describe_errors,
 )
-from head_tracking.dynamixel.diagnosis import low_supply, lowest_supply, swapped, warm_from, warmth
+from head_tracking.dynamixel.diagnosis import conditions, swapped
 from head_tracking.dynamixel.servo import run
 from head_tracking.tools.doctor.findings import Finding, Level
 from head_tracking.tools.servo.bench import patient_port
@@ -89,12 +90,12 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
         text = f"firmware {identity.firmware_version}: an update was broken off; recover it with "
         problems.append((Level.RED, f"{text}Dynamixel Wizard"))
     volts, celsius = servo.voltage, servo.temperature
-    lowest = lowest_supply(model, identity.lowest_voltage, 0.9)  # nothing moves
-    if text := low_supply(servo, lowest):
-        problems.append((Level.RED if volts < identity.lowest_voltage else Level.AMBER, text))
-    if text := warmth(servo, warm_from(settings.warm, identity.temperature_limit)):
-        hot = celsius >= min(settings.hot, identity.temperature_limit)
-        problems.append((Level.RED if hot else Level.AMBER, text))
+    is_red = {
+        Symptom.SUPPLY: volts < identity.lowest_voltage,
+        Symptom.WARM: celsius >= min(settings.hot, identity.temperature_limit),
+    }
+    for symptom, text in conditions(servo, settings.warm, 0.9).items():  # 0.9: nothing moves
+        problems.append((Level.RED if is_red[symptom] else Level.AMBER, text))
     level = max((level for level, _ in problems), default=Level.GREEN)
     facts = f"{joint}: {model.name}, firmware {identity.firmware_version}, {volts:.1f} V, "
     yield Finding(name, level, "; ".join([f"{facts}{celsius:.0f} °C", *(t for _, t in problems)]))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import count as count_from
 from typing import Final, NamedTuple
 
 from rich.table import Table
 from rich.text import Text
 
+from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.diagnosis import conditions
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -19,11 +22,12 @@ from head_tracking.dynamixel.exceptions import (
     PortError,
     PortMissingError,
     PortPermissionError,
+    ServoError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
-from head_tracking.dynamixel.servo import Servo, model_name
+from head_tracking.dynamixel.servo import Servo, model_name, run
 from head_tracking.tools.servo.bench import (
     ToolError,
     Workshop,
@@ -170,6 +174,9 @@ def monitor(
                 f"no servo with an id up to {_FIRST_IDS[-1]} answers at {workshop.baud_rate} baud; "
                 "name the ids, or look for servos with `servo scan`"
             )
+        for link in links:
+            with suppress(CommunicationError, ConfigurationError, ServoError):
+                run(link.identify(keep_torque=True))
         measured = {link.id: [""] * 8 for link in links}
         with workshop.terminal.screen() as update:
             for shown in count_from(1):
@@ -194,7 +201,10 @@ def _add_row(table: Table, link: Servo, measured: dict[int, list[str]]) -> None:
     try:
         link.read_feedback()
         measured[link.id] = _measured(link, link.get("Torque Enable"))
-        errors = describe_errors(link.read_errors())
+        found = [symptom.value for symptom in conditions(link, BusSettings().warm)]
+        if (error := link.read_errors()) or not found:
+            found.insert(0, describe_errors(error))
+        errors = ", ".join(found)
         style = "red" if errors != "none" else ""
     except CommunicationError as error:
         errors = "damaged answer" if isinstance(error, CorruptReplyError) else "no answer"
