@@ -233,11 +233,12 @@ class DynamixelBackend:
         """
         if epoch is None:
             epoch = self._loop.owners.epoch.value
+
+        def ask(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
+            return thread.call(lambda bus: function(bus, share), epoch, despite_stop=despite_stop)
+
         shares = self._shares(self._by_joint if joints is None else joints)
-        return [
-            thread.call(partial(_apply, function, share), epoch, despite_stop=despite_stop)
-            for thread, share in shares.items()
-        ]
+        return [ask(thread, share) for thread, share in shares.items()]
 
     def switch_torque(
         self, joints: Iterable[str] | None, on: bool, epoch: int | None = None
@@ -338,9 +339,3 @@ class DynamixelBackend:
                 )
             shares[thread] = (*shares.get(thread, ()), name)
         return shares
-
-
-def _apply(
-    function: Callable[[ServoBus, tuple[str, ...]], _T], share: tuple[str, ...], bus: ServoBus
-) -> _T:
-    return function(bus, share)

@@ -237,7 +237,7 @@ class ServoBus:
                 servo.statistics(joint.torque, joint.stopped, *self.cycle.diagnosis.of(servo.id))
                 for joint, servo in self._each_servo()
             ),
-            self._connected and self.cycle.port_is_there,
+            self._connected and self._port.is_open,
             self.cycle.port_losses,
             self._port.adapter,
         )
@@ -333,7 +333,8 @@ class ServoBus:
             NotConnectedError: `connect` has not been called.
             PortLostError: The port has gone and cannot come back under its name.
         """
-        self._require_connection()
+        if not self._connected:
+            self._require_connection()
         reading = self.cycle.read()
         events = self.cycle.write()
         return reading._replace(events=(*reading.events, *events)) if events else reading

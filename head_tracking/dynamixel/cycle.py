@@ -110,11 +110,6 @@ class Cycle:
         self._watched = False
 
     @property
-    def port_is_there(self) -> bool:
-        """Whether the port has not gone."""
-        return self._look_again_at is None
-
-    @property
     def absent(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Joints of which no servo answers, and those of which some servo does not.
 

@@ -7,6 +7,7 @@ import time
 import traceback
 
 from rclpy.executors import (
+    Executor,
     ExternalShutdownException,
     MultiThreadedExecutor,
     SingleThreadedExecutor,
@@ -26,14 +27,15 @@ class OwnThread:
     Args:
         beside: the node that it belongs to.
         name: of the new one, which offers no parameters.
-        threads: how many callbacks, each of a group of its own, may wait at the same time.
+        concurrent: whether all its services, each in a callback group of its own, may wait at the
+            same time; each has a thread then while it does.
 
     Attributes:
         node: the new node. Clients, services and subscriptions may be added from any thread until
             `start`, afterwards from its callbacks.
     """
 
-    def __init__(self, beside: Node, name: str, threads: int = 1) -> None:
+    def __init__(self, beside: Node, name: str, *, concurrent: bool = False) -> None:
         self.node = Node(
             name,
             namespace=beside.get_namespace(),
@@ -43,15 +45,17 @@ class OwnThread:
         self._ending = threading.Event()
         # At Executor.wake spin_once looks around and waits on.
         self._end = self.node.create_guard_condition(lambda: None)
-        self._executor = (
-            SingleThreadedExecutor(context=beside.context)
-            if threads == 1
-            else MultiThreadedExecutor(threads, context=beside.context)
-        )
+        self._concurrent = concurrent
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def start(self) -> None:
         """Spins from now on."""
+        context = self.node.context
+        self._executor: Executor = (
+            MultiThreadedExecutor(1 + len(list(self.node.services)), context=context)
+            if self._concurrent
+            else SingleThreadedExecutor(context=context)
+        )
         self._thread.start()
 
     def close(self) -> None:
