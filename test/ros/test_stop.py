@@ -18,7 +18,7 @@ from waiting import eventually, wait_for
 from head_tracking.control import JointOwners
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.ros.joint_owners import control_message
-from head_tracking.ros.spinning import NodeDied
+from head_tracking.ros.kit.spinning import NodeDied
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ("head_pan_joint", "head_tilt_joint")
