@@ -84,16 +84,8 @@ class Cycle:
         self._requests, self._procedures, self._events = requests, procedures, events
         self._settings, self._clock, self._monotonic = settings, clock, monotonic
         self._all = tuple(joints.values())
-        self._protection = Protection(events.note, procedures.cut, settings)
-        self._told = self._protection.told
-        self.diagnosis = Diagnosis(
-            self._all,
-            events.note,
-            procedures.cut,
-            procedures.begin,
-            procedures.clear_watchdog,
-            settings,
-        )
+        self._protection = Protection(events, procedures, settings)
+        self.diagnosis = Diagnosis(self._all, events, procedures, settings)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
@@ -210,7 +202,7 @@ class Cycle:
 
     def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was not as usual."""
-        port, rest, told = self._port, self._rest, self._told
+        port, rest = self._port, self._rest
         timeout = self._settings.command_timeout
         troubled = False
         begin = port.clock()
@@ -227,7 +219,6 @@ class Cycle:
                         or servo.errors
                         or state.temperature >= rest
                         or joint.resting
-                        or (told and servo.id in told)
                         or timeout
                     ):
                         troubled = True
