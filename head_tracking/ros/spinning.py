@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -65,10 +66,7 @@ def describe(error: Exception) -> str:
 
 
 class NodeThreads:
-    """Nodes that spin: all in one thread by an EventsExecutor, where that works.
-
-    Elsewhere each spins in a thread by a SingleThreadedExecutor of its own, which wakes for its own
-    node only: at each wake-up it looks at all that its nodes have.
+    """Nodes that spin, all in one thread: by an EventsExecutor where that works.
 
     Attributes:
         problems: what went wrong at the end, such as servos that may have torque on.
@@ -76,8 +74,8 @@ class NodeThreads:
 
     def __init__(self) -> None:
         self._nodes: list[Node] = []
-        self._threads: list[tuple[Node | None, threading.Thread]] = []
-        self._events: Executor | None = None
+        self._executor: Executor | None = None
+        self._thread = threading.Thread(target=self._spin, name="nodes", daemon=True)
         self._ending = threading.Event()
         self._failure: NodeDied | None = None
         self.problems: list[str] = []
@@ -85,12 +83,12 @@ class NodeThreads:
     @property
     def executor(self) -> str:
         """What spins the nodes."""
-        if self._events is not None:
-            return "all nodes run in one EventsExecutor"
-        return (
-            "each node runs in a SingleThreadedExecutor of its own, which costs more: rclpy's "
-            "EventsExecutor is missing or does not work here"
-        )
+        if isinstance(self._executor, SingleThreadedExecutor):
+            return (
+                "all nodes run in one SingleThreadedExecutor, which costs more: rclpy's "
+                "EventsExecutor is missing or does not work here"
+            )
+        return "all nodes run in one EventsExecutor"
 
     @property
     def failure(self) -> NodeDied | None:
@@ -102,17 +100,13 @@ class NodeThreads:
         return self._failure
 
     def start(self, node: Node) -> None:
-        """Spins a node from now on."""
-        if not self._nodes and events_executor_works(node.context):
-            self._events = EventsExecutor(context=node.context)
-            self._start_thread(None, self._events)
+        """Spin a node from now on."""
+        if self._executor is None:
+            kind = EventsExecutor if events_executor_works(node.context) else SingleThreadedExecutor
+            self._executor = kind(context=node.context)
+            self._thread.start()
         self._nodes.append(node)
-        if self._events is not None:
-            self._events.add_node(node)
-            return
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        self._start_thread(node, executor)
+        self._executor.add_node(node)
 
     def wait(
         self,
@@ -120,7 +114,7 @@ class NodeThreads:
         duration: float | None = None,
         look: Callable[[], object] = lambda: None,
     ) -> None:
-        """Waits until somebody asks to stop, `duration` [s] is over, or a node dies.
+        """Wait until somebody asks to stop, `duration` [s] is over, or a node dies.
 
         Args:
             stop: asks to stop.
@@ -130,65 +124,50 @@ class NodeThreads:
         Raises:
             NodeDied: a node ended with an error.
         """
-        end = None if duration is None else time.monotonic() + duration
-        while not stop() and (end is None or time.monotonic() < end):
+        end = math.inf if duration is None else time.monotonic() + duration
+        while not stop() and (left := end - time.monotonic()) > 0.0:
             if self.failure is not None:
                 raise self.failure
             look()
-            left = _POLL if end is None else max(0.0, min(_POLL, end - time.monotonic()))
-            stop.wait(left)
+            stop.wait(min(_POLL, left))
 
     def close(self) -> None:
-        """Makes safe what moves, ends the threads, then destroys the nodes, the last one first.
+        """Make safe what moves, end the thread, then destroy the nodes, the last one first.
 
         A node with a method `make_safe` comes first, whatever its callbacks or another node's do;
         the method returns what went wrong.
         """
+        if self._ending.is_set():
+            return
         self._ending.set()
-        for node in self._nodes:
+        nodes, self._nodes = self._nodes, []
+        for node in nodes:
             make_safe = getattr(node, "make_safe", None)
             if make_safe is not None:
                 self.problems += make_safe()
-        deadline = time.monotonic() + _PATIENCE
-        hanging = set()
-        for node, thread in self._threads:
-            thread.join(max(0.0, deadline - time.monotonic()))
-            if thread.is_alive():
-                hanging.add(node)
-        if None in hanging:
+        if self._thread.is_alive():
+            self._thread.join(_PATIENCE)
+        if self._thread.is_alive():
             self.problems.append("a callback does not return")
-        while self._nodes:
-            node = self._nodes.pop()
-            if node in hanging:
-                self.problems.append(f"{node.get_name()}: a callback does not return")
-            elif None not in hanging:
-                node.destroy_node()
+            return
+        for node in reversed(nodes):
+            node.destroy_node()
 
     def exit_code(self) -> int:
-        """1 after saying what went wrong at the end, 0 if nothing did."""
+        """Print what went wrong at the end; return 1 if something did, else 0."""
         for problem in self.problems:
             print(problem, file=sys.stderr)
         return 1 if self.problems else 0
 
-    def _start_thread(self, node: Node | None, executor: Executor) -> None:
-        thread = threading.Thread(
-            target=self._spin,
-            args=(node, executor),
-            name="nodes" if node is None else node.get_name(),
-            daemon=True,
-        )
-        self._threads.append((node, thread))
-        thread.start()
-
-    def _spin(self, node: Node | None, executor: Executor) -> None:
+    def _spin(self) -> None:
+        assert self._executor is not None
         try:
             while not self._ending.is_set():
-                executor.spin_once(timeout_sec=_POLL)
+                self._executor.spin_once(timeout_sec=_POLL)
         except Exception as error:
-            name = _node_of(error) if node is None else node.get_name()
-            self._failure = self._failure or NodeDied(name, error)
+            self._failure = self._failure or NodeDied(_node_of(error), error)
         finally:
-            executor.shutdown()
+            self._executor.shutdown()
 
 
 def _node_of(error: Exception) -> str:

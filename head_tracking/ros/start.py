@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import functools
-import os
 import re
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logging_directory
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -79,22 +78,14 @@ def program(name: str) -> Callable[[Callable[[], int]], Callable[[], int]]:
 
 
 def _why_no_log_file() -> str:
-    """Empty if the folder that ROS takes can be written."""
-    if said := os.environ.get("ROS_LOG_DIR"):
-        folder, name = Path(said), "ROS_LOG_DIR"
-    elif said := os.environ.get("ROS_HOME"):
-        folder, name = Path(said) / "log", "ROS_HOME"
-    elif said := os.environ.get("HOME"):
-        folder, name = Path(said) / ".ros" / "log", "HOME"
-    else:
-        return "HOME is not set; set it, or ROS_LOG_DIR, to a folder that can be written"
+    """Return why ROS's log folder cannot be written; empty if it can."""
     try:
-        folder = folder.expanduser()
+        folder = get_logging_directory()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return ""
-    except (OSError, RuntimeError) as error:
-        return f"{folder} (by {name}) cannot be used: {error}; set ROS_LOG_DIR to another folder"
+    except (OSError, RuntimeError) as error:  # RuntimeError: HOME is not set
+        return f"{error}; set ROS_LOG_DIR to a folder that can be written"
 
 
 def in_short(error: Exception) -> str:

@@ -27,7 +27,7 @@ from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, s
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor, RunSources
 from head_tracking.run.status_line import StatusLine
-from head_tracking.run.stop_key import HINT, StopKey
+from head_tracking.run.stop_key import HINT, carry_out
 from head_tracking.run.true_positions import TruePositionsOutput
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer, TransformListener
@@ -170,7 +170,6 @@ class OtherProcesses:
         self._line, self._stop = line, stop
         self._reports: dict[str, str] = {}
         self._changed = threading.Condition()
-        line.receive(self._on_report)
 
     def start(self, spec: NodeSpec) -> None:
         """Start a node; wait until it runs, unless it is the page.
@@ -193,7 +192,8 @@ class OtherProcesses:
         if problem:
             raise NodeNotStartedError(problem)
 
-    def _on_report(self, report: dict[str, Any]) -> None:
+    def received(self, report: dict[str, Any]) -> None:
+        """Record what another process reports of a node."""
         with self._changed:
             self._reports[report["node"]] = report["problem"]
             self._changed.notify_all()
@@ -261,8 +261,22 @@ def _run(
             handed_over[:] = servos
             line.send(servos=servos)
 
+    hint: list[str] = []
+
+    def receive(message: dict[str, Any]) -> None:
+        if "node" in message:
+            others.received(message)
+        elif "keys" in message:
+            hint[:] = [HINT] if message["keys"] else []
+        elif message["key"]:  # in a thread: the end of the line must be noticed meanwhile
+            threading.Thread(target=press, args=[message["key"]], daemon=True).start()
+
+    def press(key: str) -> None:
+        status.say(carry_out(key, head.stop, head.resume))
+
     claim = _claim(plan, threads, stop, status)
     others = OtherProcesses(line, stop)
+    line.receive(receive)
     head = compose(plan, threads, resources, stop, others.start, hand_over)
     parameter_files.check(head.nodes.values())
     get_logger("head_tracking").info(threads.executor)
@@ -281,9 +295,9 @@ def _run(
             claim.check()
         hand_over(head.nodes["servo_bus"])
         parts, mood = monitor.look()
-        status.show([*parts, HINT] if key.works else parts, mood)
+        status.show([*parts, *hint], mood)
 
-    key = resources.enter_context(StopKey(head.stop, head.resume, status.say))
+    line.send(ready=True)
     try:
         threads.wait(stop, plan.duration, look)
     finally:

@@ -131,9 +131,7 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     )
 
 
-STARTER = NodeSpec(
-    "node_starter", "run.node_starter.NodeStarterNode", ("start", "startable", "loop")
-)
+STARTER = NodeSpec("node_starter", "run.node_starter.NodeStarterNode", ("start", "startable"))
 VIEWER = NodeSpec("viewer", "nodes.viewer.ViewerNode", process=PAGE)
 
 

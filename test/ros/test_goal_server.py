@@ -31,7 +31,7 @@ def served(request, monkeypatch, threads):
     )
     threads.start(server)
     threads.start(asks)
-    assert threads.executor.startswith("all nodes run in one") is (request.param == "events")
+    assert threads.executor.endswith("EventsExecutor") is (request.param == "events")
     return Client(asks, actions.PointHead, "/serves/goals"), begun
 
 
