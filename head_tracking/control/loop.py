@@ -56,6 +56,12 @@ class JointBackend(Protocol):
 
     period: float
 
+    def start(self) -> None:
+        """Begin, after the controllers were added to the loop."""
+
+    def close(self) -> object:
+        """End: relax the servos of this process, and withdraw what was offered."""
+
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Take the goals of an owner, made in an epoch, to the joints; must not wait."""
 
