@@ -39,13 +39,6 @@ def test_what_is_made_of_a_class_is_what_its_package_installed(monkeypatch):
         assert fields(message_definition(name), package) == fields(text, package), name
 
 
-def test_bounds_are_kept():
-    idl = ["sequence<double, 3>", "double[36]", "string<10>", "sequence<string<5>>", "boolean"]
-    assert list(map(message_types._type, idl)) == [
-        "float64[<=3]", "float64[36]", "string<=10", "string<=5[]", "bool",
-    ]  # fmt: skip
-
-
 def test_types_in_types_are_defined_once_each():
     text = message_definition("tf2_msgs/msg/TFMessage")
     assert re.findall(r"MSG: (.*)", text) == [

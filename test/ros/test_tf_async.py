@@ -1,7 +1,5 @@
 """Lookups that somebody awaits."""
 
-import threading
-
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -80,17 +78,6 @@ def test_an_executor_awaits_while_it_works(buffer):
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
-
-
-def test_a_future_that_another_thread_fulfils(buffer):
-    future = buffer.wait_for_transform_async("map", "ball", Time(seconds=9))
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    bring = threading.Thread(target=buffer.set_transform, args=[shifted(9.0, 9)])
-    bring.start()
-    bring.join()
-    assert future.result().transform.translation.x == 9.0
-    assert done.wait(20.0)
 
 
 def test_a_question_that_makes_no_sense_disturbs_nobody(buffer):
