@@ -618,7 +618,8 @@ def in_a_run() -> str:
             text=True,
             check=False,
         )
-        times[name] = json.loads(done.stdout.splitlines()[-1])[WARM_UP:]
+        lists = [line for line in done.stdout.splitlines() if line.startswith("[")]
+        times[name] = json.loads(lists[-1])[WARM_UP:]
     figures = "; ".join(
         f"{name} median {1e3 * each[9]:.1f} ms, p95 {1e3 * each[18]:.1f} ms"
         for name, took in times.items()
