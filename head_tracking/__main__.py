@@ -8,7 +8,7 @@ import sys
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
 from head_tracking.programs import NO_ROS, has_ros
-from head_tracking.ros.stop_signal import StoppedError
+from head_tracking.ros.kit.stop_signal import StoppedError
 from head_tracking.run.options import parse_arguments
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.supervisor import Supervisor

@@ -43,8 +43,8 @@ COMMANDS: Final = (*NODES, *TOOLS)
 
 _MODULES: Final = {
     "head_tracking": "__main__",
-    "servo": "tools.servo.main",
-    "doctor": "tools.doctor.__main__",
+    "servo": "cli.servo.main",
+    "doctor": "cli.doctor.__main__",
 }
 _ROS: Final = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
 
@@ -88,4 +88,4 @@ def has_ros() -> bool:
 def _module(name: str) -> str:
     if name in _MODULES:
         return _MODULES[name]
-    return f"nodes.{name}" if name in NODES else f"tools.{name}"
+    return f"nodes.{name}" if name in NODES else f"cli.{name}"

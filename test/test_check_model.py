@@ -1,6 +1,6 @@
 import pytest
 
-from head_tracking.tools.check_model import main
+from head_tracking.cli.check_model import main
 
 KINECTBOT = """\
 robot name is: kinectbot

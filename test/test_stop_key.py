@@ -11,7 +11,7 @@ import pytest
 from terminal import Terminal
 from waiting import eventually
 
-from head_tracking.ros.stop_signal import ENDING
+from head_tracking.ros.kit.stop_signal import ENDING
 from head_tracking.run.stop_key import RESUME, STOP, StopKey, carry_out, meaning
 
 PROGRAM = Path(__file__).parent / "support" / "stop_key_program.py"

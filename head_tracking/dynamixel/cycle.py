@@ -36,6 +36,8 @@ _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; what is looked for lasts 60 ms and more
+_RESTART: Final = 200_000_000
+"""ns between two cycles in which a servo may have lost its power and started again."""
 _MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
 
 
@@ -84,16 +86,8 @@ class Cycle:
         self._requests, self._procedures, self._events = requests, procedures, events
         self._settings, self._clock, self._monotonic = settings, clock, monotonic
         self._all = tuple(joints.values())
-        self._protection = Protection(events.note, procedures.cut, settings)
-        self._told = self._protection.told
-        self.diagnosis = Diagnosis(
-            self._all,
-            events.note,
-            procedures.cut,
-            procedures.begin,
-            procedures.clear_watchdog,
-            settings,
-        )
+        self._protection = Protection(events, procedures, settings)
+        self.diagnosis = Diagnosis(self._all, events, procedures, settings)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
@@ -107,7 +101,6 @@ class Cycle:
         self._absent: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         self._absent_at = -1  # the changes that this knows
         self._incomplete: tuple[str, ...] = ()  # in this cycle
-        self._watched = False
 
     @property
     def absent(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -153,7 +146,7 @@ class Cycle:
             self._procedures.obey_stop()
         try:
             if (self._look_again_at is None and self._port.is_open) or self._find_port():
-                if self._watched and start - self._last > self._watchdog:
+                if start - self._last > _RESTART:
                     self._stood_still(start - self._last)
                 self._last = start
                 if self._planned != self._changes.count:
@@ -205,7 +198,7 @@ class Cycle:
 
     def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was not as usual."""
-        port, rest, told = self._port, self._rest, self._told
+        port, rest = self._port, self._rest
         timeout = self._settings.command_timeout
         troubled = False
         begin = port.clock()
@@ -222,7 +215,6 @@ class Cycle:
                         or servo.errors
                         or state.temperature >= rest
                         or joint.resting
-                        or (told and servo.id in told)
                         or timeout
                     ):
                         troubled = True
@@ -302,7 +294,6 @@ class Cycle:
         retries = self._settings.retries
         self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
         self._planned = planned
-        self._watched = any(servo.watched for _, servo in self._each_servo())
 
     def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
         """Return the request that reads some servos, which are alike."""
@@ -402,12 +393,17 @@ class Cycle:
     # Who goes and who comes
 
     def _stood_still(self, gap: int) -> None:
-        """Hold the joints whose servos may have stopped by themselves since the last cycle.
+        """Look after the joints whose servos may not be as they were in the last cycle.
 
-        A tripped watchdog answers reads and ignores goals, so that only the time tells.
+        They may have been without power, and answer again: their torque is read before they get a
+        goal. Those with a Bus Watchdog may have stopped by themselves: they are held. A tripped
+        watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            if joint.on and joint.complete and any(servo.watched for servo in joint.servos):
+            for servo in joint.servos:
+                servo.interrupt()
+            watched = gap > self._watchdog and any(servo.watched for servo in joint.servos)
+            if watched and joint.on and joint.complete:
                 why = f"the bus stood still for {gap * 1e-9:.1f} s"
                 self._procedures.clear_watchdog(joint, why)
 

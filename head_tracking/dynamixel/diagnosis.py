@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.events import Note
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.models import ServoModel
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
@@ -347,24 +348,19 @@ class Diagnosis:
 
     Args:
         joints: All joints of the bus.
-        note: Notes an event.
-        cut: Relaxes a joint at once, and makes sure of it in later cycles.
-        enqueue: Takes steps before goals are written, in this cycle and the next ones.
-        clear_watchdog: Holds a joint where it is, with its watchdog armed anew.
+        events: Takes what is found.
+        procedures: Asks servos why, relaxes joints, clears watchdogs.
         settings: Temperatures.
     """
 
     def __init__(
         self,
         joints: Iterable[Joint],
-        note: Note,
-        cut: Callable[[Joint], None],
-        enqueue: Callable[[Steps[None]], object],
-        clear_watchdog: Callable[[Joint], None],
+        events: Events,
+        procedures: Procedures,
         settings: BusSettings,
     ) -> None:
-        self._note, self._cut, self._enqueue = note, cut, enqueue
-        self._clear_watchdog = clear_watchdog
+        self._note, self._procedures = events.note, procedures
         self._warm = settings.warm
         self._joints = [
             (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
@@ -457,7 +453,7 @@ class Diagnosis:
         watch.examined = watch.now
         if suspicion is Symptom.BLOCKED and abs(watch.servo.load) < _DRIVES:
             suspicion = Symptom.IDLE
-        self._enqueue(self._examining(watch, suspicion, text))
+        self._procedures.begin(self._examining(watch, suspicion, text))
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
@@ -485,9 +481,9 @@ class Diagnosis:
                 break  # a goal that went out while the bus was held up is not somebody else's
         self._report(watch, symptom, why)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
-            self._cut(joint)
+            self._procedures.cut(joint)
         elif symptom is Symptom.TRIPPED:
-            self._clear_watchdog(joint)
+            self._procedures.clear_watchdog(joint)
 
     def _find(self, watch: _Watch, detectors: tuple[Detector, ...]) -> None:
         for symptom, find in detectors:

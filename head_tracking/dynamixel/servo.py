@@ -76,7 +76,7 @@ class LinkState(Enum):
     UNKNOWN = "has not been found yet"
     PRESENT = "answered when it was asked last"
     SILENT = "did not answer when it was asked last"
-    INTERRUPTED = "answers again, but its torque has not been read since it was silent"
+    INTERRUPTED = "answers again, but its torque has not been read since"
     LOST = "is left out of the cycle, and asked now and then"
     RETURNED = "has been found again, and not been read since"
 
@@ -570,6 +570,11 @@ class Servo:
         interrupted = self.link in (LinkState.SILENT, LinkState.INTERRUPTED)
         self.failed_cycles = self.ask_at = 0
         self._enter(LinkState.INTERRUPTED if interrupted else LinkState.PRESENT)
+
+    def interrupt(self) -> None:
+        """Note that it may have been without power: its torque is read before the next goal."""
+        if self.link is LinkState.PRESENT:
+            self._enter(LinkState.INTERRUPTED)
 
     def note_torque(self) -> None:
         """Note that its torque is known again after it was silent."""

@@ -40,15 +40,15 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.head_claim import HeadClaim
-from head_tracking.ros.head_lock import HeadLock
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import OwnersOutput, sender_from
-from head_tracking.ros.output import Output
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node, steady_timer
-from head_tracking.ros.stop_signal import StoppedError as StoppedBeforeStartError
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.head_claim import HeadClaim
+from head_tracking.ros.kit.head_lock import HeadLock
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.stop_signal import StoppedError as StoppedBeforeStartError
+from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.ros.kit.topic_output import Output
 
 _BAD_NEWS = (
     EventKind.LOST,

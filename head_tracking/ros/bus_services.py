@@ -23,7 +23,7 @@ from head_tracking.dynamixel import (
     TorqueError,
 )
 from head_tracking.ros.joint_owners import offer_stop
-from head_tracking.ros.own_thread import OwnThread
+from head_tracking.ros.kit.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart

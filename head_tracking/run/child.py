@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from head_tracking.output import output_may_get_lost
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.node_sets import CONTROL
 
 _LONGEST: Final = 1 << 16  # bytes of a message

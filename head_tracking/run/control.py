@@ -16,12 +16,12 @@ from rclpy.node import Node
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros import parameter_files
-from head_tracking.ros.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.joint_owners import resume_report, stop_report
-from head_tracking.ros.spinning import NodeThreads, describe
-from head_tracking.ros.start import start_ros
-from head_tracking.ros.stop_signal import StoppedError, StopSignal
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.spinning import NodeThreads, describe
+from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.stop_signal import StoppedError, StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
@@ -278,7 +278,7 @@ def _run(
     others = OtherProcesses(line, stop)
     line.receive(receive)
     head = compose(plan, threads, resources, stop, others.start, hand_over)
-    parameter_files.check(head.nodes.values())
+    parameter_sources.check(head.nodes.values())
     get_logger("head_tracking").info(threads.executor)
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(

@@ -9,8 +9,8 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from head_tracking.ros.own_thread import OwnThread
-from head_tracking.ros.spinning import describe
+from head_tracking.ros.kit.own_thread import OwnThread
+from head_tracking.ros.kit.spinning import describe
 
 
 class NodeStarterNode(Node):

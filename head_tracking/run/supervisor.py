@@ -25,8 +25,8 @@ from contextlib import suppress
 from typing import Any, Final
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.head_lock import HeadLock
-from head_tracking.ros.stop_signal import ENDING
+from head_tracking.ros.kit.head_lock import HeadLock
+from head_tracking.ros.kit.stop_signal import ENDING
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run
 from head_tracking.run.stop_key import StopKey

@@ -9,8 +9,8 @@ from typing import Final
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from head_tracking.ros.output import Output
-from head_tracking.ros.spinning import steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.topic_output import Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 
 _TOPIC: Final = "true_joint_states"

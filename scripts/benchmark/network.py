@@ -169,7 +169,7 @@ def measured(link: Link, cut_for: float = 0.0) -> dict[str, Any]:
             cut.value = -1
         else:
             _wait_for(place / "swinging")
-            report = _start("page", link, sys.executable, "-m", "head_tracking.tools.track_report",
+            report = _start("page", link, sys.executable, "-m", "head_tracking.cli.track_report",
                             "--duration", _SWING - 5.0, "--output", place / "report.svg",
                             "--markdown",
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip

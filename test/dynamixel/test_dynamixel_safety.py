@@ -394,6 +394,40 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
         assert set(rig.reading.states) == {"j1", "j2"}, phase
 
 
+@pytest.mark.parametrize("pause", [0.9, 3.0])
+@pytest.mark.parametrize("name", MODELS)
+def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
+    name: str, pause: float
+) -> None:
+    servo = SimulatedServo(1, name, boot_time=0.1)
+    rig = Rig(servo)
+    rig.go(0.5)
+    for happens in (
+        servo.power_off,
+        servo.power_on,
+        lambda: servo.lead(servo.model.center - 150, 0.1, 50.0),
+    ):
+        happens()
+        rig.bench.pass_time(pause / 3)
+        rig.bench.bus.advance(rig.bench.now())
+    left_at = servo.true_position
+    rig.step(30)
+    assert rig.torque == [0]
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+    assert servo.true_position == pytest.approx(left_at, abs=0.02)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: str) -> None:
+    rig = Rig(SimulatedServo(1, name))
+    rig.go(0.5)
+    rig.bench.pass_time(0.6)
+    rig.step(10)
+    assert rig.torque == [1] and rig.bus.joint("j1").torque is Torque.ON
+    rig.go(0.2)
+    assert rig.reading.states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
 # Who is there
 
 

@@ -9,8 +9,9 @@ from rclpy.node import Node
 from waiting import wait_for
 
 from head_tracking.nodes.point_head import PointHeadNode
-from head_tracking.ros import head_actions, spinning
+from head_tracking.ros import head_actions
 from head_tracking.ros.goal_server import GoalServer
+from head_tracking.ros.kit import spinning
 
 actions = pytest.importorskip("control_msgs.action")
 

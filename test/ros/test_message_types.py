@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from head_tracking.ros import message_types
-from head_tracking.ros.message_types import message_class, message_definition
+from head_tracking.ros.kit import message_types
+from head_tracking.ros.kit.message_types import message_class, message_definition
 
 PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces")
 

@@ -16,8 +16,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.ros.listening import TopicListener
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.listening import TopicListener
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.tf.qos import LATCHED
 
 NO_SIGNALS = SignalHandlerOptions.NO

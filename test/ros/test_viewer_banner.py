@@ -12,7 +12,7 @@ from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(

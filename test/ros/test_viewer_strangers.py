@@ -65,7 +65,7 @@ def filled(rnd: random.Random, kind: str) -> Any:
     if kind.startswith("string"):
         return rnd.choice(TEXTS)
     if "/" in kind:
-        from head_tracking.ros.message_types import message_class
+        from head_tracking.ros.kit.message_types import message_class
 
         package, _, message = kind.partition("/")
         return message_with(rnd, message_class(f"{package}/msg/{message}"))

@@ -19,8 +19,8 @@ from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.placed_target import NewestTarget
-from head_tracking.ros.spinning import NodeThreads
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.viewer.head_modes import Mode
 

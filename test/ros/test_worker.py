@@ -6,8 +6,8 @@ import pytest
 from rclpy.node import Node
 from waiting import wait_for
 
-from head_tracking.ros import own_thread
-from head_tracking.ros.worker import Worker
+from head_tracking.ros.kit import own_thread
+from head_tracking.ros.kit.worker import Worker
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 from waiting import failing_waits, wait_for
 
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.transforms import TransformBuffer
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -22,8 +22,8 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import failing_waits, wait_for
 
 from head_tracking.dynamixel import Goal
-from head_tracking.ros.spinning import NodeThreads
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.control import compose
 from head_tracking.run.node_sets import PAGE
 from head_tracking.run.options import parse_arguments

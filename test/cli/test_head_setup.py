@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy
 import pytest
 
+from head_tracking.cli import head_setup
+from head_tracking.cli.head_setup import DONE, FAILED, REFUSED, Step, carry_out
 from head_tracking.share import share_directory
-from head_tracking.tools import head_setup
-from head_tracking.tools.head_setup import DONE, FAILED, REFUSED, Step, carry_out
 
 STEPS = [Step("first", ("one", "1")), Step("then", ("two",))]
 

@@ -16,7 +16,7 @@ from rclpy.utilities import remove_ros_args
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
-from head_tracking.ros import parameter_files
+from head_tracking.ros.kit import parameter_sources
 
 
 class StartError(HeadTrackingError):
@@ -40,11 +40,11 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         print(f"no log file is written: {reason}", file=sys.stderr)
         arguments += ["--ros-args", "--disable-external-lib-logs", "--"]
     try:
-        with parameter_files.rules_in_namespace(arguments) as accepted:
+        with parameter_sources.rules_in_namespace(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
-    parameter_files.remember(arguments)
+    parameter_sources.remember(arguments)
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:

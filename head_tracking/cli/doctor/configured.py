@@ -8,12 +8,12 @@ from typing import Final
 
 import yaml
 
+from head_tracking.cli.doctor.findings import Finding, Level
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
 from head_tracking.dynamixel import ConfigurationError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
-from head_tracking.tools.doctor.findings import Finding, Level
 from head_tracking.transforms import load_robot_model
 
 _SLACK: Final = 0.02  # rad

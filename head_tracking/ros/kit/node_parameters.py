@@ -24,7 +24,7 @@ from head_tracking.parameters import (
     checked,
     parameter_info,
 )
-from head_tracking.ros.parameter_files import source
+from head_tracking.ros.kit.parameter_sources import source
 
 P = TypeVar("P")
 

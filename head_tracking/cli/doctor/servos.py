@@ -7,6 +7,8 @@ from contextlib import closing
 from statistics import median
 from typing import Final
 
+from head_tracking.cli.doctor.findings import Finding, Level
+from head_tracking.cli.servo.bench import patient_port
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     BusSettings,
@@ -25,8 +27,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.diagnosis import conditions, swapped
 from head_tracking.dynamixel.servo import run
-from head_tracking.tools.doctor.findings import Finding, Level
-from head_tracking.tools.servo.bench import patient_port
 
 _READINGS: Final = 50
 _FEW: Final = 0.05  # of the readings that may fail

@@ -13,8 +13,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from head_tracking.ros.graph import Graph
-from head_tracking.ros.other_services import Hold, Outcome, wait_for_answer
+from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.other_services import Hold, Outcome, wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,

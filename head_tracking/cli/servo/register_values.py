@@ -7,6 +7,7 @@ import re
 from enum import IntFlag
 from typing import Final
 
+from head_tracking.cli.servo.bench import ToolError
 from head_tracking.dynamixel.control_table import (
     NUMBER,
     ControlTable,
@@ -17,7 +18,6 @@ from head_tracking.dynamixel.control_table import (
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.protocol import describe_errors
-from head_tracking.tools.servo.bench import ToolError
 
 _QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)
 _OTHER_UNITS: Final = {

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Final
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.stop_signal import StoppedError
+from head_tracking.ros.kit.stop_signal import StoppedError
 
 _FOLDER: Final = Path("/tmp")  # not TMPDIR, which may be a user's own
 _PATIENCE: Final = 15.0  # s that a simulated head may take to end

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from head_tracking.ros.start import program, without_ros_arguments
-from head_tracking.tools.client import running_client
+from head_tracking.cli.client import running_client
+from head_tracking.ros.kit.start import program, without_ros_arguments
 
 _PATIENCE = 10.0  # s; discovery of a running servo_bus can take a few
 

@@ -10,6 +10,11 @@ from typing import Any
 import pytest
 import yaml
 
+from head_tracking.cli.servo import main as tool
+from head_tracking.cli.servo.bench import RefusedError, Terminal, ToolError, Workshop
+from head_tracking.cli.servo.calibrate import Wanted, mount_of
+from head_tracking.cli.servo.main import DONE, FAILED, REFUSED
+from head_tracking.cli.servo.register_values import find_register, in_words, parse_value
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import all_models, servo_model
@@ -18,11 +23,6 @@ from head_tracking.dynamixel.protocol import NO_ERROR, describe_errors
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.dynamixel.state import Symptom
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
-from head_tracking.tools.servo import main as tool
-from head_tracking.tools.servo.bench import RefusedError, Terminal, ToolError, Workshop
-from head_tracking.tools.servo.calibrate import Wanted, mount_of
-from head_tracking.tools.servo.main import DONE, FAILED, REFUSED
-from head_tracking.tools.servo.registers import find_register, in_words, parse_value
 
 AX_12 = servo_model("AX-12")
 XL430 = servo_model("XL430-W250")

@@ -12,6 +12,14 @@ from typing import Final, NamedTuple
 from rich.table import Table
 from rich.text import Text
 
+from head_tracking.cli.servo.bench import (
+    ToolError,
+    Workshop,
+    find_servo,
+    model_number,
+    protocol_of,
+)
+from head_tracking.cli.servo.register_values import in_words
 from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.diagnosis import conditions
 from head_tracking.dynamixel.exceptions import (
@@ -28,14 +36,6 @@ from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Servo, model_name, run
-from head_tracking.tools.servo.bench import (
-    ToolError,
-    Workshop,
-    find_servo,
-    model_number,
-    protocol_of,
-)
-from head_tracking.tools.servo.registers import in_words
 
 USUAL_BAUD_RATES: Final = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
 """The factory's and those that people change to; the first ones find the most."""

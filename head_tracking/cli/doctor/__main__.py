@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from head_tracking.tools.doctor.findings import Finding, Level, show
+from head_tracking.cli.doctor.findings import Finding, Level, show
 
 _UNKNOWN: Final = 3
 _LIBRARIES: Final = {
@@ -62,22 +62,22 @@ def _check(
     if not missing:
         yield Finding("libraries", Level.GREEN, f"Python {sys.version.split()[0]}")
         yield from _check_head(options, bus)
-    reason = _import_error("head_tracking.tools.doctor.network")
+    reason = _import_error("head_tracking.cli.doctor.network")
     if reason:
         text = f"{reason}: no node runs. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
         yield Finding("network", Level.AMBER, text)
     elif options.listen <= 0.0:
         yield Finding("network", Level.SKIPPED, "not checked with --listen 0")
     else:
-        from head_tracking.tools.doctor.network import check_network
+        from head_tracking.cli.doctor.network import check_network
 
         yield from check_network(ros, options.listen)
 
 
 def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
+    from head_tracking.cli.doctor.configured import check_configured, check_model
+    from head_tracking.cli.doctor.servos import check_bus
     from head_tracking.share import NotInstalledError, robot_parameters
-    from head_tracking.tools.doctor.configuration import check_configured, check_model
-    from head_tracking.tools.doctor.servos import check_bus
 
     try:
         files = [*robot_parameters(options.robot), *options.params]

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 
+from head_tracking.cli.client import Client, ClientError, running_client
 from head_tracking.command_line import above_zero
-from head_tracking.ros.start import program, without_ros_arguments
-from head_tracking.tools.client import Client, ClientError, running_client
+from head_tracking.ros.kit.start import program, without_ros_arguments
 from head_tracking.transforms import StampedTransform, TransformException
 
 

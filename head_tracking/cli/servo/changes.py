@@ -6,6 +6,20 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
+from head_tracking.cli.servo.bench import (
+    RefusedError,
+    ToolError,
+    Workshop,
+    find_servo,
+    protocol_of,
+)
+from head_tracking.cli.servo.register_values import (
+    UNLIMITED,
+    asks_for_full_speed,
+    find_register,
+    in_words,
+    parse_value,
+)
 from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
@@ -20,20 +34,6 @@ from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import Servo, run
-from head_tracking.tools.servo.bench import (
-    RefusedError,
-    ToolError,
-    Workshop,
-    find_servo,
-    protocol_of,
-)
-from head_tracking.tools.servo.registers import (
-    UNLIMITED,
-    asks_for_full_speed,
-    find_register,
-    in_words,
-    parse_value,
-)
 
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 

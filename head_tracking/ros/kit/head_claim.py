@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.head_lock import CURES
+from head_tracking.ros.kit.head_lock import CURES
 
 _LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # a depth of 1 is that of all publishers together, this one's included

@@ -12,9 +12,9 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.spinning import NodeThreads
-from head_tracking.ros.start import start_ros
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
 from head_tracking.transforms import TransformBuffer
 

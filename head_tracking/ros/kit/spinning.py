@@ -21,9 +21,9 @@ from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.output import output_may_get_lost
-from head_tracking.ros import parameter_files
-from head_tracking.ros.start import in_short, start_ros
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.start import in_short, start_ros
+from head_tracking.ros.kit.stop_signal import StopSignal
 
 try:
     from rclpy.experimental import EventsExecutor
@@ -241,7 +241,7 @@ def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | 
 
     def begin() -> None:
         node = make()
-        parameter_files.check([node])
+        parameter_sources.check([node])
         threads.start(node)
 
     return run_threads(stop, threads, begin, args)

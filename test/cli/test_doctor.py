@@ -11,6 +11,10 @@ from random import Random
 import pytest
 from simulated_device import Bench, SimulatedDevice
 
+from head_tracking.cli.doctor import network
+from head_tracking.cli.doctor.__main__ import main
+from head_tracking.cli.doctor.findings import Level
+from head_tracking.cli.doctor.network import Heard, Times, check_clocks, check_targets
 from head_tracking.dynamixel import (
     Adapter,
     DynamixelPort,
@@ -21,10 +25,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
-from head_tracking.tools.doctor import network
-from head_tracking.tools.doctor.__main__ import main
-from head_tracking.tools.doctor.findings import Level
-from head_tracking.tools.doctor.network import Heard, Times, check_clocks, check_targets
 
 SOURCE = Path(__file__).resolve().parents[2]
 XM = servo_model("XM430-W350")
@@ -289,7 +289,7 @@ def test_a_middleware_that_makes_no_node_is_red(
 def test_it_starts_without_libraries_and_without_ros(options: tuple[str, ...]) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(SOURCE)!r}); sys.modules['rclpy'] = None\n"
-        "from head_tracking.tools.doctor.__main__ import main\n"
+        "from head_tracking.cli.doctor.__main__ import main\n"
         "sys.exit(main(['--sim', '--listen', '0']))\n"
     )
     command = [sys.executable, *options, "-c", code]

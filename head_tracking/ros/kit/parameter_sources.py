@@ -16,7 +16,7 @@ import yaml
 
 from head_tracking.configuration.parameter_files import Given, read
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.head_lock import namespace
+from head_tracking.ros.kit.head_lock import namespace
 
 if TYPE_CHECKING:  # the tools that read these files work without ROS
     from rclpy.node import Node
@@ -25,7 +25,7 @@ _LIKELY = 0.75  # how alike a name must be to be meant
 _LISTED = 3
 
 NODE_NAMES = tuple(
-    module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[1] / "nodes")])
+    module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[2] / "nodes")])
 )
 """Of all our nodes: one file can be for several of them, each in a process of its own."""
 

@@ -15,8 +15,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from head_tracking.ros.start import in_short
-from head_tracking.tools.doctor.findings import Finding, Level
+from head_tracking.cli.doctor.findings import Finding, Level
+from head_tracking.ros.kit.start import in_short
 
 _TOPICS: Final = {
     "servo_states": JointState,
