@@ -130,7 +130,10 @@ class Joint:
     @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest position, rad, allowed by configuration and servos."""
-        lower, upper = self.servos[0].limits
+        return self._common(*self.servos[0].limits)
+
+    def _common(self, lower: float, upper: float) -> tuple[float, float]:
+        """Return those of some limits of the first servo that the second one allows, too."""
         for servo in self.servos[1:]:
             lower, upper = max(lower, servo.limits[0]), min(upper, servo.limits[1])
         return lower, upper
@@ -448,7 +451,14 @@ class Joint:
                 f"round; min must stay {'above' if old.direction < 0 else 'below'} max while the "
                 "bus runs. Set one that mounts the servo the other way round at the start"
             )
-        new.within(self.servos[0].own_range)
+        first, last = sorted(map(new.position, new.within(self.servos[0].own_range)))
+        lower, upper = self._common(first, last)
+        if lower >= upper:
+            raise ConfigurationError(
+                f"{self.name}: its two servos allow no position in common, one no less than "
+                f"{lower:.3f} rad, one no more than {upper:.3f} rad; correct min and max, or the "
+                "servos' own angle limits"
+            )
         return new
 
 

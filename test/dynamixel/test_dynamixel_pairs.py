@@ -6,6 +6,7 @@ import pytest
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
+    ConfigurationError,
     Goal,
     GoalError,
     JointConfiguration,
@@ -104,6 +105,24 @@ def test_torque_comes_on_outside_narrowed_limits_without_tearing(name: str) -> N
     run(pair.bus.switching_torque(None, True))
     pair.go(0.1)
     assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_limits_that_leave_a_pair_no_position_are_refused(name: str) -> None:
+    pair = Pair(name)
+    model, joint = pair.joint.model, pair.bus.joint("j")
+    pair.bus.close()
+    pair.servos[1].set_register(model.position_limits[1], round(0.44 * model.ticks))
+    pair.bus.connect()  # the second servo allows only 0.3 rad and more
+    before = joint.limits
+    with pytest.raises(ConfigurationError):
+        joint.reconfigure(highest=round(0.52 * model.ticks))
+    assert joint.limits == before
+    joint.reconfigure(highest=round(0.6 * model.ticks))
+    narrowed = joint.limits
+    assert before[0] == narrowed[0] < narrowed[1] < before[1]
+    joint.reconfigure(None, pair.joint.max, None)
+    assert joint.limits == before
 
 
 @pytest.mark.parametrize("silent", [1, 2])
