@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import Final
 
 from head_tracking.cli.servo.bench import (
-    RefusedError,
     ToolError,
     Workshop,
     find_servo,
@@ -34,6 +33,7 @@ from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.exceptions import RefusedError
 
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
