@@ -1,4 +1,4 @@
-"""Films the page while the head follows a face: docs/viewer.webp, as it moves and as fast."""
+"""Films the page while the head follows a face: docs/pictures/viewer.webp, as it moves and as fast."""
 
 from __future__ import annotations
 
