@@ -194,7 +194,7 @@ class Tracker:
         if self.camera.fault:
             self.machine.off = self.camera.fault
             return TrackingStep(self.enable(False, now))
-        self.law.at_most = self.at_most
+        self.law.at_most = min(self.at_most, self.camera.safe_speed)
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):
