@@ -34,7 +34,7 @@ class TrackReportParameters:
     camera_link: str = parameter("camera_link", "The frame that is pointed.", fixed=True)
 
 
-class Recording:
+class FollowedTarget:
     """Targets and measured joints of a running head. Callbacks run in the client's one thread.
 
     Args:
@@ -108,7 +108,7 @@ def main() -> int:
     """Record a run and write the result; return the exit code."""
     options = _parse(without_ros_arguments(sys.argv)[1:])
     with running_client("track_report") as client:
-        recording = Recording(client)
+        recording = FollowedTarget(client)
         began, line = time.monotonic(), StatusLine(sys.stderr)
         while not client.stop() and (elapsed := time.monotonic() - began) < options.duration:
             line.show(

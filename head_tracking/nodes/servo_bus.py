@@ -46,8 +46,7 @@ from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
-from head_tracking.ros.kit.stop_signal import StoppedError as StoppedBeforeStartError
-from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.topic_output import Output
 
 _BAD_NEWS = (
@@ -401,7 +400,7 @@ def main() -> int:
     try:
         with StopSignal() as stop:
             lock.acquire(stop.wait, shared=True)
-    except StoppedBeforeStartError:
+    except EndRequestedError:
         return 0
     except RefusedError as error:
         print(error, file=sys.stderr)

@@ -21,7 +21,7 @@ from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.spinning import NodeThreads, describe
 from head_tracking.ros.kit.start import start_ros
-from head_tracking.ros.kit.stop_signal import StoppedError, StopSignal
+from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
@@ -92,7 +92,7 @@ def compose(
         on_servos: gets the servo bus before anything is commanded.
 
     Raises:
-        StoppedError: somebody asked to stop.
+        EndRequestedError: somebody asked to stop.
         ArgumentError: there is no such joint to reverse.
         Exception: a node could not start; says why.
     """
@@ -176,7 +176,7 @@ class OtherProcesses:
 
         Raises:
             NodeNotStartedError: it cannot; says why.
-            StoppedError: somebody asked to stop meanwhile.
+            EndRequestedError: somebody asked to stop meanwhile.
         """
         with self._changed:
             self._reports.pop(spec.name, None)
@@ -214,7 +214,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
         start_ros(plan.ros_arguments)
         with ExitStack() as resources, closing(threads):
             _run(plan, threads, resources, stop, status, line)
-    except StoppedError:
+    except EndRequestedError:
         status.end("stopped before everything had started")
     except Exception as error:
         status.end(f"head_tracking: {describe(error)}")
@@ -230,7 +230,7 @@ def _claim(plan: Run, threads: NodeThreads, stop: StopSignal, status: StatusLine
 
     Raises:
         RefusedError: another head has it.
-        StoppedError: somebody asked to stop.
+        EndRequestedError: somebody asked to stop.
     """
     node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
     claim = HeadClaim(node, simulated=plan.simulated)

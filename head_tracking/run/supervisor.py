@@ -190,7 +190,7 @@ class Supervisor:
 
         Raises:
             RefusedError: another head runs on this machine.
-            StoppedError: there was a signal before anything had started.
+            EndRequestedError: there was a signal before anything had started.
         """
         woken = _wake_on(ENDING)
         self._selector.register(woken, selectors.EVENT_READ)

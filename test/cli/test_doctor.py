@@ -13,8 +13,8 @@ from simulated_device import Bench, SimulatedDevice
 
 from head_tracking.cli.doctor import network
 from head_tracking.cli.doctor.__main__ import main
-from head_tracking.cli.doctor.findings import Level
-from head_tracking.cli.doctor.network import Heard, Times, check_clocks, check_targets
+from head_tracking.cli.doctor.findings import Grade
+from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
 from head_tracking.dynamixel import (
     Adapter,
     DynamixelPort,
@@ -244,29 +244,29 @@ def _later(seconds: float) -> list[Times]:
 @pytest.mark.parametrize(
     ("seconds", "clocks", "targets"),
     [
-        (0.0003, Level.GREEN, Level.GREEN),
-        (0.05, Level.AMBER, Level.GREEN),
-        (-0.005, Level.AMBER, Level.GREEN),
-        (0.5, Level.RED, Level.AMBER),
-        (3.0, Level.RED, Level.RED),
-        (-0.05, Level.RED, Level.RED),
-        (1e8, Level.RED, Level.AMBER),
+        (0.0003, Grade.GREEN, Grade.GREEN),
+        (0.05, Grade.AMBER, Grade.GREEN),
+        (-0.005, Grade.AMBER, Grade.GREEN),
+        (0.5, Grade.RED, Grade.AMBER),
+        (3.0, Grade.RED, Grade.RED),
+        (-0.05, Grade.RED, Grade.RED),
+        (1e8, Grade.RED, Grade.AMBER),
     ],
 )
 def test_clocks_and_stamps_that_differ_are_reported(
-    seconds: float, clocks: Level, targets: Level
+    seconds: float, clocks: Grade, targets: Grade
 ) -> None:
     assert check_clocks({"joint_states": _later(0.0), "t": _later(seconds)}).level is clocks
     assert check_targets(_later(seconds)).level is targets
 
 
 def test_without_messages_nothing_is_known_of_clocks() -> None:
-    assert check_clocks({}).level is check_targets([]).level is Level.SKIPPED
+    assert check_clocks({}).level is check_targets([]).level is Grade.SKIPPED
 
 
 def test_diagnostics_are_repeated(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     diagnostics = {"servo_bus: head_pan_joint": (2, "lost: it does not answer")}
-    monkeypatch.setattr(network, "listen", lambda *_: Heard({}, diagnostics, 3))
+    monkeypatch.setattr(network, "listen", lambda *_: Received({}, diagnostics, 3))
     head.arguments = []
     assert head.check() == 2
     assert head.levels["network"] == "green"

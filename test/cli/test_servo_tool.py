@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from head_tracking.cli.servo import main as tool
-from head_tracking.cli.servo.bench import RefusedError, Terminal, ToolError, Workshop
+from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop
 from head_tracking.cli.servo.calibrate import Wanted, mount_of
 from head_tracking.cli.servo.main import DONE, FAILED, REFUSED
 from head_tracking.cli.servo.register_values import find_register, in_words, parse_value
@@ -22,6 +22,7 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import NO_ERROR, describe_errors
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.dynamixel.state import Symptom
+from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 AX_12 = servo_model("AX-12")

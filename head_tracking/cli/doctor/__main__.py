@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from head_tracking.cli.doctor.findings import Finding, Level, show
+from head_tracking.cli.doctor.findings import Finding, Grade, show
 
 _UNKNOWN: Final = 3
 _LIBRARIES: Final = {
@@ -42,14 +42,14 @@ def main(arguments: Sequence[str] | None = None, **bus: Any) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     ros = words.index("--ros-args") if "--ros-args" in words else len(words)
     options = _parser().parse_args(words[:ros])
-    worst = Level.GREEN
+    worst = Grade.GREEN
     try:
         for finding in _check(options, words[ros:], bus):
             show(finding, sys.stdout)
             worst = max(worst, finding.level)
     except KeyboardInterrupt:
         return 130
-    print(f"\n{'all is' if worst is Level.GREEN else 'something is'} {worst.name.lower()}")
+    print(f"\n{'all is' if worst is Grade.GREEN else 'something is'} {worst.name.lower()}")
     return worst
 
 
@@ -58,16 +58,16 @@ def _check(
 ) -> Iterator[Finding]:
     missing = {name: reason for name in _LIBRARIES if (reason := _import_error(name))}
     for name, reason in missing.items():
-        yield Finding("libraries", Level.RED, f"{reason}: {_LIBRARIES[name]}, or ./scripts/run")
+        yield Finding("libraries", Grade.RED, f"{reason}: {_LIBRARIES[name]}, or ./scripts/run")
     if not missing:
-        yield Finding("libraries", Level.GREEN, f"Python {sys.version.split()[0]}")
+        yield Finding("libraries", Grade.GREEN, f"Python {sys.version.split()[0]}")
         yield from _check_head(options, bus)
     reason = _import_error("head_tracking.cli.doctor.network")
     if reason:
         text = f"{reason}: no node runs. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
-        yield Finding("network", Level.AMBER, text)
+        yield Finding("network", Grade.AMBER, text)
     elif options.listen <= 0.0:
-        yield Finding("network", Level.SKIPPED, "not checked with --listen 0")
+        yield Finding("network", Grade.SKIPPED, "not checked with --listen 0")
     else:
         from head_tracking.cli.doctor.network import check_network
 
@@ -82,7 +82,7 @@ def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Fi
     try:
         files = [*robot_parameters(options.robot), *options.params]
     except NotInstalledError as error:
-        yield Finding("configuration", Level.RED, str(error))
+        yield Finding("configuration", Grade.RED, str(error))
         return
     finding, buses = check_configured(files, options.port, options.baud)
     yield finding

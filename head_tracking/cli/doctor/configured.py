@@ -8,7 +8,7 @@ from typing import Final
 
 import yaml
 
-from head_tracking.cli.doctor.findings import Finding, Level
+from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
 from head_tracking.dynamixel import ConfigurationError
 from head_tracking.exceptions import HeadTrackingError
@@ -34,14 +34,14 @@ def check_configured(
     except (OSError, ValueError, yaml.YAMLError, ConfigurationError) as error:
         reason = " ".join(str(error).split())
         text = f"{reason}; correct it in {', '.join(map(str, files))}"
-        return Finding("configuration", Level.RED, text), ()
+        return Finding("configuration", Grade.RED, text), ()
     servos = "; ".join(
         f"{joint.joint_name} {'/'.join(str(each.id) for each in joint.calibrations)}, "
         f"{joint.model.name}"
         for bus in buses
         for joint in bus.joints
     )
-    return Finding("configuration", Level.GREEN, f"joints and ids: {servos}"), buses
+    return Finding("configuration", Grade.GREEN, f"joints and ids: {servos}"), buses
 
 
 def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
@@ -51,13 +51,13 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
         model = load_robot_model(robot_file(robot))
         PanTiltHead(model, pan, tilt, frame)
     except HeadTrackingError as error:
-        return Finding("model", Level.RED, str(error))
-    problems, level = [], Level.GREEN
+        return Finding("model", Grade.RED, str(error))
+    problems, level = [], Grade.GREEN
     for joint in (joint for bus in buses for joint in bus.joints):
         in_model = model.joints.get(joint.joint_name)
         if in_model is None:
             problems.append(f"it has no joint {joint.joint_name}; it has {', '.join(model.joints)}")
-            level = Level.RED
+            level = Grade.RED
             continue
         lower, upper = in_model.limits.lower, in_model.limits.upper
         if joint.lower < lower - _SLACK or joint.upper > upper + _SLACK:
@@ -65,6 +65,6 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
                 f"the limits of {joint.joint_name}, {lower:.2f} to {upper:.2f} rad, are narrower "
                 f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
             )
-            level = max(level, Level.AMBER)
+            level = max(level, Grade.AMBER)
     text = "; ".join(problems) or f"{frame} can be pointed"
     return Finding("model", level, f"{robot}: {text}")

@@ -8,7 +8,7 @@ from enum import IntEnum
 from typing import Final, TextIO
 
 
-class Level(IntEnum):
+class Grade(IntEnum):
     """How bad a finding is; the worst one is the exit code, as of a monitoring plugin."""
 
     SKIPPED = -1
@@ -28,17 +28,17 @@ class Finding:
     """
 
     check: str
-    level: Level
+    level: Grade
     text: str
 
 
-_COLOURS: Final = {Level.GREEN: "32", Level.AMBER: "33", Level.RED: "31"}
+_COLOURS: Final = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31"}
 
 
 def show(finding: Finding, output: TextIO) -> None:
     """Print a finding, in colour on a terminal."""
     level, colour = finding.level, _COLOURS.get(finding.level)
-    word = f"{'-' if level is Level.SKIPPED else level.name.lower():5}"
+    word = f"{'-' if level is Grade.SKIPPED else level.name.lower():5}"
     if colour and output.isatty() and "NO_COLOR" not in os.environ:
         word = f"\033[{colour}m{word}\033[0m"
     print(f"{word}  {finding.check:17} {finding.text}", file=output, flush=True)

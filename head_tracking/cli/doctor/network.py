@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from head_tracking.cli.doctor.findings import Finding, Level
+from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.ros.kit.start import in_short
 
 _TOPICS: Final = {
@@ -42,7 +42,7 @@ class Times(NamedTuple):
     stamp: float
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """What was received within some time.
 
     Attributes:
@@ -66,18 +66,18 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
     try:
         heard = listen(arguments, seconds)
     except RuntimeError as error:  # rclpy's
-        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/distributed.md"
-        yield Finding("network", Level.RED, text)
+        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
+        yield Finding("network", Grade.RED, text)
         return
-    yield Finding("network", Level.GREEN, f"{heard.nodes} other nodes")
+    yield Finding("network", Grade.GREEN, f"{heard.nodes} other nodes")
     yield check_clocks(heard.times)
     yield check_targets(heard.times.get("target_point", ()))
     for name, (status, message) in sorted(heard.diagnostics.items()):
-        level = {0: Level.GREEN, 2: Level.RED}.get(status, Level.AMBER)
+        level = {0: Grade.GREEN, 2: Grade.RED}.get(status, Grade.AMBER)
         yield Finding("diagnostics", level, f"{name}: {message}")
 
 
-def listen(arguments: Sequence[str], seconds: float) -> Heard:
+def listen(arguments: Sequence[str], seconds: float) -> Received:
     """Listen with a node that publishes nothing; raise RuntimeError if ROS does not start."""
     times: dict[str, list[Times]] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
@@ -113,7 +113,7 @@ def listen(arguments: Sequence[str], seconds: float) -> Heard:
         nodes = len(node.get_node_names()) - 1
         executor.shutdown()
         node.destroy_node()
-        return Heard(times, diagnostics, nodes)
+        return Received(times, diagnostics, nodes)
     finally:
         rclpy.try_shutdown(context=context)
 
@@ -126,15 +126,15 @@ def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
         if all(each.sent > 0.0 for each in found)
     }
     if not skews:
-        return Finding("clock skew", Level.SKIPPED, "no message was received")
+        return Finding("clock skew", Grade.SKIPPED, "no message was received")
     topic = max(skews, key=lambda name: abs(skews[name]))
-    skew, level = skews[topic], Level.GREEN
+    skew, level = skews[topic], Grade.GREEN
     if not -_AHEAD[1] <= skew <= _SKEW[1]:
-        level = Level.RED
+        level = Grade.RED
     elif not -_AHEAD[0] <= skew <= _SKEW[0]:
-        level = Level.AMBER
+        level = Grade.AMBER
     text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
-    cure = "" if level is Level.GREEN else ": synchronise the clocks (docs/distributed.md)"
+    cure = "" if level is Grade.GREEN else ": synchronise the clocks (docs/guide/network.md)"
     return Finding("clock skew", level, text + cure)
 
 
@@ -142,14 +142,14 @@ def check_targets(times: Sequence[Times]) -> Finding:
     """Check the stamps of targets, which have to be those of their images."""
     ages = [each.received - each.stamp for each in times if each.stamp]
     if not ages:
-        return Finding("stamps of targets", Level.SKIPPED, "no target_point with a stamp came")
-    age, level = median(ages), Level.GREEN
+        return Finding("stamps of targets", Grade.SKIPPED, "no target_point with a stamp came")
+    age, level = median(ages), Grade.GREEN
     text = f"{1e3 * age:.0f} ms old when they are received"
     if abs(age) > _OTHER_CLOCK:
-        level, text = Level.AMBER, "not the wall clock's; use_sim_time must agree on all nodes"
+        level, text = Grade.AMBER, "not the wall clock's; use_sim_time must agree on all nodes"
     elif not -_AHEAD[1] <= age <= _OLD[1]:
-        level, text = Level.RED, f"{text}: such targets are not followed"
+        level, text = Grade.RED, f"{text}: such targets are not followed"
     elif age > _OLD[0]:
-        level = Level.AMBER
-    cure = "" if level is Level.GREEN else "; stamp each target with the time of its image"
+        level = Grade.AMBER
+    cure = "" if level is Grade.GREEN else "; stamp each target with the time of its image"
     return Finding("stamps of targets", level, text + cure)

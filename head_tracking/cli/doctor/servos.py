@@ -7,7 +7,7 @@ from contextlib import closing
 from statistics import median
 from typing import Final
 
-from head_tracking.cli.doctor.findings import Finding, Level
+from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.cli.servo.bench import patient_port
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
@@ -41,13 +41,13 @@ def check_bus(
         port = make_port(bus.port_name, bus.baud_rate)
         port.open()
     except PortBusyError as error:
-        yield Finding("port", Level.AMBER, f"{error}. It was left alone")
+        yield Finding("port", Grade.AMBER, f"{error}. It was left alone")
         return
     except (PortError, ConfigurationError) as error:
-        yield Finding("port", Level.RED, str(error))
+        yield Finding("port", Grade.RED, str(error))
         return
     with closing(port):
-        yield Finding("port", Level.GREEN, f"{bus.port_name} at {bus.baud_rate} baud")
+        yield Finding("port", Grade.GREEN, f"{bus.port_name} at {bus.baud_rate} baud")
         try:
             servos = [
                 Servo(port, calibration.id, calibration.model, calibration)
@@ -59,7 +59,7 @@ def check_bus(
             yield from _check_limits(servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
         except PortLostError as error:
-            yield Finding("port", Level.RED, str(error))
+            yield Finding("port", Grade.RED, str(error))
 
 
 def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> Iterator[Finding]:
@@ -72,31 +72,31 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
         errors = servo.read_errors()
     except ReplyTimeoutError:
         text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and its cable; "
-        yield Finding(name, Level.RED, f"{text}`servo scan` tries other ids and baud rates")
+        yield Finding(name, Grade.RED, f"{text}`servo scan` tries other ids and baud rates")
         return
     except (CommunicationError, ServoError, ConfigurationError) as error:
         twin = "; two servos may have this id" if isinstance(error, CorruptReplyError) else ""
-        yield Finding(name, Level.RED, f"{joint}: {error}{twin}")
+        yield Finding(name, Grade.RED, f"{joint}: {error}{twin}")
         return
-    problems: list[tuple[Level, str]] = []
+    problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:
         cure = "connect one of them alone, `servo set-id`"
-        problems.append((Level.RED, f"two servos have this id, or the line is disturbed: {cure}"))
+        problems.append((Grade.RED, f"two servos have this id, or the line is disturbed: {cure}"))
     if errors or identity.faulted:
         state = "has shut itself down" if identity.faulted else "reports"
         cure = "let it cool, call `recover` or cycle its power"
-        problems.append((Level.RED, f"it {state}: {describe_errors(errors)}; {cure}"))
+        problems.append((Grade.RED, f"it {state}: {describe_errors(errors)}; {cure}"))
     if identity.firmware_version in _SPOILT:
         text = f"firmware {identity.firmware_version}: an update was broken off; recover it with "
-        problems.append((Level.RED, f"{text}Dynamixel Wizard"))
+        problems.append((Grade.RED, f"{text}Dynamixel Wizard"))
     volts, celsius = servo.voltage, servo.temperature
     is_red = {
         Symptom.SUPPLY: volts < identity.lowest_voltage,
         Symptom.WARM: celsius >= min(settings.hot, identity.temperature_limit),
     }
     for symptom, text in conditions(servo, settings.warm, 0.9).items():  # 0.9: nothing moves
-        problems.append((Level.RED if is_red[symptom] else Level.AMBER, text))
-    level = max((level for level, _ in problems), default=Level.GREEN)
+        problems.append((Grade.RED if is_red[symptom] else Grade.AMBER, text))
+    level = max((level for level, _ in problems), default=Grade.GREEN)
     facts = f"{joint}: {model.name}, firmware {identity.firmware_version}, {volts:.1f} V, "
     yield Finding(name, level, "; ".join([f"{facts}{celsius:.0f} °C", *(t for _, t in problems)]))
 
@@ -104,7 +104,7 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
 def _check_limits(servos: Sequence[Servo]) -> Iterator[Finding]:
     for servo_id, other in swapped(servos).items():
         text = f"its memory has the angle limits of servo {other.id}: are the two ids swapped?"
-        yield Finding(f"servo {servo_id}", Level.RED, text)
+        yield Finding(f"servo {servo_id}", Grade.RED, text)
 
 
 def _check_line(
@@ -124,17 +124,20 @@ def _check_line(
     cycle, period = median(times) if times else float("inf"), 1.0 / bus.update_rate
     slow = bool(servos) and cycle > 0.8 * period
     adapter, advice = str(port.adapter), port.adapter.advice
-    level = Level.GREEN if not advice else Level.RED if slow else Level.AMBER
+    level = Grade.GREEN if not advice else Grade.RED if slow else Grade.AMBER
     yield Finding("adapter", level, f"{adapter}; {advice}" if advice else adapter)
     if not servos:
         return
     total = _READINGS * len(servos)
     text = f"{failed} of {total} readings failed; a cycle takes {1e3 * cycle:.1f} of "
     text += f"{1e3 * period:.0f} ms"
-    level = Level.GREEN
+    level = Grade.GREEN
     if slow:
-        level, text = Level.RED, f"{text}: raise the baud rate, or lower return_delay, update_rate"
+        level, text = (
+            Grade.RED,
+            f"{text}: raise the baud rate, or lower return_delay, update_rate",
+        )
     if failed:
-        level = Level.RED if slow or failed > _FEW * total else Level.AMBER
+        level = Grade.RED if slow or failed > _FEW * total else Grade.AMBER
         text += "; check plugs, cables, ground and supply, and for a second master"
     yield Finding("line", level, text)

@@ -23,6 +23,7 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.servo import Servo
+from head_tracking.exceptions import HeadTrackingError, RefusedError
 
 T = TypeVar("T")
 
@@ -32,12 +33,8 @@ _ATTEMPTS = 3
 _TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
 
 
-class ToolError(Exception):
+class ToolError(HeadTrackingError):
     """The command cannot be carried out."""
-
-
-class RefusedError(ToolError):
-    """The command could do harm, or was not confirmed."""
 
 
 class Terminal:

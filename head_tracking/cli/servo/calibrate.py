@@ -7,11 +7,12 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.bench import RefusedError, ToolError, Workshop, find_servo
+from head_tracking.cli.servo.bench import ToolError, Workshop, find_servo
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.servo import Servo
+from head_tracking.exceptions import RefusedError
 
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad

@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import Final
 
 from head_tracking.cli.servo.bench import (
-    RefusedError,
     ToolError,
     Workshop,
     find_servo,
@@ -33,6 +32,7 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.dynamixel.torque import pin, require_straight_path
+from head_tracking.exceptions import RefusedError
 
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 

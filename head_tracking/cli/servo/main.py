@@ -7,13 +7,14 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 
-from head_tracking.cli.servo.bench import RefusedError, Terminal, ToolError, Workshop
+from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop
 from head_tracking.cli.servo.calibrate import Wanted, calibrate
 from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, info, monitor, scan
 from head_tracking.command_line import between, named_id, read_by, servo_id, writable_file
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.models import servo_model
+from head_tracking.exceptions import RefusedError
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 

@@ -48,7 +48,7 @@ _COLUMNS: Final = (
 )  # fmt: skip
 
 
-class Found(NamedTuple):
+class FoundServo(NamedTuple):
     """A servo that answered.
 
     Attributes:
@@ -69,7 +69,7 @@ class Found(NamedTuple):
 
 def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> int:
     """Look for servos, show them, and return the exit code: 1 if there are none."""
-    found: list[Found] = []
+    found: list[FoundServo] = []
     terminal = workshop.terminal
     for rate in baud_rates:
         try:
@@ -115,7 +115,7 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
     return 0
 
 
-def _found(port: DynamixelPort, servo_id: int, protocol: int) -> Found | None:
+def _found(port: DynamixelPort, servo_id: int, protocol: int) -> FoundServo | None:
     """Return what can be read of a servo; None if it answers no ping."""
     if protocol == 2 and servo_id > 252:
         return None
@@ -135,7 +135,7 @@ def _found(port: DynamixelPort, servo_id: int, protocol: int) -> Found | None:
         model = "damaged answers" if model == "answers no reads" else model
     except (CommunicationError, ConfigurationError):
         pass
-    return Found(rate, servo_id, protocol, model, is_damaged)
+    return FoundServo(rate, servo_id, protocol, model, is_damaged)
 
 
 def info(workshop: Workshop, servo_id: int, model: ServoModel | None, *, all_of_them: bool) -> int:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Final
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.kit.stop_signal import StoppedError
+from head_tracking.ros.kit.stop_signal import EndRequestedError
 
 _FOLDER: Final = Path("/tmp")  # not TMPDIR, which may be a user's own
 _PATIENCE: Final = 15.0  # s that a simulated head may take to end
@@ -74,7 +74,7 @@ class HeadLock:
 
         Raises:
             RefusedError: another head runs; says which.
-            StoppedError: `wait` has returned True.
+            EndRequestedError: `wait` has returned True.
         """
         if self._simulated:
             self._lock(self._head, shared)
@@ -91,7 +91,7 @@ class HeadLock:
                 if time.monotonic() > deadline:
                     raise
             if wait(_PERIOD):
-                raise StoppedError
+                raise EndRequestedError
 
     @property
     def is_wanted(self) -> bool:

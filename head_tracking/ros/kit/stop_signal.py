@@ -14,7 +14,7 @@ ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Ctrl-C, `kill`, a closed terminal or lost connection, and Ctrl-backslash."""
 
 
-class StoppedError(Exception):
+class EndRequestedError(Exception):
     """Somebody asked to stop before everything had started."""
 
 
@@ -63,10 +63,10 @@ class StopSignal:
         """To be called between the steps of a start.
 
         Raises:
-            StoppedError: it is time to stop.
+            EndRequestedError: it is time to stop.
         """
         if self._stopped.is_set():
-            raise StoppedError
+            raise EndRequestedError
 
     def wait(self, seconds: float) -> bool:
         """Waits for a signal; whether there was one."""
