@@ -258,6 +258,10 @@ class Servo:
 
     def read_feedback(self, tries: int = 1) -> None:
         """Read position, speed, load, voltage and temperature, and record them."""
+        self.take(self.ask_feedback(tries), self.stamp)
+
+    def ask_feedback(self, tries: int) -> Reply:
+        """Return the reply with position, speed, load, voltage and temperature."""
         block = self.model.feedback
 
         def attempt() -> Reply:
@@ -266,7 +270,7 @@ class Servo:
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
             return reply
 
-        self.take(self._try(tries, attempt), self.stamp)
+        return self._try(tries, attempt)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
