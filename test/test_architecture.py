@@ -1,4 +1,4 @@
-"""The rooms of the package and the arrows between them; see docs/architecture.md."""
+"""The rooms of the package and the arrows between them; see docs/explain/architecture.md."""
 
 import ast
 import importlib

@@ -14,22 +14,18 @@ deals with trouble.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.diagnosis import Diagnosis
-from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
-from head_tracking.dynamixel.requests import RequestQueue
-from head_tracking.dynamixel.servo import Changes, LinkState, Servo
+from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
 _SHARE: Final = 10
@@ -53,15 +49,8 @@ class Cycle:
     """Reads and writes the servos of a port, and looks after those that are not as usual.
 
     Args:
-        port: Where the servos are.
-        joints: The joints, by name.
-        changes: Of who is read.
-        requests: What is to be done besides.
-        procedures: Carries it out.
-        events: Takes what happens.
-        settings: How to deal with silence, faults and heat.
-        clock: Time for the stamps of measurements, ns.
-        monotonic: Time that never jumps, ns.
+        bus: What the parts of the bus share.
+        procedures: Carries out what takes several transactions.
 
     Attributes:
         cycles: Cycles run.
@@ -69,25 +58,14 @@ class Cycle:
         diagnosis: What is wrong with each servo.
     """
 
-    def __init__(
-        self,
-        port: DynamixelPort,
-        joints: Mapping[str, Joint],
-        changes: Changes,
-        requests: RequestQueue,
-        procedures: Procedures,
-        events: Events,
-        settings: BusSettings,
-        clock: Callable[[], int],
-        monotonic: Callable[[], int],
-    ) -> None:
+    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
         self.cycles = self.port_losses = 0
-        self._port, self._joints, self._changes = port, joints, changes
-        self._requests, self._procedures, self._events = requests, procedures, events
-        self._settings, self._clock, self._monotonic = settings, clock, monotonic
-        self._all = tuple(joints.values())
-        self._protection = Protection(events, procedures, settings)
-        self.diagnosis = Diagnosis(self._all, events, procedures, settings)
+        self._bus, self._port, self._joints, self._changes = bus, bus.port, bus.joints, bus.changes
+        self._requests, self._procedures, self._settings = bus.requests, procedures, bus.settings
+        self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
+        self._all, settings = tuple(bus.joints.values()), bus.settings
+        self._protection = Protection(bus, procedures)
+        self.diagnosis = Diagnosis(bus, procedures)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
@@ -164,7 +142,7 @@ class Cycle:
         except PortLostError as cause:
             self._lose_port(cause)
         self._took = self._monotonic() - start - self._spent
-        events = self._events.take() if self._events.waiting else ()
+        events = self._bus.take_events() if self._bus.events else ()
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
@@ -192,7 +170,7 @@ class Cycle:
             self.write_goals()
         except PortLostError as cause:
             self._lose_port(cause)
-        return self._events.take() if self._events.waiting else ()
+        return self._bus.take_events() if self._bus.events else ()
 
     # Reading
 
@@ -321,7 +299,7 @@ class Cycle:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
             if joint.writable and not joint.busy:  # torque needs to know where it stands
-                self._procedures.switch_on_for_goal(joint)
+                self._procedures.begin(joint, self._procedures.switching_on_for_goal(joint))
 
     def write_goals(self, also_silent: bool = False) -> None:
         """Write the goals of all joints with torque on.
@@ -413,7 +391,7 @@ class Cycle:
         if servo.damaged_cycles >= self._settings.lost_after:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
         servo.lose(now + round(self._settings.poll_interval * 1e9))
-        self._events.note(EventKind.LOST, joint, text)
+        self._bus.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
 
@@ -432,7 +410,7 @@ class Cycle:
                         servo.damaged_cycles = 0
                     else:
                         servo.ping()
-                    self._procedures.return_servo(joint, servo)
+                    self._procedures.begin(joint, self._procedures.returning(joint, servo))
                 return self._monotonic() - now
         return 0
 
@@ -454,7 +432,8 @@ class Cycle:
             return False
         self._look_again_at = None
         self._last = now
-        self._events.note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        text = f"{self._port.name} is there again"
+        self._bus.events.append(BusEvent(EventKind.PORT_RETURNED, "", text))
         stopped = [joint for joint in self._all if joint.stopped]
         if stopped:  # perhaps while nobody could tell them
             steps = self._procedures.relaxing(stopped, stop=True)
@@ -487,10 +466,7 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
-        self._events.note_port(EventKind.PORT_LOST, str(cause))
-
-    def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
-        return ((joint, servo) for joint in self._all for servo in joint.servos)
+        self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
 
 
 def advice(servo: Servo) -> str:

@@ -314,7 +314,7 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        self.backend.joint(joint).check(changed.min, changed.max)
+        self.backend.joint(joint).reconfigured(changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:

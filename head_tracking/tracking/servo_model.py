@@ -3,7 +3,7 @@
 A servo that gets a goal far ahead moves a set-point towards it at the commanded speed. Its shaft
 follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
 edges of a dead band in which the servo does not drive. The set-point is the sum of the commands.
-Delay and dead band are a posterior over a grid of hypotheses; docs/tracking.md has the equations.
+Delay and dead band are a posterior over a grid of hypotheses; docs/guide/tracking.md describes it.
 """
 
 from __future__ import annotations
