@@ -4,7 +4,7 @@ A servo that gets a goal far ahead moves a set-point towards it at the commanded
 follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
 edges of a dead band in which the servo does not drive, or with an acceleration that is limited. The
 set-point is the sum of the commands. Delay, dead band and limit are one posterior over a grid of
-hypotheses; docs/estimator.md has the equations.
+hypotheses; docs/explain/estimator.md has the equations.
 """
 
 from __future__ import annotations
