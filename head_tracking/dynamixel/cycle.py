@@ -26,7 +26,6 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
-from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.requests import RequestQueue
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
@@ -259,7 +258,7 @@ class Cycle:
             if answered:
                 for servo in answered:
                     if servo.model.protocol == 1:
-                        servo.errors = ErrorBits(servo.error & 0x7F)
+                        servo.errors = servo.read_errors()
                 state = states[joint.name] = joint.state()
                 self._protection.judge(joint, state, now)
                 if self._settings.command_timeout and joint.on:
@@ -305,7 +304,7 @@ class Cycle:
             block.address,
             block.length,
             tuple([servo.id for _, servo in members]),
-            servo.plausible if model.sign_magnitude else None,
+            servo.plausible if any(model.signs) else None,
         )
         return _Part(group, members, retries)
 
@@ -503,8 +502,10 @@ def advice(servo: Servo) -> str:
 
 def _method(servo: Servo) -> ReadMethod:
     model, identity = servo.model, servo.identity
-    if model.protocol == 1:
-        return ReadMethod.BULK if model.bulk_read else ReadMethod.EACH
+    if model.bulk_read:
+        return ReadMethod.BULK
+    if not model.sync_read:
+        return ReadMethod.EACH
     knows_fast = (
         model.fast_sync_read is not None
         and identity is not None

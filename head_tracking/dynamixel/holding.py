@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from head_tracking.dynamixel.exceptions import PositionError, RegisterRefusedError, ServoError
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import SLOWEST, Servo
+from head_tracking.dynamixel.servo import Servo
 
 
 def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
@@ -15,7 +15,8 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
     The goal is written, and read back, before torque is switched on, because a servo starts
     for its old goal at that moment. It is written together with the lowest speed, because an
-    AX servo switches torque on by itself when a goal arrives, and a relaxed servo may have
+    AX servo switches torque on by itself when a goal arrives, and so, it seems, does one of
+    Feetech, and a relaxed servo may have
     been moved since its position was read. A shaft outside the range creeps to its end.
 
     Args:
@@ -38,7 +39,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     yield 0.0
     lowest, highest = allowed or servo.range
     goal = max(lowest, min(highest, before))
-    values = (goal, SLOWEST) if servo.model.position_first else (SLOWEST, goal)
+    values = servo.model.goal_values(goal, servo.model.speed_minimum)
     yield from servo.verify(servo.model.goal, *values)
     yield from servo.switch_torque(True)
     if servo.model.endless and not powered:

@@ -400,7 +400,7 @@ class Joint:
                 if not servo.faulted or servo.lost:
                     continue
                 yield from recover(servo)
-                if servo.model.protocol == 2:
+                if servo.model.restarts:
                     servo.lose(now)
         except (CommunicationError, ServoError) as cause:
             return str(cause)

@@ -17,13 +17,13 @@ some 6 ms per byte afterwards (fact sheet, section 9)."""
 def recover(servo: Servo) -> Steps[None]:
     """Clear a shutdown.
 
-    A protocol 1.0 servo has set its Torque Limit to 0 and gets it back; others restart, do not
-    answer for a while, and are to be identified anew.
+    A protocol 1.0 servo of Dynamixel has set its Torque Limit to 0 and gets it back; others
+    restart, do not answer for a while, and are to be identified anew.
 
     Raises:
         RegisterRefusedError: The servo does not take its torque limit.
     """
-    if servo.model.protocol == 2:
+    if servo.model.restarts:
         servo.reboot()
         return
     limit = servo.get("Max Torque")
@@ -32,10 +32,22 @@ def recover(servo: Servo) -> Steps[None]:
     servo.faulted = False
 
 
+def lock_eeprom(servo: Servo, locked: bool) -> Steps[None]:
+    """Write the lock of a Feetech servo, which forgets at power-off what is written under it.
+
+    Raises:
+        RegisterRefusedError: It does not take it.
+    """
+    table = servo.model.control_table
+    if "EEPROM Lock" in table:
+        yield from servo.verify(table.block("EEPROM Lock"), int(locked))
+
+
 def write_eeprom(servo: Servo, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
     """Write settings that differ, with the pauses that servos need, and read them back.
 
-    The memory wears out: what is there already is not written again.
+    The memory wears out: what is there already is not written again. That of a Feetech servo keeps
+    only what is written while its lock is off.
 
     Args:
         servo: The servo.
@@ -64,11 +76,13 @@ def write_eeprom(servo: Servo, wanted: Mapping[str, int]) -> Steps[dict[str, tup
             continue
         yield 0.0
         block = table.block(name)
+        yield from lock_eeprom(servo, False)
         servo.write(block, value)
         if name == "Status Return Level":
-            servo.acknowledges_writes = value >= 2
+            servo.acknowledges_writes = servo.model.acknowledges_writes(value)
         yield EEPROM_PAUSE * block.length
         after = servo.get(name)
+        yield from lock_eeprom(servo, True)
         if after != value:
             raise RegisterRefusedError(
                 f"servo {servo.id} keeps {after} in {name} instead of {value}"

@@ -127,11 +127,13 @@ class ReadGroup:
                 packet = read_packet(protocol, servo_id, address, length)
                 yield request_for(packet, protocol, servo_id, length, what)
         elif method is ReadMethod.FAST_SYNC:
-            packet = sync_read_packet(ids, address, length, fast=True)
+            packet = sync_read_packet(2, ids, address, length, fast=True)
             yield request_for(packet, 2, BROADCAST_ID, joint_status_size(len(ids), length), what)
         elif method is not ReadMethod.EACH:
-            read_together = bulk_read_packet if method is ReadMethod.BULK else sync_read_packet
-            packet = read_together(ids, address, length)
+            if method is ReadMethod.BULK:
+                packet = bulk_read_packet(ids, address, length)
+            else:
+                packet = sync_read_packet(protocol, ids, address, length)
             for servo_id in ids:
                 yield request_for(packet, protocol, servo_id, length, what)
 
