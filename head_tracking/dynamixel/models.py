@@ -286,8 +286,8 @@ def _goal_layout(table: ControlTable, block: Block, goal: Mapping[str, str]) -> 
     """Return what packs position and speed into the bytes of a block, with zeros for the others."""
     names = sorted((goal["position"], goal["speed"]), key=lambda name: table[name].address)
     both = table.block(*names)
-    order, *form = both.layout.format
-    return struct.Struct(f"{order}{both.address - block.address}x{''.join(form)}")
+    form = both.layout.format
+    return struct.Struct(f"{form[0]}{both.address - block.address}x{form[1:]}")
 
 
 def _sign_value(register: Register) -> int:

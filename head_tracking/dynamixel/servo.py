@@ -42,6 +42,10 @@ from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torq
 
 _T = TypeVar("_T")
 
+EEPROM_PAUSE: Final = 0.025
+"""Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
+some 6 ms per byte afterwards (fact sheet, section 9)."""
+
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _WATCHDOG_UNIT: Final = 0.02  # s
 _LONGEST_READ: Final = 64  # bytes
@@ -243,6 +247,10 @@ class Servo:
 
     def read_feedback(self, tries: int = 1) -> None:
         """Read position, speed, load, voltage and temperature, and record them."""
+        self.take(self.ask_feedback(tries), self.stamp)
+
+    def ask_feedback(self, tries: int) -> Reply:
+        """Return the reply with position, speed, load, voltage and temperature."""
         block = self.model.feedback
 
         def attempt() -> Reply:
@@ -251,7 +259,7 @@ class Servo:
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
             return reply
 
-        self.take(self._try(tries, attempt), self.stamp)
+        return self._try(tries, attempt)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
@@ -406,6 +414,63 @@ class Servo:
         if problem is not None:
             raise problem
         return identity
+
+    def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
+        """Write settings that differ, with the pauses that servos need, and read them back.
+
+        The memory wears out: what is there already is not written again. That of a Feetech servo
+        keeps only what is written while its lock is off.
+
+        Args:
+            wanted: Register values by name.
+
+        Returns:
+            Old and new value of what was changed, by register name.
+
+        Raises:
+            ServoError: Its torque is on, its memory is locked, or it does not keep a value.
+        """
+        table = self.model.control_table
+        if self.get("Torque Enable"):
+            raise ServoError(
+                f"servo {self.id} has its torque on; relax it before changing its memory"
+            )
+        yield 0.0
+        if "Lock" in table and self.get("Lock"):
+            raise ServoError(
+                f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
+                "its power"
+            )
+        changed: dict[str, tuple[int, int]] = {}
+        for name, value in wanted.items():
+            yield 0.0
+            before = self.get(name)
+            if before == value:
+                continue
+            yield 0.0
+            block = table.block(name)
+            yield from self.lock_eeprom(False)
+            self.write(block, value)
+            if name == "Status Return Level":
+                self.acknowledges_writes = self.model.acknowledges_writes(value)
+            yield EEPROM_PAUSE * block.length
+            after = self.get(name)
+            yield from self.lock_eeprom(True)
+            if after != value:
+                raise RegisterRefusedError(
+                    f"servo {self.id} keeps {after} in {name} instead of {value}"
+                )
+            changed[name] = (before, value)
+        return changed
+
+    def lock_eeprom(self, locked: bool) -> Steps[None]:
+        """Write the lock of a Feetech servo, which forgets at power-off what is written under it.
+
+        Other servos have none. Raises as `verify` does.
+        """
+        table = self.model.control_table
+        if "EEPROM Lock" in table:
+            yield from self.verify(table.block("EEPROM Lock"), int(locked))
 
     def arm(self) -> Steps[None]:
         """Switch its watchdog on, if it has one."""

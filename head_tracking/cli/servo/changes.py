@@ -30,12 +30,11 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
     ServoSetupError,
 )
-from head_tracking.dynamixel.holding import pin, require_straight_path
-from head_tracking.dynamixel.maintenance import EEPROM_PAUSE, lock_eeprom, write_eeprom
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
-from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
+from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
 
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
@@ -85,7 +84,7 @@ def _write(
         _set_return_level(workshop, link, register, value)
     elif register.eeprom:
         _ask(workshop, link, f"{shown} (now {link.get(name)})")
-        run(write_eeprom(link, {name: value}), workshop.pause)
+        run(link.write_eeprom({name: value}), workshop.pause)
     elif name == "Torque Enable" and value:
         _hold(workshop, link)
     else:
@@ -115,12 +114,12 @@ def _move(workshop: Workshop, link: Servo, name: str, value: int, shown: str) ->
     _ask(workshop, link, shown)
     with workshop.port() as port:
         link = find_servo(port, link.id, link.model)
-        run(lock_eeprom(link, False))
+        run(link.lock_eeprom(False))
         link.write(link.model.control_table.block(name), value)
         workshop.pause(EEPROM_PAUSE)
     with workshop.port(rate) as port:
         if protocol_of(port, new_id) is not None:
-            run(lock_eeprom(Servo(port, new_id, link.model), True))
+            run(Servo(port, new_id, link.model).lock_eeprom(True))
         else:
             raise ToolError(
                 f"the servo does not answer as id {new_id} at {rate} baud; look for it: servo scan "
