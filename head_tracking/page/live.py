@@ -86,10 +86,23 @@ class Live:
             except Exception as error:
                 # one bad message costs its part of the page, never the page
                 self.failing[part] = f"{type(error).__name__}: {error}"
-        return json.dumps(state | {"failing": self.failing}, default=str, allow_nan=False)
+        try:
+            return json.dumps(state | {"failing": self.failing}, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            return json.dumps({"type": "state", "failing": {**self.failing, "page": str(error)}})
 
     def picture(self) -> Shown | None:
-        """Return the latest picture of the camera, encoded once."""
+        """Return the latest picture of the camera, encoded once; None if there is none."""
+        try:
+            shown = self._encoded()
+            self.failing.pop("picture", None)
+        except Exception as error:
+            # drivers and their messages fail in ways that nobody lists
+            self.failing["picture"] = f"{type(error).__name__}: {error}"
+            return None
+        return shown
+
+    def _encoded(self) -> Shown | None:
         picture = self._latest_picture()
         if picture is None:
             return None
