@@ -1,5 +1,7 @@
 """Builds head_tracking: a ROS 2 package for colcon, a wheel for pip."""
 
+import runpy
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -9,37 +11,16 @@ NAME = "head_tracking"
 # Not the working directory: colcon --symlink-install runs a link to this file somewhere else.
 HERE = Path(__file__).resolve().parent
 
-NODES = (
-    "servo_bus",
-    "joint_state_publisher",
-    "robot_state_publisher",
-    "point_head",
-    "head_tracker",
-    "fictitious_target",
-    "frame_target",
-    "target_mux",
-    "visual_target",
-    "detection_target",
-    "simulated_camera",
-    "viewer",
-    "recorder",
-)
-TOOLS = (
-    "look",
-    "relax",
-    "transforms",
-    "track_report",
-    "check_model",
-    "simulated_bus",
-    "head_setup",
-)
-EXECUTABLES = ("head_tracking", "servo", "doctor", *NODES, *TOOLS)
+EXECUTABLES = (NAME, *runpy.run_path(str(HERE / NAME / "programs.py"))["COMMANDS"])
+# pip's bin is on everybody's path, where `look` and others are programs of the system
+WHEEL = not {"bdist_wheel", "editable_wheel", "dist_info"}.isdisjoint(sys.argv)
+PROGRAMS = (NAME,) if WHEEL else EXECUTABLES
 
 LAUNCHER = """\
 #!/bin/sh
-# Starts the program of the same name in this prefix's bin; ros2 run looks only here.
+# Starts the command of this name; ros2 run looks only here.
 self=$(readlink -f -- "$0")
-exec "${self%/*}/../../bin/${self##*/}" "$@"
+exec "${self%/*}/../../bin/head_tracking" @COMMAND@ "$@"
 """
 
 
@@ -54,7 +35,7 @@ class InstallData(Distribution().get_command_class("install_data")):
         folder.mkdir(parents=True)
         for name in EXECUTABLES:
             launcher = folder / name
-            launcher.write_text(LAUNCHER)
+            launcher.write_text(LAUNCHER.replace("@COMMAND@ ", "" if name == NAME else f"{name} "))
             launcher.chmod(0o755)
             self.outfiles.append(str(launcher))
 
@@ -90,7 +71,12 @@ setup(
         *share("config"),
         *share("machine"),
     ],
-    entry_points={"console_scripts": [f"{name} = {NAME}.programs:{name}" for name in EXECUTABLES]},
+    entry_points={
+        "console_scripts": [
+            f"{name} = {NAME}.programs:{name}"
+            for name in (EXECUTABLES[:1] if WHEEL else EXECUTABLES)
+        ]
+    },
     # ROS is not required: its wheels would cover a sourced ROS. The extra is for bare machines.
     install_requires=requirements("libraries") + requirements("yourdfpy"),
     extras_require={

@@ -9,9 +9,9 @@ from head_tracking import Head, JointConfiguration
 from head_tracking.dynamixel import servo_model
 
 XL430 = servo_model("XL430-W250")
-PAN = JointConfiguration("head_pan_joint", "pan", id=11, init=2048, min=1024, max=3072, model=XL430)
+PAN = JointConfiguration("head_pan_joint", 11, 2048, 1024, 3072, XL430, controller="pan")
 TILT = JointConfiguration(  # min above max: its ticks fall where the joint's angle rises
-    "head_tilt_joint", "tilt", id=12, init=2048, min=2700, max=1400, model=XL430
+    "head_tilt_joint", 12, init=2048, min=2700, max=1400, model=XL430, controller="tilt"
 )
 
 

@@ -8,7 +8,7 @@ import sys
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
 from head_tracking.programs import NO_ROS, has_ros
-from head_tracking.ros.stop_signal import StoppedError
+from head_tracking.ros.kit.stop_signal import EndRequestedError
 from head_tracking.run.options import parse_arguments
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.supervisor import Supervisor
@@ -28,7 +28,7 @@ def main() -> int:
             if not has_ros():
                 raise HeadTrackingError(NO_ROS)
             return Supervisor(plan).run()
-        except StoppedError:
+        except EndRequestedError:
             return 0
         except HeadTrackingError as error:
             print(f"head_tracking: {error}", file=sys.stderr)

@@ -30,7 +30,9 @@ from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (
     BusStatistics,
     BusStoppedError,
+    DynamixelPort,
     JointConfiguration,
+    ServoBus,
     StoppedError,
 )
 from head_tracking.exceptions import (
@@ -130,15 +132,13 @@ class Head:
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
         self._following = Following()
-        self._servos = DynamixelBackend(
-            port,
+        self._bus = ServoBus(
+            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
             servos,
-            self._loop,
-            _RATE,
-            baud_rate=baud_rate,
-            reply_timeout=reply_timeout,
-            on_failure=self._fail,
+            epoch=self._owners.epoch,
         )
+        self._servos = DynamixelBackend([self._bus], self._loop, _RATE, self._report)
+        self._servos.connect()
         self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
@@ -161,16 +161,14 @@ class Head:
         self._control.begin()
         self._relaxed = self._closed = False
         self._failure: BaseException | None = None
-        self._torque_error: BaseException | None = None
         self._leading = threading.Lock()
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
         atexit.register(self._close)
-        try:
-            self._servos.start()
-        except BusStoppedError:
+        self._servos.start(self._check_control, self._fail)
+        if not self._servos.measured.wait(_PATIENCE):
             self.close()
-            raise
+            raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
 
     @classmethod
     def open(
@@ -281,7 +279,6 @@ class Head:
         )
         with control.lock:
             self._permit(epoch)
-            self._loop.hold("")  # the servos hold, whatever a `follow` before still waits for
             control.carry_out(task)
         try:
             return result.result(timeout)
@@ -295,7 +292,7 @@ class Head:
     ) -> None:
         """Keep the head on a target that moves; call this for each new measurement of it.
 
-        Returns at once; the head begins when the servos hold.
+        Returns at once; the head begins as soon as the servos hold.
 
         Args:
             point: shape (3,) [m].
@@ -306,7 +303,6 @@ class Head:
         Raises:
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
-            DynamixelError: a servo could not hold after the call before.
             ValueError: a number is not finite.
         """
         target, epoch = _target(point, frame, stamp), self._permit()
@@ -479,7 +475,7 @@ class Head:
     @property
     def statistics(self) -> BusStatistics:
         """Counters of the bus, and the latest measurements of each servo."""
-        return self._servos.statistics()
+        return self._bus.statistics()
 
     def pose(self, link: str, frame: str = "base_link", *, stamp: float | None = None) -> Transform:
         """Return `T_frame_link`: where a link is.
@@ -591,36 +587,27 @@ class Head:
             self._follow(target, epoch)
 
     def _follow(self, target: Target, epoch: int) -> None:
-        error, self._torque_error = self._torque_error, None
-        if error is not None:
-            raise error
         with self._control.lock:
             self._permit(epoch)
             if self._control.task is not None:
                 self._control.hold("superseded")
-            self._hold_torque(epoch)
             self._control.accept(target)
 
-    def _hold_torque(self, epoch: int) -> None:
-        """Switch the torque on, and let the head wait for it: else the servos would seem slow."""
-        if self._loop.held or self._servos.holds:
-            return
-        self._loop.hold("the servos do not hold yet")
-        self._servos.switch_torque(True, epoch).add_done_callback(self._torque_done)
-
-    def _torque_done(self, future: Future[None]) -> None:
-        error = None if future.cancelled() else future.exception()
-        if error is not None and not isinstance(error, StoppedError):
-            self._torque_error = error
-        self._loop.hold("")
-
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
+        (switched,) = self._servos.switch_torque(None, on, epoch)
         try:
-            self._servos.switch_torque(on, epoch).result(_PATIENCE)
+            switched.result(_PATIENCE)
         except StoppedError:
             raise RefusedCommandError(HeadState.STOPPED) from None
         except FutureTimeoutError:
             raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
+
+    def _report(self, subject: str, text: str) -> None:
+        self._control.warn(subject, f"{subject}: {text}")
+
+    def _check_control(self, *_: object) -> None:
+        if self._control.failure is not None:
+            raise self._control.failure
 
     def _fail(self, error: BaseException) -> None:
         """End everything: the port has failed, and the servos were relaxed if that was possible."""

@@ -1,4 +1,7 @@
-"""The programs that setup.py installs, by name; one that needs ROS says so where there is none."""
+"""The programs that setup.py installs, by name; one that needs ROS says so where there is none.
+
+setup.py reads this file without the package: it imports the standard library only.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,39 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Final
 
+NODES: Final = (
+    "servo_bus",
+    "joint_state_publisher",
+    "robot_state_publisher",
+    "point_head",
+    "head_tracker",
+    "fictitious_target",
+    "frame_target",
+    "target_mux",
+    "visual_target",
+    "detection_target",
+    "simulated_camera",
+    "viewer",
+    "recorder",
+)
+TOOLS: Final = (
+    "servo",
+    "doctor",
+    "look",
+    "relax",
+    "transforms",
+    "track_report",
+    "check_model",
+    "simulated_bus",
+    "head_setup",
+)
+COMMANDS: Final = (*NODES, *TOOLS)
+"""What `head_tracking COMMAND` and `ros2 run head_tracking COMMAND` run."""
+
 _MODULES: Final = {
     "head_tracking": "__main__",
-    "servo": "tools.servo.main",
-    "doctor": "tools.doctor.__main__",
+    "servo": "cli.servo.main",
+    "doctor": "cli.doctor.__main__",
 }
 _ROS: Final = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
 
@@ -28,13 +60,17 @@ def __getattr__(name: str) -> Callable[[], int]:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def main() -> int:
+        chosen = name
+        if name == "head_tracking" and sys.argv[1:2] and sys.argv[1] in COMMANDS:
+            chosen = sys.argv.pop(1)
+            sys.argv[0] = chosen
         try:
-            program = import_module(f"head_tracking.{_module(name)}")
+            program = import_module(f"head_tracking.{_module(chosen)}")
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _ROS and not package.endswith("_msgs"):
                 raise
-            print(f"{name}: {NO_ROS} ({package} is missing)", file=sys.stderr)
+            print(f"{chosen}: {NO_ROS} ({package} is missing)", file=sys.stderr)
             return 1
         code: int = program.main()
         return code
@@ -52,5 +88,4 @@ def has_ros() -> bool:
 def _module(name: str) -> str:
     if name in _MODULES:
         return _MODULES[name]
-    is_node = find_spec(f"head_tracking.nodes.{name}") is not None
-    return f"nodes.{name}" if is_node else f"tools.{name}"
+    return f"nodes.{name}" if name in NODES else f"cli.{name}"

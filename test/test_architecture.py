@@ -44,10 +44,10 @@ ALLOWED: dict[str, set[str]] = {
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
     | {"recording", "control"},
     "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
-    "tools": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
+    "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),
     "__main__": {"run", "ros", "output", "programs"},
-    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line"},
+    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line", "programs"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 
@@ -55,7 +55,7 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
     "xacro": {"transforms/urdf.py"},
-    "rich": {"tools/servo/bench.py", "tools/servo/looks.py"},
+    "rich": {"cli/servo/bench.py", "cli/servo/overview.py"},
 }
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
@@ -119,8 +119,8 @@ def test_the_core_runs_where_no_ros_is():
         "import sys\n"
         f"for name in {ROS!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
-        + "import head_tracking.tools.check_model, head_tracking.tools.simulated_bus\n"
-        + "import head_tracking.tools.servo.main\n"
+        + "import head_tracking.cli.check_model, head_tracking.cli.simulated_bus\n"
+        + "import head_tracking.cli.servo.main\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
 

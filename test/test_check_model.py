@@ -1,6 +1,6 @@
 import pytest
 
-from head_tracking.tools.check_model import main
+from head_tracking.cli.check_model import main
 
 KINECTBOT = """\
 robot name is: kinectbot
@@ -29,11 +29,6 @@ def test_the_tree_is_the_tutorials(capsys):
     assert last.startswith("14 links and 13 joints, 2 of them moving: one root, ")
 
 
-def test_the_turtlebot_is_good_too(capsys):
-    assert main(["turtlebot"]) == 0
-    assert "root Link: base_link has 4 child(ren)" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -48,8 +43,3 @@ def test_a_bad_model_is_told_with_its_file(tmp_path, capsys, text, words):
     message = capsys.readouterr().err
     assert "bad.urdf" in message
     assert words in message
-
-
-def test_a_missing_model_is_told(capsys):
-    assert main(["nobot"]) == 1
-    assert "no robot 'nobot'" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from head_tracking.command_line import (
     servo_id,
     with_points,
 )
+from head_tracking.run.options import parse_arguments
 
 
 @pytest.mark.parametrize(
@@ -88,3 +89,23 @@ def test_what_is_no_point_is_told(text):
 def test_a_point_that_begins_with_a_minus_is_no_option():
     given = ["--target", "-1,0,0@a", "-.5,0,0@a", "-1", "--sim", "-p"]
     assert with_points(given) == ["--target", " -1,0,0@a", " -.5,0,0@a", "-1", "--sim", "-p"]
+
+
+@pytest.mark.parametrize(
+    ("target", "node", "parameter"),
+    [
+        ("@gripper_link", "frame_target", {"frame": "gripper_link"}),
+        ("bodies", "detection_target", {"source": "bodies"}),
+        ("ball", "visual_target", {"follow": "colour"}),
+    ],
+)
+def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: dict) -> None:
+    plan = parse_arguments(["--port", "/dev/null", "--target", target])
+    (chosen,) = [spec for spec in plan.nodes if spec.name.endswith("_target")]
+    assert (chosen.name, chosen.parameters) == (node, parameter)
+
+
+@pytest.mark.parametrize("target", ["@", "balls", "1,2@base_link"])
+def test_a_target_that_is_none_ends_with_2(target: str) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        parse_arguments(["--sim", "--target", target])

@@ -166,9 +166,12 @@ def test_an_installed_wheel_runs_without_its_environment_being_active(wheel, tmp
     (packages / "libraries.pth").write_text("\n".join(libraries()))
 
     assert {path.name for path in (prefix / "lib/head_tracking").iterdir()} == EXECUTABLES
+    assert EXECUTABLES & {path.name for path in (prefix / "bin").iterdir()} == {"head_tracking"}
     link = tmp_path / "link"
     link.symlink_to(prefix / "lib" / "head_tracking" / "check_model")
-    assert "robot name is: kinectbot" in run(link, "kinectbot", env=environment(), cwd=tmp_path)
+    for program in ([link], [prefix / "bin" / "head_tracking", "check_model"]):
+        said = run(*program, "kinectbot", env=environment(), cwd=tmp_path)
+        assert "robot name is: kinectbot" in said
 
     seen = run(python, "-c", LOOK, env=environment(AMENT_PREFIX_PATH=str(prefix)), cwd=tmp_path)
     file, found, share = seen.splitlines()

@@ -11,8 +11,8 @@ import pytest
 from terminal import Terminal
 from waiting import eventually
 
-from head_tracking.ros.stop_signal import ENDING
-from head_tracking.run.stop_key import StopKey
+from head_tracking.ros.kit.stop_signal import ENDING
+from head_tracking.run.stop_key import RESUME, STOP, StopKey, carry_out, meaning
 
 PROGRAM = Path(__file__).parent / "support" / "stop_key_program.py"
 
@@ -97,29 +97,27 @@ def test_in_the_background_the_terminal_is_the_shells(terminal):
 
 
 @pytest.mark.parametrize("keys", [b"\x1b[A ", b"rrs", b"s" * 64, b"\x1b s"])
-def test_a_stop_is_heard_among_other_keys_and_once(keys):
-    stops: list[str] = []
-    stream = io.StringIO()
-    with StopKey(lambda: stops, lambda: pytest.fail("resumed"), stops.append, stream) as key:
-        key._press(keys)
-    assert len(stops) == 1
+def test_a_stop_is_heard_among_other_keys(keys):
+    assert meaning(keys) == STOP
+
+
+def test_keys_of_a_sequence_mean_nothing():
+    assert meaning(b"\x1b[s\x1bOr") == ""
+    assert meaning(b"\x1b[sr") == RESUME
 
 
 def test_without_a_terminal_nothing_is_read():
-    for stream in (io.StringIO("s"), None):
-        with StopKey(lambda: ["stopped"], lambda: [], pytest.fail, stream) as key:
-            assert not key.works
+    key = StopKey(io.StringIO("s"))
+    assert not key.has_terminal
+    key.acquire()
+    assert not key.works
+    key.release()
 
 
 def test_a_stop_that_fails_says_that_nothing_is_confirmed():
-    said: list[str] = []
-
     def fail() -> list[str]:
         raise RuntimeError("no bus")
 
-    with StopKey(fail, lambda: [], said.append, io.StringIO()) as key:
-        key._press(b" ")
-        key._press(b"\x1b[s\x1bOr")
-    assert len(said) == 1
-    assert "RuntimeError: no bus" in said[0]
-    assert "NOT confirmed" in said[0]
+    shown = carry_out(STOP, fail, lambda: [])
+    assert "RuntimeError: no bus" in shown
+    assert "NOT confirmed" in shown

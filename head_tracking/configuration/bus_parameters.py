@@ -212,13 +212,13 @@ def configured_joint(
         )
     return JointConfiguration(
         name,
-        f"{dynamixel}_controller",
         motor.id,
         motor.init,
         motor.min,
         motor.max,
-        controller.joint_speed,
-        controller.max_speed or None,
-        model,
-        second,
+        controller=f"{dynamixel}_controller",
+        joint_speed=controller.joint_speed,
+        max_speed=controller.max_speed or None,
+        model=model,
+        second=second,
     )

@@ -369,9 +369,7 @@ class HeadControl:
                 return None
             found.append(position)
             stamps.append(stamp)
-        self.trouble = self._clock.standing or self._loop.held
-        if self._loop.held:
-            return None
+        self.trouble = self._clock.standing
         return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
 
     def _check_clock(self) -> None:

@@ -56,6 +56,12 @@ class JointBackend(Protocol):
 
     period: float
 
+    def start(self) -> None:
+        """Begin, after the controllers were added to the loop."""
+
+    def close(self) -> object:
+        """End: relax the servos of this process, and withdraw what was offered."""
+
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Take the goals of an owner, made in an epoch, to the joints; must not wait."""
 
@@ -76,7 +82,6 @@ class ControlLoop:
     Attributes:
         buffer: as given.
         owners: the same.
-        held: why the controllers may move nothing now; empty: they may.
         stuck: joints that cannot go where they are commanded, and why, as the servo bus of this
             process has found out; who begins a motion takes its joints out.
     """
@@ -84,7 +89,6 @@ class ControlLoop:
     def __init__(self, buffer: TransformBuffer | None, owners: JointOwners | None = None) -> None:
         self.buffer = buffer
         self.owners = owners or JointOwners()
-        self.held = ""
         self.stuck: dict[str, str] = {}
         self._backend: JointBackend | None = None
         self._complete: Completer = lambda measured: measured
@@ -185,7 +189,3 @@ class ControlLoop:
         """Run the cycle for joints of another process, whose states the buffer has received."""
         self.update(joints)
         self.publish(joints, 0, {})
-
-    def hold(self, reason: str) -> None:
-        """Keep the controllers from moving anything, for a reason; an empty one ends that."""
-        self.held = reason

@@ -30,12 +30,11 @@ from head_tracking.dynamixel.exceptions import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
-    ServoModeError,
     ServoNotFoundError,
+    ServoSetupError,
     StoppedError,
     TorqueError,
     UnknownRegisterError,
-    WrongModelError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -64,7 +63,7 @@ from head_tracking.dynamixel.state import (
     Symptom,
     Torque,
 )
-from head_tracking.dynamixel.thread import Buses, BusThread, BusTiming
+from head_tracking.dynamixel.thread import BusThread, BusTiming
 
 __all__ = [
     "Adapter",
@@ -76,7 +75,6 @@ __all__ = [
     "BusStoppedError",
     "BusThread",
     "BusTiming",
-    "Buses",
     "CommandResult",
     "CommunicationError",
     "ConfigurationError",
@@ -114,9 +112,9 @@ __all__ = [
     "ServoCalibration",
     "ServoError",
     "ServoIdentity",
-    "ServoModeError",
     "ServoModel",
     "ServoNotFoundError",
+    "ServoSetupError",
     "ServoState",
     "ServoStatistics",
     "StoppedError",
@@ -124,7 +122,6 @@ __all__ = [
     "Torque",
     "TorqueError",
     "UnknownRegisterError",
-    "WrongModelError",
     "XL320Errors",
     "check_configuration",
     "describe_errors",

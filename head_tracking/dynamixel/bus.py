@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future
 from contextlib import suppress
-from typing import Final, TypeVar
+from typing import Final
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.configuration import (
@@ -31,16 +30,11 @@ from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run, summary
 from head_tracking.dynamixel.state import (
-    BusEvent,
     BusReading,
     BusStatistics,
     CommandResult,
     Goal,
-    Torque,
-    check_speed,
 )
-
-_T = TypeVar("_T")
 
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
@@ -48,9 +42,9 @@ _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case t
 class ServoBus:
     """Reads and drives the servos of one port.
 
-    One thread owns the bus: it calls `connect`, `step`, everything that talks to servos, and
-    `close` (`BusThread` is that thread). Any thread may call `command`, `set_speed`, and what only
-    looks.
+    One thread owns the bus: it calls `connect`, `step` or the methods of `cycle`, everything that
+    talks to servos, and `close` (`BusThread` is that thread). Any thread may call `command`, and
+    what only looks.
 
     Servos start relaxed. The first command to a joint switches its torque on; after
     `switching_torque(..., False)` commands are refused until `switching_torque(..., True)`. Goals
@@ -60,8 +54,8 @@ class ServoBus:
     Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
     with what is there and looks for the rest.
 
-    What takes several transactions, such as `recovering`, comes as steps: `submit` spreads them
-    over the cycles, `run` takes them at once.
+    What takes several transactions, such as `recovering`, comes as steps: the cycles take those of
+    `requests` one by one; `servo.run` takes them at once.
 
     Args:
         port: Where the servos are.
@@ -73,6 +67,7 @@ class ServoBus:
         epoch: Counts STOPs; shared with everything that is stopped together. None: its own.
 
     Attributes:
+        cycle: Reads and writes.
         requests: What is to be done, and the goals that have not been written.
 
     Raises:
@@ -104,7 +99,7 @@ class ServoBus:
         self._procedures = Procedures(
             port, self._all, self.requests, events, settings, monotonic, pause
         )
-        self._cycle = Cycle(
+        self.cycle = Cycle(
             port,
             self._joints,
             changes,
@@ -135,15 +130,15 @@ class ServoBus:
 
         Args:
             goals: Goal by joint name.
-            clamp: Move positions outside the limits to the limit instead of refusing them. One
-                tick of excess always counts as being on the limit.
+            clamp: For a stream of commands: move positions outside the limits to the limit, and
+                leave joints out that take no commands now, instead of refusing all. One tick of
+                excess always counts as being on the limit.
             claim: Gets the joints that shall move before they do; it may refuse, by raising.
             epoch: When the command was made, see `Epoch`; None: now.
 
         Raises:
-            GoalError: A joint is unknown or takes no commands now, a position is not finite or
-                outside the limits, a speed is not finite or not above 0, or no joint of the
-                command answers. Nothing has changed.
+            GoalError: A joint is unknown, a position is not finite or outside the limits, a speed
+                is not finite or not above 0, or joints take no commands now. Nothing has changed.
             StoppedError: STOP came after the command was made. Nothing has changed.
             NotConnectedError: `connect` has not been called.
         """
@@ -153,17 +148,20 @@ class ServoBus:
             epoch = self.requests.epoch.value
         else:
             self.requests.check(epoch)
-        _, incomplete = self._cycle.absent
+        _, incomplete = self.cycle.absent
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
-        lost: tuple[str, ...] = ()
+        left_out: dict[str, str] = {}
         try:
             for name, goal in goals.items():
-                joint = self._joints.get(name) or self._joint(name)
+                joint = self._joints.get(name) or self.joint(name)
+                if clamp and not joint.on and joint.torque.waits:
+                    left_out[name] = joint.torque.value
+                    continue
                 position = joint.admit(goal, clamp)
                 if incomplete and name in incomplete:
-                    lost += (name,)
+                    left_out[name] = "a servo of it does not answer; it is asked again all the time"
                     continue
                 positions[name] = position
                 if position == goal.position:
@@ -172,11 +170,9 @@ class ServoBus:
                 admitted[name] = Goal(position, goal.speed)
                 if abs(position - goal.position) > joint.configuration.resolution:
                     clamped[name] = position - goal.position
-            if lost and not positions:
-                raise GoalError(
-                    f"command refused: the servo of {', '.join(lost)} does not answer; it is asked "
-                    "again all the time and can be commanded once it answers"
-                )
+            if left_out and not positions:
+                reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+                raise GoalError(f"command refused: {reasons}")
         except GoalError:
             self._refused += 1
             raise
@@ -185,37 +181,20 @@ class ServoBus:
         self.requests.put_goals(admitted, epoch)
         if clamped:
             self._clamped += 1
-        return CommandResult(positions, clamped, lost)
+        return CommandResult(positions, clamped, left_out)
 
-    def set_speed(self, joint: str, speed: float) -> None:
-        """Set the speed, rad/s, for commands that give none, also for one under way.
-
-        Raises:
-            GoalError: The joint is unknown, or the speed not finite or not above 0.
-        """
-        check_speed(joint, speed)
-        self._joint(joint).set_default_speed(speed)
-
-    def speed(self, joint: str) -> float:
-        """Return the speed for commands that give none, rad/s; raises GoalError if unknown."""
-        found = self._joint(joint)
-        return min(found.default_speed, found.configuration.speed_limit)
-
-    def torque(self, joint: str) -> Torque:
-        """Return the torque of a joint; raises GoalError if it is unknown."""
-        return self._joint(joint).torque
-
-    def limits(self, joint: str) -> tuple[float, float]:
-        """Return lowest and highest position, rad, that configuration and servo allow.
+    def joint(self, name: str) -> Joint:
+        """Return a joint. Any thread may look at it, and call `set_default_speed`.
 
         Raises:
-            GoalError: The joint is unknown.
+            GoalError: It is unknown.
         """
-        return self._joint(joint).limits
-
-    def check_limits(self, joint: str, lowest: int, highest: int) -> None:
-        """Refuse what `set_limits` would refuse; changes nothing."""
-        self._joint(joint).check(lowest, highest)
+        try:
+            return self._joints[name]
+        except KeyError:
+            raise GoalError(
+                f"no joint {name!r} on this bus; it has {', '.join(self._joints)}"
+            ) from None
 
     @property
     def epoch(self) -> Epoch:
@@ -251,15 +230,15 @@ class ServoBus:
     def statistics(self) -> BusStatistics:
         """Return the counters."""
         return BusStatistics(
-            self._cycle.cycles,
+            self.cycle.cycles,
             self._refused,
             self._clamped,
             tuple(
-                servo.statistics(joint.torque, joint.stopped, *self._cycle.diagnosis.of(servo.id))
+                servo.statistics(joint.torque, joint.stopped, *self.cycle.diagnosis.of(servo.id))
                 for joint, servo in self._each_servo()
             ),
-            self._connected and self._cycle.port_is_there,
-            self._cycle.port_losses,
+            self._connected and self._port.is_open,
+            self.cycle.port_losses,
             self._port.adapter,
         )
 
@@ -304,9 +283,7 @@ class ServoBus:
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)
-        for joint in self._all:
-            joint.confirmed = joint.complete
-        self._cycle.begin()
+        self.cycle.begin()
         return self.summary
 
     def _identify_at_once(self, servo: Servo) -> None:
@@ -332,6 +309,7 @@ class ServoBus:
                 problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
+            self.cycle.end()
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
 
@@ -346,21 +324,10 @@ class ServoBus:
         self.requests.drop_goals()
         for joint in self._all:
             joint.hold(self._settings.retries)
-        self._cycle.write_goals(also_silent=True)
-
-    # Owner's thread: the cycle
+        self.cycle.write_goals(also_silent=True)
 
     def step(self) -> BusReading:
-        """Run one cycle: `read`, then `write`."""
-        reading = self.read()
-        events = self.write()
-        return reading._replace(events=(*reading.events, *events)) if events else reading
-
-    def read(self) -> BusReading:
-        """Begin a cycle: read every servo, and look after those that are not as usual.
-
-        Returns:
-            What was read in this cycle; joints that did not answer are absent.
+        """Run one cycle; see `Cycle.read` and `Cycle.write`.
 
         Raises:
             NotConnectedError: `connect` has not been called.
@@ -368,55 +335,11 @@ class ServoBus:
         """
         if not self._connected:
             self._require_connection()
-        return self._cycle.read()
+        reading = self.cycle.read()
+        events = self.cycle.write()
+        return reading._replace(events=(*reading.events, *events)) if events else reading
 
-    def write(self) -> tuple[BusEvent, ...]:
-        """End a cycle: write all goals, take steps of what is under way.
-
-        Returns:
-            What has happened meanwhile.
-
-        Raises:
-            PortLostError: The port has gone and cannot come back under its name.
-        """
-        return self._cycle.write() if self._connected else ()
-
-    def fill(self, until: int) -> bool:
-        """Take a step of what is under way between two cycles, if there is time for it.
-
-        Args:
-            until: When the next cycle is due, monotonic ns.
-
-        Returns:
-            Whether a step was taken.
-
-        Raises:
-            PortLostError: The port has gone and cannot come back under its name.
-        """
-        return self._connected and self._cycle.fill(until)
-
-    # Owner's thread: what takes longer than one transaction
-
-    def submit(self, steps: Steps[_T], *, despite_stop: bool = False) -> Future[_T]:
-        """Take steps, the first one now and the others between the work of the next cycles.
-
-        Args:
-            steps: The steps; cancelling the future ends them.
-            despite_stop: Whether they go on after a STOP; see `Request`.
-        """
-        request = self.requests.start(steps, despite_stop=despite_stop)
-        self.requests.advance(request)
-        return request.future
-
-    def run(self, steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
-        """Take steps at once, after those that are under way; raises what they raise."""
-        under_way = self.requests.under_way
-        while under_way:
-            self.requests.advance(under_way[0])
-            under_way.rotate(-1)
-        return run(steps, pause)
-
-    # Owner's thread: requests
+    # Owner's thread: what takes longer than one transaction, as steps
 
     def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
         """Return the steps that switch the torque of some joints, or of all (None).
@@ -497,29 +420,6 @@ class ServoBus:
         """
         return self._procedures.starting(self._require_connection(joints))
 
-    def set_limits(
-        self,
-        joint: str,
-        *,
-        lowest: int | None = None,
-        highest: int | None = None,
-        max_speed: float | None = None,
-    ) -> None:
-        """Change the limits of a joint; a goal outside moves inside. None leaves one as it is.
-
-        Args:
-            joint: The joint.
-            lowest: Its `min`, in ticks.
-            highest: Its `max`, in ticks.
-            max_speed: Highest speed, rad/s; 0 for the model's own.
-
-        Raises:
-            GoalError: The joint is unknown.
-            ConfigurationError: Its servo cannot do that, or it would turn round; nothing has
-                changed.
-        """
-        self._joint(joint).reconfigure(lowest, highest, max_speed)
-
     def writing_eeprom(
         self, joint: str, settings: EepromSettings
     ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
@@ -556,12 +456,4 @@ class ServoBus:
             raise NotConnectedError(f"the bus on {self._port.name} is not connected")
         if joints is None:
             return list(self._all)
-        return [self._joint(name) for name in dict.fromkeys(joints)]
-
-    def _joint(self, name: str) -> Joint:
-        try:
-            return self._joints[name]
-        except KeyError:
-            raise GoalError(
-                f"no joint {name!r} on this bus; it has {', '.join(self._joints)}"
-            ) from None
+        return [self.joint(name) for name in dict.fromkeys(joints)]

@@ -14,20 +14,20 @@ from head_tracking.dynamixel.protocol import MAX_ID
 
 @dataclass(frozen=True, slots=True)
 class ServoCalibration:
-    """Where a servo's joint has its zero and which way round it turns.
+    """Where a servo's joint has its zero, in which direction it turns, and how far it may turn.
 
     The convention is dynamixel_motor's: position 0 rad is at tick `init`; `min` above `max` says
     that the servo is mounted the other way round, which turns the sign of position, velocity and
-    load.
+    load. Ticks become radians here and nowhere else.
 
     Attributes:
-        joint_name: The joint, for messages.
+        joint_name: The joint in the robot model.
         id: Servo id, 0 to 253 (protocol 2.0: to 252).
         init: Tick of position 0 rad.
         min: Tick of the lowest position.
         max: Tick of the highest position.
         model: The servo's model.
-        reversed: Whether rising ticks are falling positions.
+        direction: -1 if rising ticks are falling positions, else 1.
         scale: What one tick more is for the joint's position, rad.
         lowest_turn: Lowest tick of the turn around the middle of the range. A servo whose scale
             goes round counts on beyond a turn while it is relaxed.
@@ -38,15 +38,16 @@ class ServoCalibration:
 
     joint_name: str
     id: int
-    init: int
-    min: int
-    max: int
+    init: int = 512
+    min: int = 0
+    max: int = 1023
     model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
-    reversed: bool = field(init=False, repr=False, compare=False)
+    direction: int = field(init=False, repr=False, compare=False)
     scale: float = field(init=False, repr=False, compare=False)
     lowest_turn: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        _check_name("joint_name", self.joint_name)
         last = self.model.ticks - 1
         limits = (("id", MAX_ID[self.model.protocol]), ("init", last), ("min", last), ("max", last))
         for name, highest in limits:
@@ -62,21 +63,46 @@ class ServoCalibration:
                 f"{self.joint_name}: min: {self.min} and max: {self.max} are not possible with "
                 f"init: {self.init}; they must differ, and init, position 0, must lie between them"
             )
-        object.__setattr__(self, "reversed", self.min > self.max)
-        scale = self.model.radians_per_tick
-        object.__setattr__(self, "scale", -scale if self.reversed else scale)
+        object.__setattr__(self, "direction", -1 if self.min > self.max else 1)
+        object.__setattr__(self, "scale", self.direction * self.resolution)
         middle = (self.min + self.max + 1) // 2
         object.__setattr__(self, "lowest_turn", middle - self.model.ticks // 2)
 
     @property
     def tick_range(self) -> tuple[int, int]:
-        """Lowest and highest tick, whichever way round the servo is mounted."""
+        """Lowest and highest tick, in whichever direction the servo turns."""
         return (self.max, self.min) if self.min > self.max else (self.min, self.max)
+
+    @property
+    def lower(self) -> float:
+        """Lowest position, rad."""
+        return self.position(self.min)
+
+    @property
+    def upper(self) -> float:
+        """Highest position, rad."""
+        return self.position(self.max)
 
     @property
     def resolution(self) -> float:
         """Angle of one tick, rad."""
         return self.model.radians_per_tick
+
+    def within(self, own_range: tuple[int, int]) -> tuple[int, int]:
+        """Return lowest and highest tick that this and a servo's own angle limits allow.
+
+        Raises:
+            ConfigurationError: They have nothing in common.
+        """
+        (low, high), (lower, upper) = self.tick_range, own_range
+        lowest, highest = max(low, lower), min(high, upper)
+        if lowest >= highest:
+            raise ConfigurationError(
+                f"{self.joint_name}: the configuration allows ticks {low} to {high}, servo "
+                f"{self.id} itself {lower} to {upper}: nothing in common; correct min and max or "
+                "the servo's angle limits"
+            )
+        return lowest, highest
 
     def position(self, ticks: float) -> float:
         """Return the joint's position, rad, at a tick (a simulated servo has fractions of one)."""
@@ -95,54 +121,29 @@ def fastest_speed(model: ServoModel) -> float:
     return min(model.speed_maximum * model.speed_unit, 2.0 * model.no_load_speed)
 
 
-@dataclass(frozen=True, slots=True)
-class JointConfiguration:
-    """One joint and the servo that drives it, or two that do so together.
-
-    See `ServoCalibration` for the meaning of ticks.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointConfiguration(ServoCalibration):
+    """One joint: the calibration of the servo that drives it, and perhaps of a second one.
 
     Attributes:
-        joint_name: The joint in the robot model.
         controller: Prefix of the joint's topics, such as head_pan_controller.
-        id: Servo id, 0 to 253.
-        init: Tick of position 0 rad.
-        min: Tick of the lowest position.
-        max: Tick of the highest position.
         joint_speed: Speed used when a command gives none, rad/s; `speed_limit` reduces it.
         max_speed: Highest speed ever asked of the servo, rad/s; None stands for the model's
             no-load speed. See `speed_limit`.
-        model: The servo's model.
         second: The other servo of a joint that two of them drive.
-        calibration: Of the first servo.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
     """
 
-    joint_name: str
     controller: str
-    id: int
-    init: int = 512
-    min: int = 0
-    max: int = 1023
     joint_speed: float = 2.0
     max_speed: float | None = None
-    model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     second: ServoCalibration | None = None
-    calibration: ServoCalibration = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("joint_name", "controller"):
-            text = getattr(self, name)
-            if not isinstance(text, str) or not text.strip():
-                raise ConfigurationError(f"{name} must be a name, not {text!r}")
-        calibration = ServoCalibration(
-            self.joint_name, self.id, self.init, self.min, self.max, self.model
-        )
-        object.__setattr__(self, "calibration", calibration)
-        self._check_speeds()
-
-    def _check_speeds(self) -> None:
+        ServoCalibration.__post_init__(self)  # slots: super() would not find this class
+        _check_name("controller", self.controller)
         fastest = fastest_speed(self.model)
         for name in ("joint_speed", "max_speed"):
             speed = getattr(self, name)
@@ -157,41 +158,13 @@ class JointConfiguration:
     @property
     def calibrations(self) -> tuple[ServoCalibration, ...]:
         """The servos that drive the joint."""
-        return (self.calibration,) if self.second is None else (self.calibration, self.second)
-
-    @property
-    def tick_range(self) -> tuple[int, int]:
-        """Lowest and highest tick, whichever way round the servo is mounted."""
-        return self.calibration.tick_range
-
-    @property
-    def lower(self) -> float:
-        """Lowest position, rad."""
-        return self.position(self.min)
-
-    @property
-    def upper(self) -> float:
-        """Highest position, rad."""
-        return self.position(self.max)
-
-    @property
-    def resolution(self) -> float:
-        """Angle of one tick, rad."""
-        return self.calibration.resolution
+        return (self,) if self.second is None else (self, self.second)
 
     @property
     def speed_limit(self) -> float:
         """Highest speed ever asked of the servos, rad/s."""
         slowest = min(each.model.no_load_speed for each in self.calibrations)
         return slowest if self.max_speed is None else self.max_speed
-
-    def position(self, ticks: float) -> float:
-        """Return the joint's position, rad, at a tick; see `ServoCalibration.position`."""
-        return self.calibration.position(ticks)
-
-    def ticks(self, position: float) -> int:
-        """Return the tick next to a position in rad; see `ServoCalibration.ticks`."""
-        return self.calibration.ticks(position)
 
 
 def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConfiguration, ...]:
@@ -325,6 +298,11 @@ def _named_errors(model: ServoModel, names: tuple[str, ...]) -> list[IntFlag]:
                 f"the {model.name} has no error {name!r}; it has {', '.join(known)}"
             )
     return [known[name] for name in names]
+
+
+def _check_name(name: str, text: object) -> None:
+    if not isinstance(text, str) or not text.strip():
+        raise ConfigurationError(f"{name} must be a name, not {text!r}")
 
 
 def _is_integer(value: object) -> bool:

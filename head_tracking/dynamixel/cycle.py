@@ -36,6 +36,8 @@ _SHARE: Final = 10
 """Silence may take a tenth of the bus's time: a servo that cost 2 ms rests for 18 ms."""
 _LONGEST_WAIT: Final = 100_000_000  # ns that are believed; a clock may jump
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; what is looked for lasts 60 ms and more
+_RESTART: Final = 200_000_000
+"""ns between two cycles in which a servo may have lost its power and started again."""
 _MOST_STEPS: Final = 100  # in a cycle, should a clock stand still
 
 
@@ -84,16 +86,8 @@ class Cycle:
         self._requests, self._procedures, self._events = requests, procedures, events
         self._settings, self._clock, self._monotonic = settings, clock, monotonic
         self._all = tuple(joints.values())
-        self._protection = Protection(events.note, procedures.cut, settings)
-        self._told = self._protection.told
-        self.diagnosis = Diagnosis(
-            self._all,
-            events.note,
-            procedures.cut,
-            procedures.begin,
-            procedures.clear_watchdog,
-            settings,
-        )
+        self._protection = Protection(events, procedures, settings)
+        self.diagnosis = Diagnosis(self._all, events, procedures, settings)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
@@ -107,12 +101,6 @@ class Cycle:
         self._absent: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         self._absent_at = -1  # the changes that this knows
         self._incomplete: tuple[str, ...] = ()  # in this cycle
-        self._watched = False
-
-    @property
-    def port_is_there(self) -> bool:
-        """Whether the port has not gone."""
-        return self._look_again_at is None
 
     @property
     def absent(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -134,8 +122,19 @@ class Cycle:
         self._planned = -1
         self.diagnosis.report_swapped()
 
+    def end(self) -> None:
+        """End the cycles, before the port is closed."""
+        self._there = False
+
     def read(self) -> BusReading:
-        """Read every servo, and look after those that are not as usual; see `ServoBus.read`."""
+        """Begin a cycle: read every servo, and look after those that are not as usual.
+
+        Returns:
+            What was read in this cycle; joints that did not answer are absent.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self.cycles += 1
         start = self._monotonic()
         stamp = self._clock()
@@ -147,7 +146,7 @@ class Cycle:
             self._procedures.obey_stop()
         try:
             if (self._look_again_at is None and self._port.is_open) or self._find_port():
-                if self._watched and start - self._last > self._watchdog:
+                if start - self._last > _RESTART:
                     self._stood_still(start - self._last)
                 self._last = start
                 if self._planned != self._changes.count:
@@ -169,7 +168,14 @@ class Cycle:
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
-        """Write all goals and take steps of what is under way; see `ServoBus.write`."""
+        """End a cycle: write all goals, take steps of what is under way.
+
+        Returns:
+            What has happened meanwhile.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         if not self._there:
             return ()
         try:
@@ -192,7 +198,7 @@ class Cycle:
 
     def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was not as usual."""
-        port, rest, told = self._port, self._rest, self._told
+        port, rest = self._port, self._rest
         timeout = self._settings.command_timeout
         troubled = False
         begin = port.clock()
@@ -207,10 +213,8 @@ class Cycle:
                     if (
                         reply.error
                         or servo.errors
-                        or servo.interrupted
                         or state.temperature >= rest
                         or joint.resting
-                        or (told and servo.id in told)
                         or timeout
                     ):
                         troubled = True
@@ -290,7 +294,6 @@ class Cycle:
         retries = self._settings.retries
         self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
         self._planned = planned
-        self._watched = any(servo.watched for _, servo in self._each_servo())
 
     def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
         """Return the request that reads some servos, which are alike."""
@@ -317,8 +320,7 @@ class Cycle:
             if joint.torque.waits or not joint.complete:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
-            read = all(servo.link is LinkState.PRESENT for servo in joint.servos)
-            if read and not joint.busy:  # torque needs to know where it stands
+            if joint.writable and not joint.busy:  # torque needs to know where it stands
                 self._procedures.switch_on_for_goal(joint)
 
     def write_goals(self, also_silent: bool = False) -> None:
@@ -370,7 +372,17 @@ class Cycle:
         return True
 
     def fill(self, until: int) -> bool:
-        """Take a step between two cycles; see `ServoBus.fill`."""
+        """Take a step of what is under way between two cycles, if there is time for it.
+
+        Args:
+            until: When the next cycle is due, monotonic ns.
+
+        Returns:
+            Whether a step was taken.
+
+        Raises:
+            PortLostError: The port has gone and cannot come back under its name.
+        """
         self._longest = max(self._longest, self._took)
         try:
             return self._there and self._advance(until)
@@ -381,12 +393,17 @@ class Cycle:
     # Who goes and who comes
 
     def _stood_still(self, gap: int) -> None:
-        """Hold the joints whose servos may have stopped by themselves since the last cycle.
+        """Look after the joints whose servos may not be as they were in the last cycle.
 
-        A tripped watchdog answers reads and ignores goals, so that only the time tells.
+        They may have been without power, and answer again: their torque is read before they get a
+        goal. Those with a Bus Watchdog may have stopped by themselves: they are held. A tripped
+        watchdog answers reads and ignores goals, so that only the time tells.
         """
         for joint in self._all:
-            if joint.on and joint.complete and any(servo.watched for servo in joint.servos):
+            for servo in joint.servos:
+                servo.interrupt()
+            watched = gap > self._watchdog and any(servo.watched for servo in joint.servos)
+            if watched and joint.on and joint.complete:
                 why = f"the bus stood still for {gap * 1e-9:.1f} s"
                 self._procedures.clear_watchdog(joint, why)
 
@@ -395,7 +412,6 @@ class Cycle:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= self._settings.lost_after:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
-            servo.readable = False  # it is not counted as returned before it can be read
         servo.lose(now + round(self._settings.poll_interval * 1e9))
         self._events.note(EventKind.LOST, joint, text)
         if joint.lost:
@@ -411,11 +427,11 @@ class Cycle:
             if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
                 servo.ask_at = now + round(self._settings.poll_interval * 1e9)
                 with suppress(CommunicationError):
-                    if servo.readable:
-                        servo.ping()
-                    else:
+                    if servo.damaged_cycles:  # two servos with one id may answer pings
                         servo.read_feedback()
-                        servo.readable = True
+                        servo.damaged_cycles = 0
+                    else:
+                        servo.ping()
                     self._procedures.return_servo(joint, servo)
                 return self._monotonic() - now
         return 0

@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.events import Note
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.models import ServoModel
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
@@ -49,6 +50,16 @@ def lowest_supply(model: ServoModel, lowest_voltage: float, share: float = 0.8) 
     return max(share * model.nominal_voltage, lowest_voltage + 0.5)
 
 
+def low_supply(servo: Servo, lowest: float) -> str:
+    """Return a sentence if a servo's supply is below a voltage, else nothing."""
+    if servo.voltage >= lowest:
+        return ""
+    return (
+        f"its supply is down to {servo.voltage:.1f} V, of {servo.model.nominal_voltage:.1f} V that "
+        "it is made for: charge the battery, or take a stronger supply"
+    )
+
+
 def warm_from(warm: float, temperature_limit: float) -> float:
     """Return the temperature, °C, from which a servo is too warm.
 
@@ -57,6 +68,37 @@ def warm_from(warm: float, temperature_limit: float) -> float:
         temperature_limit: At which it shuts itself down; it is warm 8 degrees below.
     """
     return min(warm, temperature_limit - 8.0)
+
+
+def warmth(servo: Servo, warm: float) -> str:
+    """Return a sentence if an identified servo is as warm as that, °C, else nothing."""
+    identity = servo.identity
+    if identity is None or servo.temperature < warm:
+        return ""
+    return (
+        f"it is at {servo.temperature:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts "
+        "itself down: what does it work against?"
+    )
+
+
+def conditions(servo: Servo, warm: float, share: float = 0.8) -> dict[Symptom, str]:
+    """Return what one reading of an identified servo tells: supply and heat, a sentence each.
+
+    Args:
+        servo: The servo, as read last.
+        warm: See `warm_from`.
+        share: See `lowest_supply`.
+    """
+    identity = servo.identity
+    if identity is None:
+        return {}
+    found = {
+        Symptom.SUPPLY: low_supply(
+            servo, lowest_supply(servo.model, identity.lowest_voltage, share)
+        ),
+        Symptom.WARM: warmth(servo, warm_from(warm, identity.temperature_limit)),
+    }
+    return {symptom: text for symptom, text in found.items() if text}
 
 
 def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
@@ -80,7 +122,7 @@ class _Watch:
 
     def __init__(self, joint: Joint, servo: Servo, index: int) -> None:
         self.joint, self.servo, self.index = joint, servo, index
-        self.tick = abs(servo.scale)
+        self.tick = servo.model.radians_per_tick
         self.now = self.cycle = 0  # ns; number of the cycle
         self.elapsed = self.step = self.error = self.asked = 0.0
         self.identity: ServoIdentity | None = None
@@ -148,13 +190,8 @@ def _frozen(watch: _Watch) -> str:
 
 def _low_supply(watch: _Watch) -> str:
     """Find a voltage below what the servo needs."""
-    volts = watch.servo.voltage
-    if volts >= watch.lowest or not watch.lasting("low supply", 0.06):
-        return ""
-    return (
-        f"its supply is down to {volts:.1f} V, of {watch.servo.model.nominal_voltage:.1f} V that "
-        "it is made for: charge the battery, or take a stronger supply"
-    )
+    text = low_supply(watch.servo, watch.lowest)
+    return text if text and watch.lasting("low supply", 0.06) else ""
 
 
 def _sag(watch: _Watch) -> str:
@@ -172,14 +209,36 @@ def _sag(watch: _Watch) -> str:
 
 def _warmth(watch: _Watch) -> str:
     """Find a temperature near that at which it shuts itself down; 3 degrees less end it."""
-    celsius, identity = watch.servo.temperature, watch.identity
-    if identity is None or celsius < watch.warm - 3.0:
-        return ""
-    if celsius < watch.warm and Symptom.WARM not in watch.symptoms:
+    slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
+    return warmth(watch.servo, watch.warm - slack)
+
+
+def _line(watch: _Watch) -> str:
+    """Find 4 transactions that failed within 0.3 s, with a servo that answers."""
+    counters = watch.servo.counters
+    failed = counters.timeouts + counters.corrupt
+    watch.failures += [watch.now] * min(4, failed - watch.failed)
+    watch.failed = failed
+    watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
+    if len(watch.failures) < 4 or watch.servo.failed_cycles:
         return ""
     return (
-        f"it is at {celsius:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts itself down: "
-        "what does it work against?"
+        f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: plugs, "
+        "cables, ground, or two servos with one id"
+    )
+
+
+def _apart(watch: _Watch) -> str:
+    """Find that the two servos of a joint are apart."""
+    first, second = watch.joint.servos
+    apart = abs(first.position - second.position)
+    comparable = first.answers and second.answers and not watch.joint.busy
+    far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
+    if not (far and watch.lasting("apart", 0.06)):
+        return ""
+    return (
+        f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a horn has "
+        "slipped, or one is mounted or calibrated the wrong way round"
     )
 
 
@@ -260,6 +319,9 @@ def _stuck(watch: _Watch) -> str:
 
 Detector = tuple[Symptom, Callable[[_Watch], str]]
 
+LINE: Final[tuple[Detector, ...]] = ((Symptom.LINE, _line),)
+"""For a servo with a failed transaction since the last examination, also if it was not read."""
+
 MOTION: Final[tuple[Detector, ...]] = ((Symptom.JUMP, _jump), (Symptom.FROZEN, _frozen))
 """For every servo that was read."""
 
@@ -277,30 +339,28 @@ FOLLOWING: Final[tuple[Detector, ...]] = (
 )
 """For a servo that follows goals. Before one of these is reported, registers tell the cause."""
 
+PAIR: Final[tuple[Detector, ...]] = ((Symptom.APART, _apart),)
+"""For the first servo of a joint that two of them turn."""
+
 
 class Diagnosis:
     """Examines all servos once a cycle, after they were read.
 
     Args:
         joints: All joints of the bus.
-        note: Notes an event.
-        cut: Relaxes a joint at once, and makes sure of it in later cycles.
-        enqueue: Takes steps before goals are written, in this cycle and the next ones.
-        clear_watchdog: Holds a joint where it is, with its watchdog armed anew.
+        events: Takes what is found.
+        procedures: Asks servos why, relaxes joints, clears watchdogs.
         settings: Temperatures.
     """
 
     def __init__(
         self,
         joints: Iterable[Joint],
-        note: Note,
-        cut: Callable[[Joint], None],
-        enqueue: Callable[[Steps[None]], object],
-        clear_watchdog: Callable[[Joint], None],
+        events: Events,
+        procedures: Procedures,
         settings: BusSettings,
     ) -> None:
-        self._note, self._cut, self._enqueue = note, cut, enqueue
-        self._clear_watchdog = clear_watchdog
+        self._note, self._procedures = events.note, procedures
         self._warm = settings.warm
         self._joints = [
             (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
@@ -333,9 +393,8 @@ class Diagnosis:
                     self._clear(watch)
                 if joint.goal_ticks:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
-                counters = servo.counters
-                if counters.timeouts + counters.corrupt != watch.failed:
-                    self._count(watch, counters.timeouts + counters.corrupt)
+                if servo.counters.timeouts + servo.counters.corrupt != watch.failed:
+                    self._find(watch, LINE)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
                     self._examine(watch)
                 else:
@@ -343,7 +402,7 @@ class Diagnosis:
                     if servo.lost and watch.target:
                         self._end(watch, "not reached: the servo does not answer")
             if len(watches) > 1:
-                self._compare(*watches)
+                self._find(watches[0], PAIR)
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -357,19 +416,15 @@ class Diagnosis:
             self._know(watch)
         volts = servo.voltage
         usual = volts == watch.usual_voltage and volts >= watch.lowest
-        for symptom, find in MOTION:
-            if text := find(watch):
-                self._report(watch, symptom, text)
+        self._find(watch, MOTION)
         if not usual or servo.temperature >= watch.warm - 3.0:
-            for symptom, find in SUPPLY:
-                if text := find(watch):
-                    self._report(watch, symptom, text)
+            self._find(watch, SUPPLY)
         if not joint.on or joint.busy or not joint.goal_ticks:
             watch.forget_motion()
             if watch.target and not joint.busy:
                 self._end(watch, f"not reached: {joint.torque.value}")
             return
-        watch.error = (joint.goal_ticks[watch.index] - servo.zero) * servo.scale - servo.position
+        watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
         watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
         if watch.target != joint.goal_ticks:
             watch.target, watch.outcome = joint.goal_ticks, _UNDER_WAY
@@ -398,7 +453,7 @@ class Diagnosis:
         watch.examined = watch.now
         if suspicion is Symptom.BLOCKED and abs(watch.servo.load) < _DRIVES:
             suspicion = Symptom.IDLE
-        self._enqueue(self._examining(watch, suspicion, text))
+        self._procedures.begin(self._examining(watch, suspicion, text))
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
@@ -426,34 +481,14 @@ class Diagnosis:
                 break  # a goal that went out while the bus was held up is not somebody else's
         self._report(watch, symptom, why)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
-            self._cut(joint)
+            self._procedures.cut(joint)
         elif symptom is Symptom.TRIPPED:
-            self._clear_watchdog(joint)
+            self._procedures.clear_watchdog(joint)
 
-    def _compare(self, watch: _Watch, other: _Watch) -> None:
-        """Find that the two servos of a joint are apart."""
-        first, second = watch.servo, other.servo
-        apart = abs(first.position - second.position)
-        comparable = first.answers and second.answers and not watch.joint.busy
-        far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
-        if far and watch.lasting("apart", 0.06):
-            text = (
-                f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a "
-                "horn has slipped, or one is mounted or calibrated the wrong way round"
-            )
-            self._report(watch, Symptom.APART, text)
-
-    def _count(self, watch: _Watch, failed: int) -> None:
-        """Note failed transactions of the last cycle; 4 within 0.3 s are too many."""
-        watch.failures += [watch.now] * min(4, failed - watch.failed)
-        watch.failed = failed
-        watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
-        if len(watch.failures) >= 4 and not watch.servo.failed_cycles:
-            text = (
-                f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: "
-                "plugs, cables, ground, or two servos with one id"
-            )
-            self._report(watch, Symptom.LINE, text)
+    def _find(self, watch: _Watch, detectors: tuple[Detector, ...]) -> None:
+        for symptom, find in detectors:
+            if text := find(watch):
+                self._report(watch, symptom, text)
 
     def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
         watch.seen[symptom] = watch.now

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from typing import Final, Protocol
+from typing import Final
 
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.state import BusEvent, EventKind
 
 _REPEATS: Final = 30_000_000_000  # ns; an event that comes back sooner repeats
 _STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
-
-
-class Note(Protocol):
-    """Notes what happened to a joint; see `Events.note`."""
-
-    def __call__(
-        self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
-    ) -> None:
-        """Note an event."""
 
 
 class Events:

@@ -153,12 +153,8 @@ class ServoNotFoundError(ServoError):
         self.answered = tuple(answered)
 
 
-class WrongModelError(ServoError):
-    """A servo answers, but it is not the model in the configuration."""
-
-
-class ServoModeError(ServoError):
-    """A servo's own settings (wheel mode, status return level) rule out what is needed."""
+class ServoSetupError(ServoError):
+    """A servo is another model than configured, or is set to what its joint cannot use."""
 
 
 class RegisterRefusedError(ServoError):

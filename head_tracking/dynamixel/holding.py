@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 
-from head_tracking.dynamixel.exceptions import PositionError, RegisterRefusedError
+from head_tracking.dynamixel.exceptions import PositionError, RegisterRefusedError, ServoError
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import SLOWEST, Servo
 
@@ -21,12 +21,16 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     Args:
         servo: The servo.
         allowed: Lowest and highest tick for the goal; None: its range.
-        powered: Whether its torque is on already.
+        powered: Whether its torque must be on already: one that is relaxed stays so.
 
     Raises:
+        ServoError: It was to have torque on, and has not.
         PositionError: It stands where the way to its range could lead the other way round.
         RegisterRefusedError: The servo does not take the goal or the torque.
     """
+    if powered and not servo.get("Torque Enable"):
+        raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
+    servo.confirmed = False
     yield from servo.disarm()  # one that has tripped refuses goals until it is cleared
     before = servo.get("Present Position")
     if not powered:
@@ -46,7 +50,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
                 "on; hold it still and try again"
             )
     yield from servo.arm()
-    servo.interrupted = False
+    servo.note_torque()
     return goal
 
 

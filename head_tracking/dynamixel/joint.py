@@ -27,15 +27,6 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
-_REMEDIES = {
-    Torque.OFF_ON_REQUEST: "the joint is relaxed on request; switch its torque on first "
-    "(torque_enable true on {})",
-    Torque.OFF_TO_COOL: "the joint's servo is too hot and rests; it takes commands again when it "
-    "has cooled down",
-    Torque.OFF_BY_FAULT: "the joint's servo has shut itself down; find out why, then call recover",
-    Torque.OFF_STOPPED: "the joint is stopped; start it first ({}/start)",
-}
-
 
 class Joint:
     """State of one joint. Only the thread that owns the bus changes it; any thread may look.
@@ -63,7 +54,6 @@ class Joint:
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
         writing: Whether the memory of its servos is being written.
-        confirmed: Whether its servos have confirmed that they are relaxed, and are so since.
     """
 
     def __init__(
@@ -88,7 +78,7 @@ class Joint:
         self.commanded_at: int | None = None
         self.share: tuple[bytes, ...] = ()
         self.stale = False
-        self.busy = self.confirmed = self.writing = False
+        self.busy = self.writing = False
         self._limit_speed()
         self._port = port
         self._overtaken = 0  # counts who relaxed or stopped it
@@ -117,10 +107,12 @@ class Joint:
 
         Two servos get their goals together or not at all: they would tear at each other.
         """
-        for servo in self.servos:
-            if servo.link is not LinkState.PRESENT or servo.interrupted:
-                return False
-        return True
+        return all([servo.link is LinkState.PRESENT for servo in self.servos])
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether its servos have confirmed that they are relaxed, and are so since."""
+        return all([servo.confirmed for servo in self.servos])
 
     @property
     def torque(self) -> Torque:
@@ -138,10 +130,13 @@ class Joint:
     @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest position, rad, allowed by configuration and servos."""
-        if len(self.servos) == 1:
-            return self.servos[0].limits
-        ends = [servo.limits for servo in self.servos]
-        return (max(lower for lower, _ in ends), min(upper for _, upper in ends))
+        return self._common(*self.servos[0].limits)
+
+    def _common(self, lower: float, upper: float) -> tuple[float, float]:
+        """Return those of some limits of the first servo that the second one allows, too."""
+        for servo in self.servos[1:]:
+            lower, upper = max(lower, servo.limits[0]), min(upper, servo.limits[1])
+        return lower, upper
 
     def _inside(self, servo: Servo, ticks: int) -> int:
         """Return the tick moved into the limits of the joint."""
@@ -150,9 +145,7 @@ class Joint:
 
     def _range(self, servo: Servo) -> tuple[int, int]:
         """Return lowest and highest tick of a servo that the limits of the joint allow."""
-        if len(self.servos) == 1:
-            return servo.range
-        first, last = sorted(servo.goal_ticks(limit) for limit in self.limits)
+        first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
@@ -177,10 +170,9 @@ class Joint:
                     "command it again once that is done"
                 )
             if torque.waits:
-                remedy = _REMEDIES[torque].format(self.configuration.controller)
-                raise GoalError(f"{self.name}: command refused, {remedy}")
-        servos = self.servos
-        lower, upper = servos[0].limits if len(servos) == 1 else self.limits
+                controller = self.configuration.controller
+                raise GoalError(f"{self.name} ({controller}): {torque.value}")
+        lower, upper = self.limits
         if lower <= position <= upper:
             return position
         inside = min(max(position, lower), upper)
@@ -227,19 +219,10 @@ class Joint:
 
     def aim(self, position: float, speed: float | None, now: int) -> None:
         """Make this the goal that is written from now on; `now` is monotonic, ns."""
-        servos = self.servos
-        if len(servos) == 1:
-            servo = servos[0]
-            ticks = servo.goal_ticks(position)
-            self.goal_ticks = (ticks,)
-            self.goal_speed = speed
-            self.commanded_at = now
-            self.goal_position = (ticks - servo.zero) * servo.scale
-            self.share = (servo.encode_goal(ticks, self.default_speed if speed is None else speed),)
-        else:
-            lower, upper = self.limits  # limits may have been narrowed since it was accepted
-            position = min(max(position, lower), upper)
-            self._set_goal(tuple([servo.goal_ticks(position) for servo in servos]), speed, now)
+        lower, upper = self.limits  # limits may have been narrowed since it was accepted
+        position = min(max(position, lower), upper)
+        ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
+        self._set_goal(ticks, speed, now)
 
     def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
         self.goal_ticks = ticks
@@ -260,7 +243,12 @@ class Joint:
             servo.limit_speed(self.configuration.speed_limit)
 
     def set_default_speed(self, speed: float) -> None:
-        """Set the speed for goals that give none, also for one under way."""
+        """Set the speed for goals that give none, rad/s, also for one under way.
+
+        Raises:
+            GoalError: It is not finite or not above 0.
+        """
+        check_speed(self.name, speed)
         self.default_speed = speed
         self.stale = True
 
@@ -289,7 +277,7 @@ class Joint:
 
     def hold_last(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
-        ticks = tuple([self._inside(servo, servo.raw_ticks) for servo in self.servos])
+        ticks = tuple([self._inside(servo, servo.ticks) for servo in self.servos])
         self._set_goal(ticks, self.goal_speed, None)
 
     def lose(self) -> None:
@@ -326,7 +314,6 @@ class Joint:
         """
         ticks: list[int] = []
         overtaken = self._overtaken
-        self.confirmed = False
         try:
             for servo in self.servos:
                 steps = pin(servo, self._range(servo), powered)
@@ -364,7 +351,6 @@ class Joint:
             servo.ping(3)
             yield 0.0
             yield from servo.identify()
-        self.confirmed = True
 
     def come_back(self, servo: Servo) -> Steps[str]:
         """Take a servo that answers again back; return what became of the torque.
@@ -380,7 +366,6 @@ class Joint:
         others = self.on
         overtaken = self._overtaken
         keep = others or (self._resumes and not (self.relaxed or self.resting))
-        self.confirmed = self.confirmed and not keep
         identity = yield from servo.identify(keep_torque=keep)
         if self._overtaken != overtaken:
             release(self._port, (servo,))
@@ -425,7 +410,12 @@ class Joint:
         """Refuse limits that cannot be set; raises as `reconfigure` does. Changes nothing."""
         self._reconfigured(lowest, highest, None)
 
-    def reconfigure(self, lowest: int | None, highest: int | None, max_speed: float | None) -> None:
+    def reconfigure(
+        self,
+        lowest: int | None = None,
+        highest: int | None = None,
+        max_speed: float | None = None,
+    ) -> None:
         """Take over other limits; None leaves one as it is. A goal outside moves inside.
 
         Args:
@@ -437,7 +427,7 @@ class Joint:
             ConfigurationError: The servo cannot do that; nothing has changed.
         """
         new = self._reconfigured(lowest, highest, max_speed)
-        self.servos[0].recalibrate(new.calibration)
+        self.servos[0].calibrate(new)
         self.configuration = new
         self._limit_speed()
         if self.goal_ticks:
@@ -455,14 +445,20 @@ class Joint:
             max=old.max if highest is None else highest,
             max_speed=old.max_speed if max_speed is None else max_speed or None,
         )
-        if new.calibration.reversed != old.calibration.reversed:
+        if new.direction != old.direction:
             raise ConfigurationError(
                 f"{self.name}: min {new.min} and max {new.max} would turn the joint's direction "
-                f"round; with init {new.init}, min must stay "
-                f"{'above' if old.calibration.reversed else 'below'} max while the bus runs. Set "
-                "one that mounts the servo the other way round at the start"
+                f"round; min must stay {'above' if old.direction < 0 else 'below'} max while the "
+                "bus runs. Set one that mounts the servo the other way round at the start"
             )
-        self.servos[0].check_calibration(new.calibration)
+        first, last = sorted(map(new.position, new.within(self.servos[0].own_range)))
+        lower, upper = self._common(first, last)
+        if lower >= upper:
+            raise ConfigurationError(
+                f"{self.name}: its two servos allow no position in common, one no less than "
+                f"{lower:.3f} rad, one no more than {upper:.3f} rad; correct min and max, or the "
+                "servos' own angle limits"
+            )
         return new
 
 

@@ -65,6 +65,7 @@ from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
+_WRITE_TIMEOUT: Final = 0.1  # s for which a device may take no data
 _QUIET: Final = 0.0005  # s of silence after which a line on which something went wrong is free
 _GAP: Final = 0.02  # s to wait for a gap between the packets of another program, before a request
 _SUSPECT: Final = 1.0  # s for which a line with surplus packets is listened to before a request
@@ -83,7 +84,6 @@ class DynamixelPort:
         baud_rate: Bits per second; AX servos leave the factory with 1000000, X and MX with 57600.
         reply_timeout: Time a servo may take to answer, s, added to the time on the wire; None: as
             long as replies take on this port, and a margin (`ReplyTimeout`).
-        write_timeout: Time the device may refuse to take data, s.
         open_device: Opens the device.
         clock: Monotonic time, s; the same that the device's line counts by.
 
@@ -97,7 +97,7 @@ class DynamixelPort:
             id, packets are repeated, or another program asks.
 
     Raises:
-        ConfigurationError: The SDK cannot set this baud rate, or a timeout is not above 0.
+        ConfigurationError: No servo knows this baud rate, or the timeout is not above 0.
     """
 
     def __init__(
@@ -106,14 +106,14 @@ class DynamixelPort:
         baud_rate: int = 1_000_000,
         *,
         reply_timeout: float | None = None,
-        write_timeout: float = 0.1,
         open_device: Callable[[str, int], SerialDevice] = SerialDevice,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_baud_rate(baud_rate)
-        for name, value in (("reply_timeout", reply_timeout), ("write_timeout", write_timeout)):
-            if value is not None and not 0.0 < value < 10.0:
-                raise ConfigurationError(f"{name} is {value}; allowed are 0 to 10 seconds")
+        if reply_timeout is not None and not 0.0 < reply_timeout < 10.0:
+            raise ConfigurationError(
+                f"reply_timeout is {reply_timeout}; allowed are 0 to 10 seconds"
+            )
         self.name = port_name
         self.baud_rate = baud_rate
         self.clock = clock
@@ -121,7 +121,6 @@ class DynamixelPort:
         self.surplus: Counter[int] = Counter()
         self.searches = 0
         self._reply_timeout = reply_timeout
-        self._write_timeout = write_timeout
         self._open_device = open_device
         self._was_open = False
         self._stable_name = ""  # by its serial number, once it has been open
@@ -405,7 +404,7 @@ class DynamixelPort:
         line = self._line
         assert line is not None
         self._sent.append(packet)
-        line.write(packet, self._write_timeout)
+        line.write(packet, _WRITE_TIMEOUT)
         free, now = self._wire_free, self.clock()
         free = (now if now > free else free) + len(packet) * self._seconds_per_byte
         self._wire_free = free

@@ -6,8 +6,7 @@ that relax it: they overtake the others.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
@@ -24,7 +23,7 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.maintenance import write_eeprom
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.relaxing import confirming, release
+from head_tracking.dynamixel.relaxing import relaxing
 from head_tracking.dynamixel.requests import RequestQueue, Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import EventKind
@@ -112,47 +111,43 @@ class Procedures:
 
     # Torque off
 
-    def relax(self, joints: Iterable[Joint], *, disarm: bool = False) -> Steps[dict[str, str]]:
+    def relax(
+        self, joints: Sequence[Joint], *, stop: bool = False, disarm: bool = False
+    ) -> Steps[dict[str, str]]:
         """Relax joints: the first step switches torque off, the others make sure.
 
         Args:
             joints: The joints.
+            stop: Whether to take them out of the cycle, too.
             disarm: Whether to switch off the Bus Watchdog of their servos, too.
 
         Returns:
             By joint, why it has not confirmed; empty where it has.
         """
-        joints = tuple(joints)
+        # What was relaxed when it was stopped need not be there any more.
         sure = [joint for joint in joints if joint.stopped and joint.confirmed]
         for joint in joints:
             self._requests.drop_goals(joint.name)
             joint.relax()
-            joint.confirmed = False
-        with suppress(*_GONE):  # what follows finds that out, too
-            release(self._port, [servo for joint in joints for servo in joint.servos])
-        yield 0.0
-        problems: dict[str, str] = {}
-        for joint in joints:
-            found: list[str] = []
+            if stop:
+                joint.set_stopped(True)
+        servos = [servo for joint in joints for servo in joint.servos]
+        found = yield from relaxing(self._port, servos, disarm=disarm)
+        for joint in sure:
             for servo in joint.servos:
-                found.append((yield from confirming(servo, disarm)))
-            problem = "; ".join(filter(None, found))
-            if joint in sure:
-                problem = ""  # it was relaxed when it was stopped; it need not be there any more
-            joint.confirmed = not problem
-            problems[joint.name] = problem
-        return problems
+                found[servo.id], servo.confirmed = "", True
+        return {
+            joint.name: "; ".join(filter(None, [found[servo.id] for servo in joint.servos]))
+            for joint in joints
+        }
 
     def relaxing(
         self, joints: Sequence[Joint], *, stop: bool = False, on_request: bool = False
     ) -> Steps[None]:
         """Relax joints and report it; see `ServoBus.switching_torque` and `ServoBus.stopping`."""
         for joint in joints:
-            if stop:
-                joint.confirmed = joint.confirmed and joint.stopped  # else it must be there
-                joint.set_stopped(True)
             joint.relaxed |= on_request
-        found = yield from self.relax(joints, disarm=stop)
+        found = yield from self.relax(joints, stop=stop, disarm=stop)
         for joint in joints:
             if not found[joint.name]:
                 kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF

@@ -5,16 +5,16 @@ Called only for joints that give cause; a cycle without trouble does not come he
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.events import Note
+from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protocol import ErrorBits, describe_errors
-from head_tracking.dynamixel.servo import Servo
+from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import EventKind, ServoState
 
 _REPEAT: Final = 1_000_000_000  # ns between two looks at the error register of a servo
@@ -27,23 +27,22 @@ class Protection:
     """Judges what a cycle has read, and relaxes what must not go on.
 
     Args:
-        note: Notes an event.
-        cut: Relaxes a joint at once, and makes sure of it in later cycles.
+        events: Takes what happens.
+        procedures: Relaxes joints.
         settings: Temperatures and times.
     """
 
     def __init__(
         self,
-        note: Note,
-        cut: Callable[[Joint], None],
+        events: Events,
+        procedures: Procedures,
         settings: BusSettings,
     ) -> None:
-        self._note = note
-        self._cut = cut
+        self._note, self._cut = events.note, procedures.cut
         self._settings = settings
         self._command_timeout = round(settings.command_timeout * 1e9)
         self._looked_at: dict[int, int] = {}
-        self.told: dict[int, object] = {}
+        self._reported: dict[int, object] = {}  # errors, by servo id
 
     def judge(self, joint: Joint, state: ServoState, now: int) -> None:
         """Judge what was read of a joint in this cycle; `now` is monotonic, ns.
@@ -54,9 +53,9 @@ class Protection:
         for servo in joint.servos:
             if not servo.answers:
                 continue
-            if servo.error or servo.errors or servo.id in self.told:
+            if servo.error or servo.errors or servo.id in self._reported:
                 self._judge_errors(joint, servo, now)
-            if servo.interrupted and not joint.busy:
+            if servo.link is LinkState.INTERRUPTED and not joint.busy:
                 self._look_for_torque(joint, servo)
         self._judge_heat(joint, state.temperature)
 
@@ -80,13 +79,13 @@ class Protection:
                     f"servo {servo.id} has shut itself down: {describe_errors(errors)}; it takes "
                     "no commands until somebody calls recover",
                 )
-        elif errors and self.told.get(servo.id) != errors:
+        elif errors and self._reported.get(servo.id) != errors:
             text = f"servo {servo.id} says: {describe_errors(errors)}"
             self._note(EventKind.ALARM, joint, text, about=errors)
         if errors:
-            self.told[servo.id] = errors
+            self._reported[servo.id] = errors
         else:
-            self.told.pop(servo.id, None)
+            self._reported.pop(servo.id, None)
 
     def _look_for_torque(self, joint: Joint, servo: Servo) -> None:
         """Notice a servo that was without power for a moment, and would start where it left off."""
@@ -103,7 +102,7 @@ class Protection:
                     f"servo {servo.id} has lost its torque, probably with its power; the joint is "
                     "relaxed until the next command",
                 )
-        servo.interrupted = False
+        servo.note_torque()
 
     def _judge_heat(self, joint: Joint, temperature: float) -> None:
         settings = self._settings

@@ -39,16 +39,18 @@ def relaxing(
     Returns:
         By id, why a servo did not confirm that it is relaxed; empty where it did.
     """
+    for servo in servos:
+        servo.confirmed = False
     with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
         release(port, servos)
     yield 0.0
     problems: dict[int, str] = {}
     for servo in servos:
-        problems[servo.id] = yield from confirming(servo, disarm)
+        problems[servo.id] = yield from _confirming(servo, disarm)
     return problems
 
 
-def confirming(servo: Servo, disarm: bool = False) -> Steps[str]:
+def _confirming(servo: Servo, disarm: bool) -> Steps[str]:
     """Make sure that a servo is relaxed; return what went wrong, or nothing."""
     if servo.lost:
         return "the servo does not answer"
@@ -61,6 +63,7 @@ def confirming(servo: Servo, disarm: bool = False) -> Steps[str]:
             yield from servo.disarm()
     except (CommunicationError, ServoError, PortLostError, NotConnectedError) as cause:
         return str(cause)
+    servo.confirmed = True
     yield 0.0
     return ""
 
@@ -105,7 +108,7 @@ def relax_servos(
     port.open()
     with closing(port):
         if not hold:
-            return run(relaxing(port, servos, disarm=False))
+            return run(relaxing(port, servos))
         problems: dict[int, str] = {}
         for servo in servos:
             try:

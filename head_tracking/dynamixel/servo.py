@@ -24,8 +24,7 @@ from head_tracking.dynamixel.exceptions import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
-    ServoModeError,
-    WrongModelError,
+    ServoSetupError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -77,6 +76,7 @@ class LinkState(Enum):
     UNKNOWN = "has not been found yet"
     PRESENT = "answered when it was asked last"
     SILENT = "did not answer when it was asked last"
+    INTERRUPTED = "answers again, but its torque has not been read since"
     LOST = "is left out of the cycle, and asked now and then"
     RETURNED = "has been found again, and not been read since"
 
@@ -153,10 +153,8 @@ class Servo:
         changes: Counts its changes, and those of the other servos of its bus.
         failed_cycles: Failed cycles in a row.
         ask_at: Not before this monotonic time, ns, is it asked again.
-        interrupted: Whether it has missed a cycle since its torque was last seen.
-        damaged_cycles: Cycles in a row whose replies were damaged.
-        readable: Whether its feedback can be read, as far as is known; pings may be answered by
-            two servos with one id.
+        damaged_cycles: Cycles in a row whose replies were damaged, and no reply since.
+        confirmed: Whether it has confirmed that it is relaxed, and is so since.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -165,10 +163,7 @@ class Servo:
         fastest: Highest goal speed, in counts.
         layout: What servos that are read together have in common.
         goal_key: Protocol, address and length of the block that goals are written to.
-        zero: Tick of position 0.
-        scale: What one tick more is for the joint's position, rad.
-        raw_ticks: Present position as the servo counts it.
-        ticks: Present position in the turn of the joint.
+        ticks: Present position as the servo counts it.
         position: Present position of the joint, rad.
         velocity: rad/s.
         load: -1 to 1 of full torque, positive towards higher positions.
@@ -188,9 +183,6 @@ class Servo:
     ) -> None:
         self.id = servo_id
         self.model = model
-        self.calibration = calibration or ServoCalibration(
-            f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
-        )
         self.acknowledges_writes = True
         self.counters = Counters()
         self.identity: ServoIdentity | None = None
@@ -198,13 +190,11 @@ class Servo:
         self.changes = changes or Changes()
         self.failed_cycles = 0
         self.ask_at = 0
-        self.interrupted = False
         self.damaged_cycles = 0
-        self.readable = True
-        self.faulted = False
+        self.faulted = self.confirmed = False
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
-        self.ticks = self.raw_ticks = 0
+        self.ticks = 0
         self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
         self.error = 0
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
@@ -223,7 +213,12 @@ class Servo:
         self._order = model.feedback_order
         self._magnitudes = model.sign_magnitude
         self._wanted_watchdog = watchdog
-        self.recalibrate(self.calibration)
+        self.calibrate(
+            calibration
+            or ServoCalibration(
+                f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
+            )
+        )
 
     # Transactions. All raise CommunicationError, and PortLostError when the port has gone.
 
@@ -357,8 +352,8 @@ class Servo:
             keep_torque: Leave its torque as it is.
 
         Raises:
-            ServoModeError: It does not answer reads, or does not work in positions.
-            WrongModelError: It is another model than configured.
+            ServoSetupError: It is another model than configured, does not answer reads, or does
+                not work in positions.
             RegisterRefusedError: It does not switch torque off.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
@@ -369,7 +364,7 @@ class Servo:
                 values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
-                raise ServoModeError(
+                raise ServoSetupError(
                     f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
                     f"Level (register {level}) is probably 0; set it to 2, for example with "
                     f"`servo set {self.id} 'Status Return Level' 2`"
@@ -377,7 +372,7 @@ class Servo:
             memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
             number = memory.get("Model Number", model.model_number)
             if number != model.model_number:
-                raise WrongModelError(
+                raise ServoSetupError(
                     f"servo {self.id} ({joint_name}) is {model_name(number)}, but the "
                     f"configuration says {model.name} ({model.model_number}); correct the "
                     "configuration's model or id"
@@ -399,19 +394,21 @@ class Servo:
             _has_shut_down(memory, shutdown),
         )
         problem: ServoError | ConfigurationError | None = None
-        known, self.identity = self.identity, identity
         try:
             _check_mode(self, memory, lower, upper)
-            self.recalibrate(self.calibration)
+            self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
-            problem, self.identity = cause, known
+            problem = cause
         else:  # it can be read from now on
+            self.identity = identity
             self.faulted = identity.faulted
-            self.interrupted = False
             self.failed_cycles = self.ask_at = 0
             self._enter(LinkState.RETURNED if self.lost else LinkState.PRESENT)
-        if not keep_torque:
+        if keep_torque:
+            self.confirmed = not identity.powered
+        else:
             yield from self.switch_torque(False)
+            self.confirmed = True
         if problem is not None:
             raise problem
         return identity
@@ -482,63 +479,47 @@ class Servo:
         """
         values = self._unpack(reply.data)
         a, b, c, d, e = self._order
-        self.raw_ticks = ticks = values[a]
+        self.ticks = ticks = values[a]
         speed, load = values[b], values[c]
         if self._magnitudes:
             if speed >= _SIGN:
                 speed = _SIGN - speed
             if load >= _SIGN:
                 load = _SIGN - load
-        if self._turn:
-            ticks = (ticks - self._lowest) % self._turn + self._lowest
-        self.ticks = ticks
-        self.position = (ticks - self.zero) * self.scale
-        self.velocity = speed * self._speed_scale
-        self.load = load * self._load_scale
+        calibration, model = self.calibration, self.model
+        if model.endless:
+            lowest = calibration.lowest_turn
+            ticks = (ticks - lowest) % model.ticks + lowest
+        self.position = calibration.position(ticks)
+        self.velocity = speed * calibration.direction * self._speed_unit
+        self.load = load * calibration.direction / model.load_maximum
         self.voltage = values[d] * 0.1
         self.temperature = float(values[e])
         self.error = reply.error
         self.stamp = stamp
 
-    def recalibrate(self, calibration: ServoCalibration) -> None:
-        """Use other limits; raises ConfigurationError if the servo's own leave nothing."""
-        self.range = self.check_calibration(calibration)
+    def calibrate(
+        self, calibration: ServoCalibration, own_range: tuple[int, int] | None = None
+    ) -> None:
+        """Use a calibration, within the servo's own angle limits.
+
+        Args:
+            calibration: Of its joint.
+            own_range: Lowest and highest tick by the servo's own angle limits; None: as it was.
+
+        Raises:
+            ConfigurationError: They have nothing in common; nothing has changed.
+        """
+        self.range = calibration.within(own_range or self.own_range)
         self.calibration = calibration
-        sign = -1 if calibration.reversed else 1
-        model = self.model
-        self.zero = calibration.init
-        self.scale = calibration.scale
-        self._speed_scale = sign * model.speed_unit
-        self._load_scale = sign / model.load_maximum
-        self._turn = model.ticks if model.endless else 0
-        self._lowest = calibration.lowest_turn
         lower, upper = sorted(map(calibration.position, self.range))
         self.limits = (lower, upper)
 
-    def check_calibration(self, calibration: ServoCalibration) -> tuple[int, int]:
-        """Return the range, in ticks, that a calibration and the servo allow.
-
-        Raises:
-            ConfigurationError: They have nothing in common.
-        """
-        low, high = calibration.tick_range
-        if self.identity is None:
-            return low, high
-        lower, upper = self.identity.own_range
-        lowest, highest = max(low, lower), min(high, upper)
-        if lowest >= highest:
-            raise ConfigurationError(
-                f"{calibration.joint_name}: the configuration allows ticks {low} to {high}, "
-                f"servo {self.id} itself {lower} to {upper}: nothing in common; correct min and "
-                "max or the servo's angle limits"
-            )
-        return lowest, highest
-
-    def goal_ticks(self, position: float) -> int:
-        """Return the tick next to a position of the joint, rad, inside the range."""
-        ticks = round(self.zero + position / self.scale)
-        lowest, highest = self.range
-        return lowest if ticks < lowest else highest if ticks > highest else ticks
+    @property
+    def own_range(self) -> tuple[int, int]:
+        """Lowest and highest tick by its own angle limits, as far as they are known."""
+        known = self.identity
+        return (0, self.model.ticks - 1) if known is None else known.own_range
 
     def encode_goal(self, ticks: int, speed: float) -> bytes:
         """Return what to write for a goal.
@@ -569,7 +550,7 @@ class Servo:
     @property
     def answers(self) -> bool:
         """Whether it answered, or was found again, when it was asked last."""
-        return self.link is LinkState.PRESENT or self.link is LinkState.RETURNED
+        return self.link not in (LinkState.UNKNOWN, LinkState.SILENT, LinkState.LOST)
 
     def lose(self, ask_at: int) -> None:
         """Leave it out of the cycle and ask it again at a time, ns."""
@@ -586,10 +567,19 @@ class Servo:
     def note_answer(self) -> None:
         """Note a usable reply after something unusual."""
         self.damaged_cycles = 0
-        if self.failed_cycles:
-            self.failed_cycles = self.ask_at = 0
-            self.interrupted = True
-        self._enter(LinkState.PRESENT)
+        interrupted = self.link in (LinkState.SILENT, LinkState.INTERRUPTED)
+        self.failed_cycles = self.ask_at = 0
+        self._enter(LinkState.INTERRUPTED if interrupted else LinkState.PRESENT)
+
+    def interrupt(self) -> None:
+        """Note that it may have been without power: its torque is read before the next goal."""
+        if self.link is LinkState.PRESENT:
+            self._enter(LinkState.INTERRUPTED)
+
+    def note_torque(self) -> None:
+        """Note that its torque is known again after it was silent."""
+        if self.link is LinkState.INTERRUPTED:
+            self._enter(LinkState.PRESENT)
 
     def _enter(self, link: LinkState) -> None:
         self.link = link
@@ -699,14 +689,14 @@ def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int)
         value = memory.get(name, wanted)
         if value & mask != wanted:
             address, right = servo.model.control_table[name].address, value & ~mask | wanted
-            raise ServoModeError(
+            raise ServoSetupError(
                 f"{who} {what}: {name} (register {address}) is {value}; set it to {right}, for "
                 f"example with `servo set {servo.id} '{name}' {right}`"
             )
     if servo.model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
         low, high = servo.calibration.tick_range
-        raise ServoModeError(
+        raise ServoSetupError(
             f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
             f"turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to {low} and "
             f"{high} with `servo set {servo.id} REGISTER VALUE`"

@@ -17,10 +17,10 @@ class Torque(Enum):
     """Why a servo holds or does not hold its position."""
 
     OFF_UNTIL_COMMANDED = "relaxed; the first command switches torque on"
-    OFF_ON_REQUEST = "relaxed on request; commands are refused"
-    OFF_TO_COOL = "relaxed to cool down; commands are refused until then"
-    OFF_BY_FAULT = "shut down by itself; commands are refused until it has recovered"
-    OFF_STOPPED = "stopped on request; commands are refused until it is started"
+    OFF_ON_REQUEST = "relaxed on request; commands are refused until torque_enable is true"
+    OFF_TO_COOL = "relaxed to cool down; commands are refused until it is no longer warm"
+    OFF_BY_FAULT = "shut down by itself; commands are refused: find out why, then call recover"
+    OFF_STOPPED = "stopped on request; commands are refused until its start is called"
     ON = "torque on"
 
     @property
@@ -50,12 +50,12 @@ class CommandResult:
         positions: Goal positions taken over, rad, by joint; within the limits.
         clamped: By how much a position was moved to reach the limit (taken over minus asked), rad,
             for the joints where it was.
-        lost: Joints whose goal was dropped because their servo does not answer.
+        left_out: Why joints take no goals now, by joint; theirs were dropped.
     """
 
     positions: Mapping[str, float]
     clamped: Mapping[str, float]
-    lost: tuple[str, ...]
+    left_out: Mapping[str, str]
 
 
 def check_speed(joint_name: str, speed: float) -> None:

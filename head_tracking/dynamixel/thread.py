@@ -1,24 +1,21 @@
-"""The one thread that owns a servo bus, and several buses that look like one."""
+"""The one thread that owns a servo bus."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     ConfigurationError,
-    DynamixelError,
-    GoalError,
 )
-from head_tracking.dynamixel.requests import Epoch, Steps
-from head_tracking.dynamixel.state import BusReading, CommandResult, Goal, Torque
+from head_tracking.dynamixel.requests import Steps
+from head_tracking.dynamixel.state import BusReading
 
 _T = TypeVar("_T")
 _SECOND = 1_000_000_000
@@ -220,12 +217,12 @@ class BusThread:
             with self._owner:
                 if self._ended:  # somebody has closed the bus while a callback hung
                     return
-                reading = self.bus.read()
+                reading = self.bus.cycle.read()
             self._update(reading)
             with self._owner:
                 if self._ended:
                     return
-                events = self.bus.write()
+                events = self.bus.cycle.write()
             end = time.monotonic_ns()
             if events:
                 reading = reading._replace(events=(*reading.events, *events))
@@ -252,7 +249,7 @@ class BusThread:
                 if found := self._requests.has_waiting():
                     self._requests.begin_next()
                 else:
-                    found = self.bus.fill(due)
+                    found = self.bus.cycle.fill(due)
             left = due - time.monotonic_ns()
             if left <= 0:
                 return not self._stopping
@@ -260,196 +257,3 @@ class BusThread:
                 if not (found or self._stopping or self._requests.has_waiting()):
                     self._wake.wait(left * 1e-9)
         return False
-
-
-class Buses:
-    """Runs each bus in a thread of its own and finds the bus of a joint.
-
-    Args:
-        buses: The buses.
-        update_rate: Cycles per second.
-        on_reading: Gets the bus and each of its readings, in its thread; see `BusThread`.
-        on_error: Gets the exception that ended a thread, in that thread.
-        update: Gets the bus and each of its readings before the goals are written; see `BusThread`.
-        epoch: Counts STOPs; all buses were made with it. None: that of the first bus.
-
-    Attributes:
-        epoch: The same.
-        threads: Of each bus.
-        joints: The configured joints of all buses.
-
-    Raises:
-        ConfigurationError: Two buses have a joint or a controller of the same name, or not the same
-            epoch.
-    """
-
-    def __init__(
-        self,
-        buses: Sequence[ServoBus],
-        update_rate: float,
-        on_reading: Callable[[ServoBus, BusReading], object],
-        on_error: Callable[[BaseException], object],
-        update: Callable[[ServoBus, BusReading], object] = lambda *_: None,
-        epoch: Epoch | None = None,
-    ) -> None:
-        self.epoch = buses[0].epoch if epoch is None else epoch
-        if any(bus.epoch is not self.epoch for bus in buses):
-            raise ConfigurationError(
-                "these buses do not share an epoch; make them with the same one"
-            )
-        self.threads = tuple(
-            BusThread(bus, update_rate, partial(on_reading, bus), on_error, partial(update, bus))
-            for bus in buses
-        )
-        self.joints = tuple(joint for bus in buses for joint in bus.joints)
-        self._by_joint: dict[str, BusThread] = {}
-        controllers: set[str] = set()
-        for thread in self.threads:
-            for joint in thread.bus.joints:
-                if joint.joint_name in self._by_joint or joint.controller in controllers:
-                    raise ConfigurationError(
-                        f"{joint.joint_name} ({joint.controller}) is on two buses"
-                    )
-                self._by_joint[joint.joint_name] = thread
-                controllers.add(joint.controller)
-
-    def bus_of(self, joint: str) -> ServoBus:
-        """Return the bus of a joint; raises GoalError if it is unknown."""
-        return self._find(joint).bus
-
-    def torque(self, joint: str) -> Torque:
-        """Return the torque of a joint; raises GoalError if it is unknown."""
-        return self._find(joint).bus.torque(joint)
-
-    def start(self) -> None:
-        """Start the cycles of all buses."""
-        for thread in self.threads:
-            thread.start()
-
-    def stop(self) -> tuple[str, ...]:
-        """End the cycles, relax the servos, close the ports of all buses, whatever one does.
-
-        Returns:
-            Joints that did not confirm that they are relaxed.
-
-        Raises:
-            BusStoppedError: A thread did not end; says which and whether its servos are relaxed.
-        """
-        for thread in self.threads:
-            thread.ask_to_stop()
-        failures: list[str] = []
-        for thread in self.threads:
-            try:
-                thread.stop()
-            except BusStoppedError as failure:
-                failures.append(str(failure))
-        if failures:
-            raise BusStoppedError("; ".join(failures))
-        return self.unconfirmed
-
-    @property
-    def unconfirmed(self) -> tuple[str, ...]:
-        """Joints that did not confirm at the end that they are relaxed."""
-        return tuple(joint for thread in self.threads for joint in thread.unconfirmed)
-
-    def command(
-        self,
-        goals: Mapping[str, Goal],
-        *,
-        clamp: bool = False,
-        claim: Callable[[Iterable[str]], object] | None = None,
-        epoch: int | None = None,
-    ) -> CommandResult:
-        """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
-
-        Raises:
-            GoalError: A joint is unknown, and nothing has changed; or a bus refuses.
-            StoppedError: STOP came after the command was made.
-            NotConnectedError: A bus is not connected.
-        """
-        if epoch is None:
-            epoch = self.epoch.value
-        shares: dict[ServoBus, dict[str, Goal]] = {}
-        for name, goal in goals.items():
-            bus = self.bus_of(name)
-            shares.setdefault(bus, {})[name] = goal
-        results: list[CommandResult] = []
-        refusals: list[str] = []
-        for bus, share in shares.items():
-            try:
-                results.append(bus.command(share, clamp=clamp, claim=claim, epoch=epoch))
-            except GoalError as refusal:
-                refusals.append(str(refusal))
-        if refusals:
-            raise GoalError("; ".join(refusals))
-        return CommandResult(
-            {name: value for result in results for name, value in result.positions.items()},
-            {name: value for result in results for name, value in result.clamped.items()},
-            tuple(name for result in results for name in result.lost),
-        )
-
-    def call(
-        self,
-        joints: Iterable[str] | None,
-        function: Callable[[ServoBus, tuple[str, ...]], Steps[_T] | _T],
-        epoch: int | None = None,
-        *,
-        despite_stop: bool = False,
-    ) -> list[Future[_T]]:
-        """Run a function in the owner's thread of each bus that has some of these joints.
-
-        Args:
-            joints: The joints; None for all.
-            function: Gets the bus and its share of the joints.
-            epoch: When the request was made; None: now. See `BusThread.call`.
-            despite_stop: Whether it is carried out although STOP came after it.
-
-        Raises:
-            GoalError: A joint is unknown; nothing was run.
-        """
-        names = tuple(self._by_joint) if joints is None else tuple(joints)
-        shares: dict[BusThread, list[str]] = {}
-        for name in names:
-            shares.setdefault(self._find(name), []).append(name)
-
-        def on(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
-            return thread.call(lambda bus: function(bus, share), epoch, despite_stop=despite_stop)
-
-        if epoch is None:
-            epoch = self.epoch.value
-        return [on(thread, tuple(share)) for thread, share in shares.items()]
-
-    def relax_at_once(self, timeout: float = 0.4) -> dict[str, str]:
-        """Relax all joints of all buses, whatever their threads do; for any thread.
-
-        Args:
-            timeout: How long it may take, s.
-
-        Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
-        """
-        epoch = self.epoch.advance()  # first: a thread that cannot be waited for relaxes, too
-        problems: dict[str, str] = {}
-
-        def relax(thread: BusThread) -> None:
-            try:
-                stop = partial(ServoBus.relax_at_once, timeout=timeout, epoch=epoch)
-                problems.update(thread.at_once(stop, timeout / 2))
-            except DynamixelError as cause:
-                problems.update((joint.joint_name, str(cause)) for joint in thread.bus.joints)
-
-        helpers = [threading.Thread(target=relax, args=(each,)) for each in self.threads[1:]]
-        for helper in helpers:
-            helper.start()
-        relax(self.threads[0])
-        for helper in helpers:
-            helper.join()
-        return problems
-
-    def _find(self, joint: str) -> BusThread:
-        try:
-            return self._by_joint[joint]
-        except KeyError:
-            raise GoalError(
-                f"no joint {joint!r} on any bus; there are {', '.join(self._by_joint)}"
-            ) from None

@@ -23,10 +23,10 @@ from head_tracking.ros.detections import (
     require_messages,
 )
 from head_tracking.ros.images import depth_of
-from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node
+from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.sighted_target import NEWEST, SightedTarget
-from head_tracking.ros.spinning import run_node
-from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.qos import MEASUREMENT

@@ -14,9 +14,9 @@ from std_msgs.msg import String
 
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
-from head_tracking.ros.output import Output
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.topic_output import Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import (
@@ -25,6 +25,7 @@ from head_tracking.transforms import (
     JointState,
     JointStates,
     Mimic,
+    RobotModel,
     RobotModelError,
     parse_robot_model,
 )
@@ -60,7 +61,8 @@ class JointStatePublisherNode(Node):
     `publish_default_positions` is set.
 
     Args:
-        loop: of the process, which has the servos; None: they are in another one.
+        loop: of the process, which has the servos; its buffer has the robot's model. None: the
+            servos are in another process, and the model comes from `robot_description`.
     """
 
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
@@ -69,13 +71,16 @@ class JointStatePublisherNode(Node):
         self._default_positions = p.publish_default_positions
         self._zeros = self._declare_zeros()
         self._dependents = self._declare_dependents()
+        self._described: RobotModel | None = None
+        self._model: RobotModel | None = None
         self._states: JointStates | None = None
         self._measured = False
         self._output = Output(self, JointStateMsg, "joint_states", own=0 if loop is None else 1)
-        self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self._loop = loop
         own = ""
-        if loop is not None:
+        if loop is None:
+            self.create_subscription(String, "robot_description", self._on_description, LATCHED)
+        else:
             own = self.resolve_topic_name("servo_states")
             loop.complete_by(self._complete)
             loop.observe(self._publish)
@@ -117,14 +122,23 @@ class JointStatePublisherNode(Node):
 
     def _on_description(self, message: String) -> None:
         try:
-            self._states = JointStates(
-                parse_robot_model(message.data),
-                self._zeros,
-                self._dependents,
-                default_positions=self._default_positions,
-            )
+            self._described = parse_robot_model(message.data)
         except RobotModelError as error:
-            self.get_logger().error(f"robot_description is not used: {error}")
+            self._refuse(error)
+
+    def _refuse(self, error: RobotModelError) -> None:
+        self.get_logger().error(f"robot_description is not used: {error}")
+
+    def _use(self, model: RobotModel | None) -> None:
+        """Complete joints by another model from now on."""
+        self._model = model
+        if model is not None:
+            try:
+                self._states = JointStates(
+                    model, self._zeros, self._dependents, default_positions=self._default_positions
+                )
+            except RobotModelError as error:
+                self._refuse(error)
 
     def _on_measurement(self, message: JointStateMsg) -> None:
         measured = {
@@ -157,6 +171,10 @@ class JointStatePublisherNode(Node):
     def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
         """The measured joints, and what follows from them or is stated; see `JointStates`."""
         self._measured = True
+        buffer = None if self._loop is None else self._loop.buffer
+        model = self._described if buffer is None else buffer.model
+        if model is not self._model:
+            self._use(model)
         return {} if self._states is None else self._states.complete(measured)
 
     def _publish_defaults(self) -> None:

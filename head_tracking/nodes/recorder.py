@@ -9,11 +9,11 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.graph import Graph
-from head_tracking.ros.other_parameters import OtherParameters
-from head_tracking.ros.other_services import Hold
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node, steady_timer
+from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.other_parameters import OtherParameters
+from head_tracking.ros.kit.other_services import Hold
+from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.tf import listening_buffer
 
 _LOOK_PERIOD = 1.0  # s

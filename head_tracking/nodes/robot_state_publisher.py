@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,

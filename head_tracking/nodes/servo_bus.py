@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import array
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,8 +22,8 @@ from head_tracking.configuration.bus_parameters import (
     bus_settings,
 )
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusEvent,
     BusReading,
     BusStoppedError,
@@ -35,21 +35,19 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoState,
     StoppedError,
-    Torque,
 )
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus_services import BusServices
 from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.head_claim import HeadClaim
-from head_tracking.ros.head_lock import HeadLock
 from head_tracking.ros.joint_configuration import declare_joint
 from head_tracking.ros.joint_owners import OwnersOutput, sender_from
-from head_tracking.ros.output import Output
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node, steady_timer
-from head_tracking.ros.stop_signal import StoppedError as StoppedBeforeStartError
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.head_claim import HeadClaim
+from head_tracking.ros.kit.head_lock import HeadLock
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
+from head_tracking.ros.kit.topic_output import Output
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -62,11 +60,12 @@ _BAD_NEWS = (
     EventKind.PORT_LOST,
 )
 _SECOND = 1_000_000_000
+_LOG_PERIOD = 5.0  # s
 _SOMEBODY = "somebody"  # who commands without a name
 
 
 class ServoBusNode(Node):
-    """Publishes what the servos measure and takes commands for them: a `JointBackend`.
+    """Publishes what the servos measure and takes commands for them.
 
     Args:
         connect: makes the port for these joints and names it; None: the parameter `port_name`.
@@ -78,8 +77,8 @@ class ServoBusNode(Node):
             answer.
 
     Attributes:
+        backend: the servos.
         failure: what has ended a bus; None as long as all run.
-        period: of a cycle [s].
     """
 
     def __init__(
@@ -99,94 +98,52 @@ class ServoBusNode(Node):
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
         self._messages: dict[ServoBus, StatesMessage] = {}
-        self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
+        self._reported: dict[str, float] = {}
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
         buses = [
-            self._make_bus(joints, p, name if connect is None else connect(joints), baud_rate)
+            ServoBus(
+                DynamixelPort(
+                    name if connect is None else connect(joints),
+                    baud_rate,
+                    reply_timeout=p.reply_timeout or None,
+                ),
+                joints,
+                clock=lambda: int(self.get_clock().now().nanoseconds),
+                settings=self._settings,
+                epoch=loop.owners.epoch,
+            )
             for (name, baud_rate), joints in ports.items()
         ]
-        self._buses = Buses(buses, p.update_rate, self._on_reading, self._on_error, self._update)
+        self.backend = DynamixelBackend(buses, loop, p.update_rate, self._report)
         self._baud_rates = [baud_rate for _, baud_rate in ports]
-        self._names = {bus: frozenset([joint.joint_name for joint in bus.joints]) for bus in buses}
         self._connect(p.allow_missing)
-        self.period = 1.0 / p.update_rate
-        loop.attach(self)
+        loop.attach(self.backend)
         self._create_topics()
         self._bus_services = BusServices(
             self,
-            self._buses,
-            loop.owners,
+            self.backend,
+            loop,
             lambda: self._eeprom.value.settings,
-            loop.stop,
-            self.resume,
             short_names=p.short_names,
         )
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
         self._owners_output = OwnersOutput(
-            self, loop.owners, [joint.joint_name for joint in self.joints]
+            self, loop.owners, [joint.joint_name for joint in self.backend.joints]
         )
-        self._buses.start()
-
-    @property
-    def joints(self) -> tuple[JointConfiguration, ...]:
-        """The joints and the servos that drive them."""
-        return self._buses.joints
+        self.backend.start(self._on_reading, self._on_error)
 
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
         """Return port, baud rate and, by id, the models of the servos that were found on it."""
         return [
             (each.bus.port_name, baud_rate, {servo.id: servo.model for servo in each.bus.servos})
-            for each, baud_rate in zip(self._buses.threads, self._baud_rates, strict=True)
+            for each, baud_rate in zip(self.backend.threads, self._baud_rates, strict=True)
         ]
 
     def status(self) -> BusStatus:
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
-
-    def stop(self) -> Mapping[str, str]:
-        """STOP, for any thread; see `ControlLoop`. Whatever else hangs, it does not wait for it."""
-        return self._loop.stop()
-
-    def relax_now(self) -> Mapping[str, str]:
-        """See `JointBackend`."""
-        return self._buses.relax_at_once()
-
-    def claim(self) -> None:
-        """See `JointBackend`; the owners of this process are the servo bus's."""
-
-    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        """See `JointBackend`."""
-        self._write(owner, goals, epoch)
-
-    def resume(self) -> tuple[str, ...]:
-        """End a STOP: hold what was not relaxed on request; return the controllers that go on.
-
-        Raises:
-            StoppedError: there was another STOP meanwhile.
-        """
-        owners = self._loop.owners
-        epoch = owners.epoch.value
-        if not owners.stopped:
-            return ()
-        resumed = owners.resume(epoch)
-        holding = [
-            joint.joint_name
-            for joint in self.joints
-            if self._buses.torque(joint.joint_name) is Torque.OFF_UNTIL_COMMANDED
-        ]
-        futures: list[Future[None]] = self._buses.call(
-            holding, lambda bus, share: bus.switching_torque(share, True), epoch
-        )
-        for future in futures:
-            future.add_done_callback(self._torque_done)
-        return resumed
-
-    def _torque_done(self, future: Future[None]) -> None:
-        error = None if future.cancelled() else future.exception()
-        if error is not None:
-            self.get_logger().error(f"after resume: {error}")
 
     def destroy_node(self) -> None:
         """Stops the head, relaxes the servos and closes the ports."""
@@ -200,14 +157,12 @@ class ServoBusNode(Node):
         Waits for no callback, and may be called by any thread, and twice.
         """
         if self._safe is None:
-            problems: list[str] = []
             try:
-                self._buses.stop()
+                unconfirmed = self.backend.close()
             except BusStoppedError as failure:
-                problems.append(str(failure))
-            problems += [
-                f"{joint} did not confirm that it is relaxed" for joint in self._buses.unconfirmed
-            ]
+                problems = [str(failure)]
+            else:
+                problems = [f"{joint} did not confirm that it is relaxed" for joint in unconfirmed]
             self._safe = problems
             for problem in problems:
                 self.get_logger().error(problem)
@@ -226,65 +181,30 @@ class ServoBusNode(Node):
             ports.setdefault(port, []).append(joint.configuration)
         return ports
 
-    def _make_bus(
-        self,
-        joints: Sequence[JointConfiguration],
-        p: ServoBusParameters,
-        port_name: str,
-        baud_rate: int,
-    ) -> ServoBus:
-        return ServoBus(
-            DynamixelPort(port_name, baud_rate, reply_timeout=p.reply_timeout or None),
-            joints,
-            clock=lambda: int(self.get_clock().now().nanoseconds),
-            settings=self._settings,
-            epoch=self._loop.owners.epoch,
-        )
-
     def _connect(self, allow_missing: bool) -> None:
         log = self.get_logger()
-        connected: list[ServoBus] = []
-        try:
-            for bus in [thread.bus for thread in self._buses.threads]:
-                summary = bus.connect(allow_missing=allow_missing) or "no servo answers"
-                connected.append(bus)
-                adapter = bus.adapter
-                log.info(f"{summary} on {bus.port_name} ({adapter}); relaxed until a command comes")
-                if adapter.advice:
-                    log.warning(f"{bus.port_name}: {adapter.advice}")
-        except BaseException:
-            for bus in connected:
-                bus.close()
-            raise
+        self.backend.connect(allow_missing=allow_missing)
+        for bus in [thread.bus for thread in self.backend.threads]:
+            found = f"{bus.summary or 'no servo answers'} on {bus.port_name} ({bus.adapter})"
+            log.info(f"{found}; relaxed until a command comes")
+            if bus.adapter.advice:
+                log.warning(f"{bus.port_name}: {bus.adapter.advice}")
 
     def _create_topics(self) -> None:
         self.create_subscription(JointState, "joint_commands", self._on_joint_commands, 1)
         self.create_subscription(JointState, "joint_claims", self._on_joint_claims, 10)
-        for joint in self._buses.joints:
+        for joint in self.backend.joints:
             name, controller = joint.joint_name, joint.controller
             self.create_subscription(
                 Float64, f"{controller}/command", self._command_callback(name), 1
             )
             self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
 
-    def _update(self, bus: ServoBus, reading: BusReading) -> None:
-        """Between reading and writing, in the bus's thread."""
-        states = reading.states
-        self._loop.stuck.update({e.joint_name: e.text for e in reading.events if e.stuck})
-        self._states[bus] = states
-        complete: Mapping[str, Any] = {}
-        if states:
-            stamp = sum([state.stamp for state in states.values()]) // len(states)
-            complete = self._loop.joints_read(stamp, states)
-            self._read[bus] = stamp, complete
-        self._loop.update(self._names[bus])
-
     def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
         """After writing, in the bus's thread."""
-        if reading.events:
-            for event in reading.events:
-                self._log_event(event)
-        states = reading.states
+        for event in reading.events:
+            self._log_event(event)
+        self._states[bus] = states = reading.states
         if states:
             if self._states_output.wanted:
                 message = self._messages.get(bus)
@@ -293,7 +213,6 @@ class ServoBusNode(Node):
                 self._states_output.publish(message.filled(states))
             if self._goals_output.wanted:
                 self._publish_goals(states)
-        self._loop.publish(self._names[bus], *self._read.pop(bus, (0, {})))
 
     def _publish_goals(self, states: Mapping[str, ServoState]) -> None:
         goals = {name: state.goal for name, state in states.items() if state.goal is not None}
@@ -319,7 +238,7 @@ class ServoBusNode(Node):
     def _on_joint_claims(self, message: JointState) -> None:
         """Somebody takes joints over, whoever had them."""
         sender, epoch = sender_from(message.header.frame_id)
-        known = {joint.joint_name for joint in self._buses.joints}
+        known = {joint.joint_name for joint in self.backend.joints}
         if not sender or not message.name or not set(message.name) <= known:
             self.get_logger().error(
                 f"joint_claims refused: {sender!r} wants {list(message.name)}; header.frame_id "
@@ -337,10 +256,8 @@ class ServoBusNode(Node):
         sender, epoch = sender_from(message.header.frame_id or _SOMEBODY)
         try:
             goals = goals_from_message(message)
-            for name in goals:
-                self._buses.torque(name)
             epoch = self._loop.owners.check(sender, goals, epoch)
-            self._write(sender, goals, epoch, self._claim(sender))
+            self.backend.write(sender, goals, epoch, self._claim(sender))
         except (ValueError, DynamixelError, OwnershipError) as error:
             named = f" of {sender}" if sender != _SOMEBODY else ""
             self._refuse(f"joint_commands{named}", error)
@@ -352,43 +269,19 @@ class ServoBusNode(Node):
     def _refuse(self, what: str, error: Exception) -> None:
         self.get_logger().error(f"{what} refused: {error}", throttle_duration_sec=1.0)
 
-    def _write(
-        self,
-        sender: str,
-        goals: Mapping[str, Goal],
-        epoch: int,
-        claim: Callable[[Iterable[str]], object] | None = None,
-    ) -> None:
-        """Command goals of an owner, or of one that may claim the joints, made in an epoch."""
-        waiting = [name for name in goals if self._buses.torque(name).waits]
-        if waiting:
-            for name in waiting:
-                self.get_logger().warning(
-                    f"{name}: {self._buses.torque(name).value}; the commands of {sender} do "
-                    "nothing until then (torque_enable, start or recover, as the case may be)",
-                    throttle_duration_sec=5.0,
-                )
-            goals = {name: goal for name, goal in goals.items() if name not in waiting}
-            if not goals:
-                return
-        try:
-            result = self._buses.command(goals, clamp=True, claim=claim, epoch=epoch)
-        except DynamixelError as error:
-            self._refuse("joint_commands", error)
-            return
-        for name in result.clamped:
-            self.get_logger().warning(
-                f"{name}: the goal {goals[name].position:.3f} rad is beyond the servo's limit; "
-                f"{result.positions[name]:.3f} rad is used",
-                throttle_duration_sec=5.0,
-            )
+    def _report(self, subject: str, text: str) -> None:
+        """Log what was not done as it was asked for, now and then."""
+        now = time.monotonic()
+        if now >= self._reported.get(subject, 0.0):
+            self._reported[subject] = now + _LOG_PERIOD
+            self.get_logger().warning(f"{subject}: {text}")
 
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
                 epoch = self._loop.owners.check(_SOMEBODY, [joint])
                 goal = {joint: Goal(message.data)}
-                self._buses.command(goal, claim=self._claim(_SOMEBODY), epoch=epoch)
+                self.backend.command(goal, claim=self._claim(_SOMEBODY), epoch=epoch)
             except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")
 
@@ -397,7 +290,7 @@ class ServoBusNode(Node):
     def _speed_callback(self, joint: str) -> Callable[[Float64], None]:
         def callback(message: Float64) -> None:
             try:
-                self._buses.bus_of(joint).set_speed(joint, message.data)
+                self.backend.joint(joint).set_default_speed(message.data)
             except DynamixelError as error:
                 self.get_logger().error(f"speed refused: {error}")
 
@@ -406,7 +299,7 @@ class ServoBusNode(Node):
     def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
         """Called when somebody has set a speed, which has been checked."""
         self._set_limits(joint, max_speed=changed.max_speed)
-        self._buses.bus_of(joint).set_speed(joint, changed.joint_speed)
+        self.backend.joint(joint).set_default_speed(changed.joint_speed)
 
     def _on_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody has set a limit, which has been checked."""
@@ -414,15 +307,15 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        self._buses.bus_of(joint).check_limits(joint, changed.min, changed.max)
+        self.backend.joint(joint).check(changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:
             if future.exception() is not None:
                 self.get_logger().error(f"{joint}: limits not set: {future.exception()}")
 
-        (future,) = self._buses.call(
-            [joint], lambda bus, _: bus.set_limits(joint, **limits), despite_stop=True
+        (future,) = self.backend.call(
+            [joint], lambda bus, _: bus.joint(joint).reconfigure(**limits), despite_stop=True
         )
         future.add_done_callback(done)
 
@@ -436,7 +329,7 @@ class ServoBusNode(Node):
                 int(self.get_clock().now().nanoseconds),
                 self._settings,
             )
-            for thread in self._buses.threads
+            for thread in self.backend.threads
         ]
 
     def _publish_diagnostics(self) -> None:
@@ -507,7 +400,7 @@ def main() -> int:
     try:
         with StopSignal() as stop:
             lock.acquire(stop.wait, shared=True)
-    except StoppedBeforeStartError:
+    except EndRequestedError:
         return 0
     except RefusedError as error:
         print(error, file=sys.stderr)

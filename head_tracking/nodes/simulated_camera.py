@@ -14,10 +14,10 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.images import camera_info, image_message
-from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.placed_target import NewestTarget
-from head_tracking.ros.spinning import run_node
-from head_tracking.ros.worker import Worker
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
@@ -128,7 +128,7 @@ class SimulatedCameraNode(Node):
         self._depth = self.create_publisher(Image, "depth", 5)
         self._info = self.create_publisher(CameraInfo, "camera_info", 5)
         self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
-        self.create_timer(1.0 / p.rate, self._take)
+        steady_timer(self, 1.0 / p.rate, self._take)
 
     def destroy_node(self) -> None:
         """Ends the thread that draws too."""

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import run_node
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.viewer import MISSING, installed

@@ -13,10 +13,10 @@ from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.images import depth_of, image_message, picture_of
-from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.sighted_target import NEWEST, SightedTarget
-from head_tracking.ros.spinning import run_node
-from head_tracking.ros.worker import Worker
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (
@@ -119,7 +119,7 @@ class VisualTargetNode(Node):
         self._image: Subscription | None = None
         self._depth: Subscription | None = None
         self._subscribe_as_needed()
-        self.create_timer(_ASKED_EVERY, self._subscribe_as_needed)
+        steady_timer(self, _ASKED_EVERY, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
 
     @property

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 from mcap_ros2._dynamic import EncoderFunction, serialize_dynamic
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 
-from head_tracking.ros.message_types import message_definition
+from head_tracking.ros.kit.message_types import message_definition
 from head_tracking.transforms import Transform, TransformBuffer
 
 _CHUNK = 1 << 20  # bytes

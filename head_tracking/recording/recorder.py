@@ -31,8 +31,8 @@ from head_tracking.recording.bag_writer import (
     transforms_of_joints,
 )
 from head_tracking.ros.images import picture_of
-from head_tracking.ros.message_types import message_class
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.message_types import message_class
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import RobotModel, TransformBuffer
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError, cv2

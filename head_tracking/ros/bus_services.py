@@ -6,30 +6,28 @@ which takes it in steps between its cycles, and answers when that is done. Relax
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, wait
-from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.control import JointOwners
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     DynamixelError,
     EepromSettings,
     ServoBus,
     TorqueError,
 )
 from head_tracking.ros.joint_owners import offer_stop
-from head_tracking.ros.own_thread import OwnThread
+from head_tracking.ros.kit.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
 _MEMORY = 10.0  # s
-_PER_JOINT, _PER_BUS = 5, 11  # services
 
 Joints = tuple[str, ...]
 Request = Callable[[ServoBus, Joints], object]
@@ -43,75 +41,65 @@ class BusServices:
 
     Args:
         bus: the node servo_bus.
-        buses: carry the requests out.
-        owners: say whether the head is stopped; then only what takes torque away is done.
+        servos: carry the requests out.
+        loop: STOP is its; while the head is stopped only what takes torque away is done.
         eeprom: what to write into the servos' memory when somebody asks for it.
-        stop: relaxes everything at once; for each joint what went wrong, or an empty string.
-        resume: ends that; returns the controllers that go on.
         short_names: whether services of the whole bus are offered without the node's name, too.
     """
 
     def __init__(
         self,
         bus: Node,
-        buses: Buses,
-        owners: JointOwners,
+        servos: DynamixelBackend,
+        loop: ControlLoop,
         eeprom: Callable[[], EepromSettings],
-        stop: Callable[[], Mapping[str, str]],
-        resume: Callable[[], Sequence[str]],
         *,
         short_names: bool,
     ) -> None:
-        self._buses = buses
-        self._owners = owners
-        self._eeprom = eeprom
-        self._stop_all = stop
-        everything = tuple(joint.joint_name for joint in buses.joints)
-        # Each service has a callback group and so holds one thread at most: one is left for STOP.
-        self._own = OwnThread(
-            bus, f"{bus.get_name()}_services", threads=_PER_JOINT * len(everything) + _PER_BUS
-        )
-        self._node = self._own.node
-        for joint in buses.joints:
-            one, controller = (joint.joint_name,), joint.controller
-            self._offer_torque(f"{controller}/torque_enable", one)
-            self._offer(f"{controller}/stop", partial(self._take_out, one))
-            self._offer(f"{controller}/start", partial(self._start, one))
-            self._offer(f"{controller}/restart", partial(self._restart, one))
-            self._offer(f"{controller}/recover", partial(self._recover, one))
+        self._servos, self._loop, self._eeprom = servos, loop, eeprom
+        everything = tuple(joint.joint_name for joint in servos.joints)
+        self._own = OwnThread(bus, f"{bus.get_name()}_services", concurrent=True)
+        for joint in servos.joints:
+            self._offer_for_joint(joint.controller, (joint.joint_name,))
         own = f"{bus.get_fully_qualified_name()}/"
         prefixes = (own, "") if short_names else (own,)
         for prefix in prefixes:
             self._offer_torque(f"{prefix}torque_enable", everything)
-            self._offer(f"{prefix}relax", lambda: self._switch(everything, False))
-            self._offer(f"{prefix}recover", lambda: self._recover(everything))
-        self._offer(f"{own}write_eeprom", lambda: self._write_eeprom(everything))
-        offer_stop(self._node, stop, resume, prefixes)
+            self._offer(f"{prefix}relax", lambda _: self._switch(everything, False))
+            self._offer(f"{prefix}recover", lambda _: self._recover(everything))
+        self._offer(f"{own}write_eeprom", lambda _: self._write_eeprom(everything))
+        offer_stop(self._own.node, loop.stop, servos.resume, prefixes)
         self._own.start()
 
     def close(self) -> None:
         """Offers nothing any more."""
         self._own.close()
 
-    def _offer(self, name: str, act: Callable[[], str]) -> None:
-        def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            return _answer(response, act)
-
-        self._node.create_service(
-            Trigger, name, callback, callback_group=MutuallyExclusiveCallbackGroup()
-        )
+    def _offer_for_joint(self, controller: str, joint: Joints) -> None:
+        self._offer_torque(f"{controller}/torque_enable", joint)
+        self._offer(f"{controller}/stop", lambda _: self._take_out(joint))
+        self._offer(f"{controller}/start", lambda _: self._start(joint))
+        self._offer(f"{controller}/restart", lambda _: self._restart(joint))
+        self._offer(f"{controller}/recover", lambda _: self._recover(joint))
 
     def _offer_torque(self, name: str, joints: Joints) -> None:
-        def callback(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-            return _answer(response, lambda: self._switch(joints, request.data))
+        self._offer(name, lambda request: self._switch(joints, request.data), SetBool)
 
-        self._node.create_service(
-            SetBool, name, callback, callback_group=MutuallyExclusiveCallbackGroup()
-        )
+    def _offer(self, name: str, act: Callable[[Any], str], kind: type = Trigger) -> None:
+        def callback(request: Any, response: Any) -> Any:
+            try:
+                response.message = act(request)
+                response.success = True
+            except (DynamixelError, TimeoutError) as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        group = MutuallyExclusiveCallbackGroup()  # of its own: no other service waits for it
+        self._own.node.create_service(kind, name, callback, callback_group=group)
 
     def _switch(self, joints: Joints, on: bool) -> str:
-        if not on and self._owners.stopped:  # relaxed they are; a cable may have been out
-            problems = {j: problem for j, problem in self._stop_all().items() if problem}
+        if not on and self._loop.owners.stopped:  # relaxed they are; a cable may have been out
+            problems = {j: problem for j, problem in self._loop.stop().items() if problem}
             if problems:
                 raise TorqueError(False, problems)
         else:
@@ -127,7 +115,7 @@ class BusServices:
         return f"{', '.join(joints)}: started, relaxed until a command comes"
 
     def _restart(self, joints: Joints) -> str:
-        self._owners.permit()
+        self._loop.owners.permit()
         self._take_out(joints)
         return self._start(joints)
 
@@ -177,8 +165,8 @@ class BusServices:
                 relax, which nobody takes back.
         """
         timeout = timeout or _TIMEOUT
-        epoch = None if relaxes else self._owners.permit()
-        futures: list[Future[Any]] = self._buses.call(joints, request, epoch, despite_stop=relaxes)
+        epoch = None if relaxes else self._loop.owners.permit()
+        futures: list[Future[Any]] = self._servos.call(joints, request, epoch, despite_stop=relaxes)
         late = list(wait(futures, timeout).not_done)
         if late and not relaxes:
             late = [future for future in late if future.cancel()]
@@ -189,12 +177,3 @@ class BusServices:
         if errors:
             raise errors[0]
         return [future.result() for future in futures]
-
-
-def _answer(response: Any, act: Callable[[], str]) -> Any:
-    try:
-        response.message = act()
-        response.success = True
-    except (DynamixelError, TimeoutError) as error:
-        response.success, response.message = False, str(error)
-    return response

@@ -9,66 +9,68 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 
 
+class _Server(ActionServer):
+    """rclpy's action server, for goals that no callback waits for.
+
+    A callback that waits is resumed again and again by rclpy's executor, as fast as that can. So a
+    goal is executing from `execute` on, and its callback is called when its result is there.
+    """
+
+    def notify_execute(
+        self, goal_handle: Any, execute_callback: Callable[[Any], object] | None
+    ) -> None:
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
+
+
 class Goal:
     """One goal, for what carries it out; for any thread.
 
     Args:
-        node: serves.
         handle: rclpy's.
+        on_result: called once, with what sets the last status and returns the result.
 
     Attributes:
         request: what the client wants.
         feedback: publishes a message for the client.
         on_cancel: called when the client wants it no more; it ends the goal.
+        is_over: whether it has a result.
     """
 
-    def __init__(self, node: Node, handle: Any) -> None:
+    def __init__(self, handle: Any, on_result: Callable[[Callable[[Any], Any]], object]) -> None:
         self.request = handle.request
         self.feedback: Callable[[Any], object] = handle.publish_feedback
         self.on_cancel: Callable[[], object] = lambda: None
-        self._node, self._handle = node, handle
-        self._end: tuple[Callable[[], object], Any] | None = None
-
-    @property
-    def is_over(self) -> bool:
-        """Whether it has a result."""
-        return self._end is not None
+        self.is_over = False
+        self._handle, self._on_result = handle, on_result
 
     def succeed(self, result: Any) -> None:
         """End it well."""
-        self._execute(self._handle.succeed, result)
+        self._end(self._handle.succeed, result)
 
     def abort(self, result: Any) -> None:
         """End it, because it cannot be reached, or because another one has come."""
-        self._execute(self._handle.abort, result)
+        self._end(self._handle.abort, result)
 
     def cancel(self, result: Any) -> None:
         """End it as the client wants."""
         handle = self._handle
-        self._execute(
+        self._end(
             lambda: handle.canceled() if handle.is_cancel_requested else handle.abort(), result
         )
 
-    def conclude(self) -> Any:
-        """Set the last status and return the result."""
-        assert self._end is not None
-        set_status, result = self._end
-        set_status()
-        return result
+    def _end(self, set_status: Callable[[], object], result: Any) -> None:
+        def conclude(_: Any) -> Any:
+            set_status()
+            return result
 
-    def _execute(self, set_status: Callable[[], object], result: Any) -> None:
-        if self._end is None:
-            self._end = set_status, result
-            if self._node.executor is not None:  # else the program ends
-                self._handle.execute()
+        if not self.is_over:
+            self.is_over = True
+            self._on_result(conclude)
 
 
 class GoalServer:
     """Accepts goals, and answers each when it has a result; in between no callback waits.
-
-    An execute callback of rclpy that waits is resumed again and again by its executor, as fast as
-    that can. So the execution of a goal is deferred (`handle_accepted_callback`): the loop carries
-    it out, and `execute` hands its result over. Until then its status is "accepted".
 
     Args:
         node: serves.
@@ -88,11 +90,11 @@ class GoalServer:
     ) -> None:
         self._node, self._refusal, self._begin = node, refusal, begin
         self._goals: dict[bytes, Goal] = {}
-        ActionServer(
+        self._server = _Server(
             node,
             kind,
             name,
-            lambda handle: self._goals.pop(_id(handle)).conclude(),
+            lambda _: None,
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
@@ -102,12 +104,18 @@ class GoalServer:
         return GoalResponse.REJECT if self._refusal(request) else GoalResponse.ACCEPT
 
     def _on_accepted(self, handle: Any) -> None:
-        goal = self._goals[_id(handle)] = Goal(self._node, handle)
+        def on_result(conclude: Callable[[Any], Any]) -> None:
+            del self._goals[_id(handle)]
+            if self._node.executor is not None:  # else the program ends
+                self._server.notify_execute(handle, conclude)
+
+        goal = self._goals[_id(handle)] = Goal(handle, on_result)
+        handle.execute()
         self._begin(goal)
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
         goal = self._goals.get(_id(handle))
-        if goal is None or goal.is_over:
+        if goal is None:
             return CancelResponse.REJECT
         goal.on_cancel()
         return CancelResponse.ACCEPT

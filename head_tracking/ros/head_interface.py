@@ -11,18 +11,18 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.control import ControlLoop
+from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.control.head_control import HeadControl, TargetMode
 from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.joint_topics import JointTopics
-from head_tracking.ros.listening import TopicListener, unheard
+from head_tracking.ros.kit.listening import TopicListener, unheard
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.topic_output import Output
 from head_tracking.ros.messages import target_from_message
-from head_tracking.ros.output import Output
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.spinning import steady_timer
 from head_tracking.ros.trajectory_backend import TrajectoryBackend
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tf.qos import LATCHED
@@ -118,20 +118,22 @@ class HeadInterface:
             observer=self._publish,
         )
         self._loop = loop
-        self._trajectory = self._drive(loop, NodeParameters(node, DriveParameters).value)
+        self._backend = self._make_backend(NodeParameters(node, DriveParameters).value)
+        if self._backend is not None:
+            loop.attach(self._backend)
         TopicListener(node, PointStamped, "target_point", self._on_target)
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(node, _WATCH_PERIOD, self._watch)
         steady_timer(node, _UNHEARD_PERIOD, self._check_publishers)
 
-    def _drive(self, loop: ControlLoop, p: DriveParameters) -> TrajectoryBackend | None:
-        """Connect the loop to what drives the joints."""
-        node, control = self._node, self.control
+    def _make_backend(self, p: DriveParameters) -> JointBackend | None:
+        """Return what drives the joints; None: the servo bus of this process does."""
+        node, control, loop = self._node, self.control, self._loop
         if p.command_interface == "joint_commands":
-            if loop.backend is None:
-                JointTopics(node, control.name, control.joints, loop)
-            return None
+            if loop.backend is not None:
+                return None
+            return JointTopics(node, control.name, control.joints, loop)
         if loop.backend is not None:
             name = node.get_name()
             raise HeadTrackingError(
@@ -146,14 +148,14 @@ class HeadInterface:
     def begin(self) -> None:
         """Turn the head from now on; the node is complete."""
         self.control.begin()
-        if self._trajectory is not None:
-            self._loop.add(self._trajectory)
+        if self._backend is not None:
+            self._backend.start()
         self._publish(None)
 
     def close(self) -> None:
-        """Withdraw what has a thread of its own."""
-        if self._trajectory is not None:
-            self._trajectory.close()
+        """Withdraw what drives the joints, if this node has made it."""
+        if self._backend is not None:
+            self._backend.close()
 
     def _watch(self) -> None:
         self.control.watch()

@@ -94,8 +94,8 @@ def image_message(header: Header, encoding: str, pixels: npt.NDArray[Any]) -> Im
     )
 
 
-def camera_of(message: CameraInfo) -> Camera:
-    """The camera of a CameraInfo message.
+def camera_of(message: CameraInfo, *, rectified: bool = False) -> Camera:
+    """Return the camera of a CameraInfo message, whose images may be rectified.
 
     Raises:
         CameraError: the calibration makes no sense.
@@ -106,6 +106,9 @@ def camera_of(message: CameraInfo) -> Camera:
         [float(number) for number in message.k],
         [float(number) for number in message.d],
         message.distortion_model,
+        turn=[float(number) for number in message.r],
+        projection=[float(number) for number in message.p],
+        rectified=rectified,
         binning=(message.binning_x, message.binning_y),
         region=(roi.x_offset, roi.y_offset, roi.width, roi.height),
     )

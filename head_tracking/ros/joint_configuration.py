@@ -22,7 +22,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.parameters import ParameterError
-from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
 
 
 class DeclaredJoint(NamedTuple):

@@ -33,8 +33,13 @@ class JointTopics:
         self._loop = loop
         self._commands = node.create_publisher(JointState, "joint_commands", 1)
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
-        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
-        loop.attach(self)
+
+    def start(self) -> None:
+        """See `JointBackend`: listen to the servo bus."""
+        self._node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
+
+    def close(self) -> None:
+        """See `JointBackend`; the topics end with the node."""
 
     def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
@@ -11,11 +12,12 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
+from head_tracking.parameters import parameter
 from head_tracking.ros.images import camera_of, frame_pose
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.messages import target_message
-from head_tracking.ros.parameters import NodeParameters
-from head_tracking.ros.switch import Switch
-from head_tracking.ros.worker import Worker
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.vision import (
@@ -30,6 +32,17 @@ from head_tracking.vision import (
 
 NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 """An image that nobody had time for is of no use any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraParameters:
+    """What `camera_info` is to be read as."""
+
+    rectified: bool = parameter(
+        False,
+        "The images are rectified (image_rect): the matrix P of camera_info counts, and neither K "
+        "nor D nor R.",
+    )
 
 
 class SightedTarget:
@@ -63,6 +76,7 @@ class SightedTarget:
         self._fixed_frame = fixed_frame
         self._worker = worker
         self._log = node.get_logger()
+        self._camera_parameters = NodeParameters(node, CameraParameters)
         self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
         self.find_by(detector)
@@ -135,7 +149,8 @@ class SightedTarget:
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = camera_of(message), message.header.frame_id
+            rectified = self._camera_parameters.value.rectified
+            self._camera = camera_of(message, rectified=rectified), message.header.frame_id
         except CameraError as error:
             self._camera = None
             self.complain(str(error))

@@ -12,7 +12,7 @@ from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.joint_owners import OwnersOutput, offer_stop
-from head_tracking.ros.own_thread import OwnThread
+from head_tracking.ros.kit.own_thread import OwnThread
 from head_tracking.tracking import SetpointStream
 
 try:
@@ -71,14 +71,17 @@ class TrajectoryBackend:
         self._own = OwnThread(node, f"{node.get_name()}_stop")
         OwnersOutput(self._own.node, loop.owners, joints)
         offer_stop(self._own.node, loop.stop, loop.owners.resume)
-        self._own.start()
-        loop.attach(self)
         node.get_logger().info(
             f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
         )
 
+    def start(self) -> None:
+        """See `JointBackend`."""
+        self._own.start()
+        self._loop.add(self)
+
     def close(self) -> None:
-        """Withdraw the services."""
+        """See `JointBackend`: withdraw the services."""
         self._own.close()
 
     def claim(self) -> None:

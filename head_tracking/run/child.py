@@ -2,7 +2,7 @@
 
     python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 
-Messages are lines of JSON. The end of the line, which also a killed supervisor brings about, ends
+Messages are packets of JSON. The end of the line, which also a killed supervisor brings about, ends
 the process.
 """
 
@@ -13,13 +13,15 @@ import json
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 from head_tracking.output import output_may_get_lost
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.node_sets import CONTROL
+
+_LONGEST: Final = 1 << 16  # bytes of a message
 
 
 class SupervisorLine:
@@ -42,7 +44,7 @@ class SupervisorLine:
     def send(self, **message: Any) -> None:
         """Send a message; nothing if the supervisor has gone."""
         with self._sending, suppress(OSError):
-            self._line.sendall(json.dumps(message).encode() + b"\n")
+            self._line.send(json.dumps(message).encode())
 
     def receive(self, received: Callable[[dict[str, Any]], object]) -> None:
         """Call back for every message, in a thread of the line; first for those that came early."""
@@ -56,17 +58,10 @@ class SupervisorLine:
 
     def _read(self) -> None:
         with suppress(OSError):
-            for message in messages(self._line):
+            while data := self._line.recv(_LONGEST):
                 with self._receiving:
-                    self._received(message)
+                    self._received(json.loads(data))
         self._stop.set()
-
-
-def messages(line: socket.socket) -> Iterator[dict[str, Any]]:
-    """Yield what the other end of a line sends, until it ends."""
-    with line.makefile("rb") as lines:
-        for text in lines:
-            yield json.loads(text)
 
 
 def main() -> int:

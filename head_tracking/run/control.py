@@ -16,18 +16,18 @@ from rclpy.node import Node
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros import parameter_files
-from head_tracking.ros.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.joint_owners import resume_report, stop_report
-from head_tracking.ros.spinning import NodeThreads, describe
-from head_tracking.ros.start import start_ros
-from head_tracking.ros.stop_signal import StoppedError, StopSignal
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.spinning import NodeThreads, describe
+from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor, RunSources
 from head_tracking.run.status_line import StatusLine
-from head_tracking.run.stop_key import HINT, StopKey
+from head_tracking.run.stop_key import HINT, carry_out
 from head_tracking.run.true_positions import TruePositionsOutput
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer, TransformListener
@@ -65,12 +65,12 @@ class Composition:
 
     def stop(self) -> list[str]:
         """STOP; return a line for each joint."""
-        problems = self.nodes["servo_bus"].stop()
+        problems = self.loop.stop()
         return [stop_report(joint, problem) for joint, problem in problems.items()]
 
     def resume(self) -> list[str]:
         """End a STOP; return a line that says who goes on."""
-        return [resume_report(self.nodes["servo_bus"].resume())]
+        return [resume_report(self.nodes["servo_bus"].backend.resume())]
 
 
 def compose(
@@ -92,7 +92,7 @@ def compose(
         on_servos: gets the servo bus before anything is commanded.
 
     Raises:
-        StoppedError: somebody asked to stop.
+        EndRequestedError: somebody asked to stop.
         ArgumentError: there is no such joint to reverse.
         Exception: a node could not start; says why.
     """
@@ -170,14 +170,13 @@ class OtherProcesses:
         self._line, self._stop = line, stop
         self._reports: dict[str, str] = {}
         self._changed = threading.Condition()
-        line.receive(self._on_report)
 
     def start(self, spec: NodeSpec) -> None:
         """Start a node; wait until it runs, unless it is the page.
 
         Raises:
             NodeNotStartedError: it cannot; says why.
-            StoppedError: somebody asked to stop meanwhile.
+            EndRequestedError: somebody asked to stop meanwhile.
         """
         with self._changed:
             self._reports.pop(spec.name, None)
@@ -193,7 +192,8 @@ class OtherProcesses:
         if problem:
             raise NodeNotStartedError(problem)
 
-    def _on_report(self, report: dict[str, Any]) -> None:
+    def received(self, report: dict[str, Any]) -> None:
+        """Record what another process reports of a node."""
         with self._changed:
             self._reports[report["node"]] = report["problem"]
             self._changed.notify_all()
@@ -214,7 +214,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
         start_ros(plan.ros_arguments)
         with ExitStack() as resources, closing(threads):
             _run(plan, threads, resources, stop, status, line)
-    except StoppedError:
+    except EndRequestedError:
         status.end("stopped before everything had started")
     except Exception as error:
         status.end(f"head_tracking: {describe(error)}")
@@ -230,7 +230,7 @@ def _claim(plan: Run, threads: NodeThreads, stop: StopSignal, status: StatusLine
 
     Raises:
         RefusedError: another head has it.
-        StoppedError: somebody asked to stop.
+        EndRequestedError: somebody asked to stop.
     """
     node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
     claim = HeadClaim(node, simulated=plan.simulated)
@@ -261,10 +261,24 @@ def _run(
             handed_over[:] = servos
             line.send(servos=servos)
 
+    hint: list[str] = []
+
+    def receive(message: dict[str, Any]) -> None:
+        if "node" in message:
+            others.received(message)
+        elif "keys" in message:
+            hint[:] = [HINT] if message["keys"] else []
+        elif message["key"]:  # in a thread: the end of the line must be noticed meanwhile
+            threading.Thread(target=press, args=[message["key"]], daemon=True).start()
+
+    def press(key: str) -> None:
+        status.say(carry_out(key, head.stop, head.resume))
+
     claim = _claim(plan, threads, stop, status)
     others = OtherProcesses(line, stop)
+    line.receive(receive)
     head = compose(plan, threads, resources, stop, others.start, hand_over)
-    parameter_files.check(head.nodes.values())
+    parameter_sources.check(head.nodes.values())
     get_logger("head_tracking").info(threads.executor)
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(
@@ -281,9 +295,9 @@ def _run(
             claim.check()
         hand_over(head.nodes["servo_bus"])
         parts, mood = monitor.look()
-        status.show([*parts, HINT] if key.works else parts, mood)
+        status.show([*parts, *hint], mood)
 
-    key = resources.enter_context(StopKey(head.stop, head.resume, status.say))
+    line.send(ready=True)
     try:
         threads.wait(stop, plan.duration, look)
     finally:

@@ -8,9 +8,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from head_tracking.ros import parameter_files
-from head_tracking.ros.spinning import NodeThreads, describe, run_threads
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.spinning import NodeThreads, describe, run_threads
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import NodeSpec
 from head_tracking.run.true_positions import TruePositions
@@ -49,7 +49,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) 
     def start(enabled: bool, **spec: Any) -> None:
         try:
             node = NodeSpec(**spec).make(shared)
-            parameter_files.check([node], names=False)
+            parameter_sources.check([node], names=False)
         except Exception as error:
             line.send(node=spec["name"], problem=describe(error), enabled=enabled)
             if reported:  # the others go on

@@ -96,6 +96,18 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "marker": _visual("marker"),
     "features": _visual("features"),
     "nearest": _visual("nearest"),
+    **{
+        source: (
+            NodeSpec(
+                "detection_target",
+                "nodes.detection_target.DetectionTargetNode",
+                ("buffer",),
+                {"source": source},
+                VISION,
+            ),
+        )
+        for source in ("detections_2d", "detections_3d", "faces", "bodies")
+    },
 }
 
 SCENES: Mapping[str, str] = {
@@ -119,9 +131,7 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     )
 
 
-STARTER = NodeSpec(
-    "node_starter", "run.node_starter.NodeStarterNode", ("start", "startable", "loop")
-)
+STARTER = NodeSpec("node_starter", "run.node_starter.NodeStarterNode", ("start", "startable"))
 VIEWER = NodeSpec("viewer", "nodes.viewer.ViewerNode", process=PAGE)
 
 
@@ -131,6 +141,12 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
     targets = (*TARGETS["fictitious"], *TARGETS["face"])
     specs = (*MODES.values(), *targets, *([camera] if simulated else []))
     return {spec.name: spec for spec in specs}
+
+
+def frame_target(frame: str) -> tuple[NodeSpec, ...]:
+    """Return the node that publishes where a frame is."""
+    kind = "nodes.frame_target.FrameTargetNode"
+    return (NodeSpec("frame_target", kind, ("buffer",), {"frame": frame}),)
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
+from head_tracking.programs import COMMANDS
 from head_tracking.run.node_sets import (
     HEAD,
     LEFT_OUT,
@@ -20,6 +21,7 @@ from head_tracking.run.node_sets import (
     VIEWER,
     NodeSpec,
     fixed_target,
+    frame_target,
     simulated_camera,
 )
 from head_tracking.share import robot_parameters
@@ -66,7 +68,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser = argparse.ArgumentParser(
         prog="head_tracking",
         description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
-        epilog="ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
+        epilog=f"head_tracking COMMAND runs one of {', '.join(COMMANDS)}; see COMMAND --help. "
+        "ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
         "unless ROS_AUTOMATIC_DISCOVERY_RANGE says something else.",
     )
     servos = parser.add_mutually_exclusive_group()
@@ -87,7 +90,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--target",
         type=_target,
-        metavar=f"{'|'.join(TARGETS)}|x,y,z@frame",
+        metavar=f"{'|'.join(TARGETS)}|x,y,z@frame|@frame",
         help="what to look at besides what others publish on /target_point "
         "(default: fictitious for --sim --mode track, else none)",
     )
@@ -190,12 +193,14 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
     """Return the nodes that publish a target, and the scene that a simulated camera needs."""
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
+    if text.startswith("@") and text != "@":
+        return frame_target(text[1:]), ""
     try:
         return fixed_target(*point_in_frame(text)), ""
     except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no target; give {', '.join(TARGETS)}, or a point in metres and its "
-            "frame such as 1,0.5,0@base_link"
+            f"{text!r} is no target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
+            "or a point in metres and its frame such as 1,0.5,0@base_link"
         ) from None
 
 

@@ -19,22 +19,23 @@ import signal
 import socket
 import subprocess
 import sys
-import termios
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Final
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.head_lock import HeadLock
-from head_tracking.ros.stop_signal import ENDING
+from head_tracking.ros.kit.head_lock import HeadLock
+from head_tracking.ros.kit.stop_signal import ENDING
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run
+from head_tracking.run.stop_key import StopKey
 
 _NICENESS: Final = {CONTROL: 0, VISION: 5, PAGE: 10}
 _END_PATIENCE: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; afterwards a process is killed
 _PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before a process is started again
-_LOOK_PERIOD: Final = 0.1  # s; whether a real head wants to start
+_LONGEST: Final = 1 << 16  # bytes of a message
+_LOOK_PERIOD: Final = 0.1  # s; what is due, such as a real head that wants to start
 _LASTING: Final = 60.0  # s; a process that ran longer begins with the first pause
 
 
@@ -53,8 +54,7 @@ class Process:
     def __init__(self, name: str, arguments: list[str], descriptors: Sequence[int] = ()) -> None:
         self.name = name
         self.started = time.monotonic()
-        self._line, theirs = socket.socketpair()
-        self._received = b""
+        self._line, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
                 [
@@ -73,18 +73,14 @@ class Process:
     def send(self, message: Mapping[str, Any]) -> None:
         """Send a message; nothing if the process has gone."""
         with suppress(OSError):
-            self._line.sendall(json.dumps(message).encode() + b"\n")
+            self._line.send(json.dumps(message).encode())
 
-    def receive(self) -> list[dict[str, Any]] | None:
-        """Return the messages that have come; None if the process has ended."""
-        try:
-            data = self._line.recv(65536)
-        except OSError:
-            data = b""
-        if not data:
-            return None
-        *lines, self._received = (self._received + data).split(b"\n")
-        return [json.loads(line) for line in lines]
+    def receive(self) -> dict[str, Any] | None:
+        """Return the message that has come; None if the process has ended."""
+        data = b""
+        with suppress(OSError):
+            data = self._line.recv(_LONGEST)
+        return json.loads(data) if data else None
 
     def ask_to_end(self) -> None:
         """End the line to the process; it may still send."""
@@ -178,9 +174,10 @@ class Supervisor:
 
     def __init__(self, plan: Run) -> None:
         self._plan = plan
-        self._ending = self._gives_way = False
+        self._ending = self._gives_way = self._is_ready = False
         self._kill_at = math.inf
         self._servos: list[tuple[str, int, dict[str, str]]] = []
+        self._keys = StopKey()
         self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
         held = self._lock.descriptors
         self._others = {
@@ -193,37 +190,50 @@ class Supervisor:
 
         Raises:
             RefusedError: another head runs on this machine.
-            StoppedError: there was a signal before anything had started.
+            EndRequestedError: there was a signal before anything had started.
         """
-        terminal = _terminal_settings()
         woken = _wake_on(ENDING)
         self._selector.register(woken, selectors.EVENT_READ)
         self._acquire(lambda seconds: bool(select.select([woken], [], [], seconds)[0]))
+        if self._keys.has_terminal:
+            _hear((signal.SIGTSTP, signal.SIGCONT))
         control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
         self._selector.register(control, selectors.EVENT_READ, control)
         import head_tracking.dynamixel  # noqa: F401  now: after a crash there is no time for it
 
-        while control in self._selector.get_map():
-            for key, _ in self._selector.select(self._timeout()):
-                if key.data is None:
-                    woken.recv(64)
-                    self._end(control)
-                else:
-                    self._read(key.data, control)
-            self._start_due()
-            if self._ending and time.monotonic() > self._kill_at:
-                control.kill()
-            if self._lock.is_wanted and not self._ending:
-                _say(f"{self._lock.reason}; this simulated head ends")
-                self._gives_way = True
-                self._end(control)
+        try:
+            while control in self._selector.get_map():
+                for key, _ in self._selector.select(_LOOK_PERIOD):
+                    if key.fileobj is woken:
+                        self._on_signals(woken.recv(64), control)
+                    elif key.fileobj is self._keys:
+                        control.send({"key": self._keys.read()})
+                    else:
+                        self._read(key.data, control)
+                self._look(control)
+            return self._finish(control)
+        finally:
+            self._keys.release()
+
+    def _look(self, control: Process) -> None:
+        """Do what is due."""
+        self._start_due()
+        self._update_keys(control)
+        if self._ending and time.monotonic() > self._kill_at:
+            control.kill()
+        if self._lock.is_wanted and not self._ending:
+            _say(f"{self._lock.reason}; this simulated head ends")
+            self._gives_way = True
+            self._end(control)
+
+    def _finish(self, control: Process) -> int:
+        """End the other processes, and make the servos safe if control has not; return the code."""
         for other in self._others.values():
             if other.running is not None:
                 other.running.ask_to_end()
         code = control.wait()
         if self._servos or code < 0:
             self._make_safe(code)
-            _restore(terminal)
         for other in self._others.values():
             if other.running is not None:
                 other.running.wait()
@@ -244,14 +254,24 @@ class Supervisor:
             self._kill_at = time.monotonic() + _END_PATIENCE[CONTROL]
         self._ending = True
 
-    def _timeout(self) -> float | None:
-        """Return until when to wait for messages and signals [s]; None: however long."""
-        due = [other.start_at for other in self._others.values() if other.start_at is not None]
-        if self._ending:
-            return max(0.0, self._kill_at - time.monotonic())
-        if not (due or self._plan.simulated):
-            return None
-        return max(0.0, min([_LOOK_PERIOD, *(at - time.monotonic() for at in due)]))
+    def _on_signals(self, numbers: bytes, control: Process) -> None:
+        if signal.SIGTSTP in numbers:
+            self._keys.suspend()
+        if not set(ENDING).isdisjoint(numbers):
+            self._end(control)
+
+    def _update_keys(self, control: Process) -> None:
+        """Read keys while control can stop and the terminal is ours."""
+        if not (self._keys.has_terminal and self._is_ready):
+            return
+        self._keys.acquire()
+        if self._keys.works == (self._keys in self._selector.get_map()):
+            return
+        if self._keys.works:
+            self._selector.register(self._keys, selectors.EVENT_READ)
+        else:
+            self._selector.unregister(self._keys)
+        control.send({"keys": self._keys.works})
 
     def _start_due(self) -> None:
         for other in self._others.values():
@@ -261,20 +281,21 @@ class Supervisor:
                 self._selector.register(process, selectors.EVENT_READ, process)
 
     def _read(self, process: Process, control: Process) -> None:
-        received = process.receive()
-        if received is None:
+        message = process.receive()
+        if message is None:
             self._selector.unregister(process)
             if process is not control:
                 for report in self._others[process.name].ended():
                     control.send(report)
-        for message in received or ():
-            if process is not control:
-                self._others[process.name].received(message)
-                control.send(message)
-            elif "servos" in message:
-                self._servos = message["servos"]
-            else:
-                self._others[message["process"]].add(message)
+        elif process is not control:
+            self._others[process.name].received(message)
+            control.send(message)
+        elif "servos" in message:
+            self._servos = message["servos"]
+        elif "ready" in message:
+            self._is_ready = True
+        else:
+            self._others[message["process"]].add(message)
 
     def _make_safe(self, code: int) -> None:
         """Relax the servos, or hold them: control has ended without having done so."""
@@ -298,15 +319,20 @@ class Supervisor:
             _say(result)
 
 
-def _wake_on(signals: tuple[signal.Signals, ...]) -> socket.socket:
-    """Return a socket that can be read after one of these signals."""
+def _wake_on(signals: Sequence[signal.Signals]) -> socket.socket:
+    """Return a socket that can be read after one of these signals: their numbers."""
     woken, waking = socket.socketpair()
     waking.setblocking(False)
     signal.set_wakeup_fd(waking.detach())
-    for number in signals:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # by nohup
-            signal.signal(number, lambda *_: None)
+    _hear(signals)
     return woken
+
+
+def _hear(signals: Sequence[signal.Signals]) -> None:
+    """Let signals only wake; those that are ignored stay so, such as SIGHUP after nohup."""
+    for number in signals:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
 
 
 def _ended(code: int) -> str:
@@ -318,18 +344,3 @@ def _ended(code: int) -> str:
 def _say(text: str) -> None:
     """Write a line above the status line of control."""
     print(f"\r\x1b[K{text}" if sys.stderr.isatty() else text, file=sys.stderr, flush=True)
-
-
-def _terminal_settings() -> list[Any] | None:
-    with suppress(termios.error, OSError, ValueError, AttributeError):
-        return termios.tcgetattr(sys.stdin.fileno())
-    return None
-
-
-def _restore(terminal: list[Any] | None) -> None:
-    """Set the terminal as it was: control reads single keys, and could not set it back."""
-    if terminal is not None:
-        with suppress(termios.error, OSError):
-            stream = sys.stdin.fileno()
-            if os.tcgetpgrp(stream) == os.getpgrp():  # else it is another program's now
-                termios.tcsetattr(stream, termios.TCSANOW, terminal)

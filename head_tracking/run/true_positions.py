@@ -9,16 +9,17 @@ from typing import Final
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from head_tracking.ros.output import Output
-from head_tracking.ros.spinning import steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.topic_output import Output
+from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 
 _TOPIC: Final = "true_joint_states"
-_PERIOD: Final = 0.01  # s
+_PERIOD: Final = 0.02  # s
 _LONGEST: Final = 0.05  # s that a velocity is trusted
 
 
 class TruePositionsOutput:
-    """Publishes where the joints really are while somebody listens.
+    """Publishes where the joints really are, at a monotonic time, while somebody listens.
 
     Args:
         node: publishes.
@@ -37,7 +38,9 @@ class TruePositionsOutput:
         if self._output.wanted:
             found = {joint: self._true_position(joint) for joint in self._joints}
             known = {joint: where for joint, where in found.items() if where is not None}
-            self._output.publish(JointState(name=list(known), position=list(known.values())))
+            message = JointState(name=list(known), position=list(known.values()))
+            message.header.stamp = ns_to_stamp(time.monotonic_ns())
+            self._output.publish(message)
 
 
 class TruePositions:
@@ -48,25 +51,24 @@ class TruePositions:
     """
 
     def __init__(self, node: Node) -> None:
-        self._latest: tuple[float, dict[str, float], dict[str, float]] = 0.0, {}, {}
+        self._latest: tuple[int, dict[str, float], dict[str, float]] = 0, {}, {}
         node.create_subscription(JointState, _TOPIC, self._on_positions, 1)
 
     def now(self, joint: str) -> float | None:
         """Return where a joint is now [rad], by its latest position and velocity, or None."""
-        heard, positions, velocities = self._latest
+        stamp, positions, velocities = self._latest
         if joint not in positions:
             return None
-        elapsed = min(time.monotonic() - heard, _LONGEST)
+        elapsed = min(1e-9 * (time.monotonic_ns() - stamp), _LONGEST)
         return positions[joint] + elapsed * velocities.get(joint, 0.0)
 
     def _on_positions(self, message: JointState) -> None:
-        now = time.monotonic()
-        heard, before, _ = self._latest
+        stamp_before, before, _ = self._latest
+        stamp = stamp_to_ns(message.header.stamp)
         positions = dict(zip(message.name, message.position, strict=True))
-        elapsed = max(now - heard, _PERIOD)
         velocities = {
-            joint: (where - before[joint]) / elapsed
+            joint: (where - before[joint]) / (1e-9 * (stamp - stamp_before))
             for joint, where in positions.items()
-            if joint in before
+            if joint in before and stamp > stamp_before
         }
-        self._latest = now, positions, velocities
+        self._latest = stamp, positions, velocities

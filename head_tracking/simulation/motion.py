@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -136,7 +136,7 @@ class DriveSettings(NamedTuple):
         return self.torque and self.law.limit > 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Mechanics:
     """A motor with its gear as one rigid rotor, seen at the output shaft.
 
@@ -144,7 +144,7 @@ class Mechanics:
         stall_torque: At standstill with full drive, N m.
         free_speed: Speed at which the back-EMF equals full drive, rad/s. With friction the
             unloaded servo reaches its no-load speed.
-        inertia: kg m^2.
+        inertia: Of the rotor with its gear and all that they turn, kg m^2.
         stiction: Torque up to which a standing shaft does not move, N m.
         sliding: Friction of the moving shaft, N m.
         scale_end: Half the angle that the encoder measures, rad, of one that counts no turns; the
@@ -277,6 +277,7 @@ class Drive:
         reference: Where the shaft should be, rad.
         reference_speed: How fast it should move, rad/s.
         temperature: Inside the servo.
+        mechanics: Motor and gear.
         output: Drive of the last step, -1 to 1, counter-clockwise positive.
         current: Motor current of the last step, -1 to 1 of the stall current.
         strain: For how long the servo has not been able to cope with its load, ns.
@@ -297,7 +298,7 @@ class Drive:
         self.strain = 0
         self.at_rest = False
         self._model = model
-        self._mechanics = Mechanics.of(model)
+        self.mechanics = Mechanics.of(model)
         self._settings = settings
         self._profile = settings.profile
         self._start_delay = start_delay
@@ -306,24 +307,12 @@ class Drive:
         self._hand: Hand | None = None
         self._time: int | None = None
 
-    @property
-    def inertia(self) -> float:
-        """Of the rotor with its gear and all that they turn, at the output shaft, kg m^2."""
-        return self._mechanics.inertia
-
-    @inertia.setter
-    def inertia(self, inertia: float) -> None:
-        self._mechanics = replace(self._mechanics, inertia=inertia)
-
     def impede(self, share: float) -> None:
         """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
         built = Mechanics.of(self._model)
         friction = share * built.stall_torque
-        self._mechanics = replace(
-            self._mechanics,
-            stiction=max(built.stiction, friction),
-            sliding=max(built.sliding, friction),
-        )
+        self.mechanics.stiction = max(built.stiction, friction)
+        self.mechanics.sliding = max(built.sliding, friction)
         self.at_rest = False
 
     @property
@@ -333,7 +322,7 @@ class Drive:
 
     def _measure(self, angle: float) -> float:
         """Return what the encoder sees: in the dead angle, the nearer end of its scale."""
-        end = self._mechanics.scale_end
+        end = self.mechanics.scale_end
         if end == math.inf:
             return angle
         return max(-end, min(end, math.remainder(angle, 2.0 * math.pi)))
@@ -434,7 +423,7 @@ class Drive:
         torque_on, control, goal, _, law, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
         velocity, acceleration, _, _ = self._profile
-        mechanics, hand, pushed = self._mechanics, self._hand, self._pushed + self._pulled
+        mechanics, hand, pushed = self.mechanics, self._hand, self._pushed + self._pulled
         stall, free_speed, stiction = (
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip

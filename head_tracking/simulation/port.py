@@ -13,7 +13,6 @@ import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from queue import SimpleQueue
 from typing import Final, Protocol, Self, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
@@ -145,9 +144,10 @@ def _is_abandoned(device: str) -> bool:
 class SimulatedPort:
     """Serves a simulated bus on a pty, which any Dynamixel program can open by `port_name`.
 
-    A context manager. Programs may open and close the port as often as they like; what nobody
-    reads is lost, as on a wire. The bus belongs to the server's thread: look at it and touch it
-    through the methods here, from any thread.
+    A context manager. Programs may open and close the device as often as they like; what nobody
+    reads is lost, as on a wire. `close` is how the adapter is unplugged, and `open` how it is
+    plugged in again: the servos keep their supply. The bus belongs to the server's thread: look at
+    it and touch it through the methods here, from any thread.
 
     Args:
         bus: The servos, or a bus.
@@ -191,7 +191,6 @@ class SimulatedPort:
         self._thread: threading.Thread | None = None
         self._terminal: PseudoTerminal | None = None
         self._wake_reader = self._wake_writer = -1
-        self._orders: SimpleQueue[tuple[PseudoTerminal | None, threading.Event]] = SimpleQueue()
         self._stopping = False
 
     @property
@@ -201,19 +200,21 @@ class SimulatedPort:
         return "" if terminal is None else terminal.link or terminal.name
 
     def open(self) -> None:
-        """Make the pty and start to serve it.
+        """Make the pty, by another name than before, and the link, and start to serve it.
 
         Raises:
             PortLinkError: The link cannot be made.
         """
         if self._thread is not None:
             return
-        self._terminal = PseudoTerminal(self._link)
+        self._terminal = terminal = PseudoTerminal(self._link)
         self._wake_reader, self._wake_writer = os.pipe()
         self._stopping = False
         with self._lock:
             self._bus.advance(self._clock())
-        self._thread = threading.Thread(target=self._serve, name="simulated bus", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, args=(terminal,), name="simulated bus", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
@@ -232,20 +233,6 @@ class SimulatedPort:
             for descriptor in (self._wake_reader, self._wake_writer):
                 os.close(descriptor)
             self._wake_reader = self._wake_writer = -1
-
-    def unplug(self) -> None:
-        """Pull the adapter out: the device and the link vanish, the servos keep their supply."""
-        if self._terminal is not None:
-            self._order(None)
-
-    def replug(self) -> None:
-        """Plug the adapter in again: there is a device again, by another name, and the link.
-
-        Raises:
-            PortLinkError: The link cannot be made.
-        """
-        if self._terminal is None and self._thread is not None:
-            self._order(PseudoTerminal(self._link))
 
     def __enter__(self) -> Self:
         self.open()
@@ -286,62 +273,40 @@ class SimulatedPort:
     def _wake(self) -> None:
         os.write(self._wake_writer, b"w")
 
-    def _order(self, terminal: PseudoTerminal | None) -> None:
-        done = threading.Event()
-        self._orders.put((terminal, done))
-        self._wake()
-        thread = self._thread
-        while thread is not None and thread.is_alive() and not done.wait(0.1):
-            pass
-
     # Server's thread
 
-    def _serve(self) -> None:
+    def _serve(self, terminal: PseudoTerminal) -> None:
         with suppress(OSError, AttributeError):  # waits end in time, not up to 50 us later
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
         try:
             while not self._stopping:
-                ready = self._wait()
+                ready = self._wait(terminal)
                 if self._wake_reader in ready:
                     os.read(self._wake_reader, _CHUNK)
-                    self._obey()
-                self._exchange(self._terminal, ready)
+                self._exchange(terminal, ready)
         except BaseException as failure:
             self.failure = failure
             with self._lock:
-                terminal, self._terminal = self._terminal, None
-                if terminal is not None:
-                    terminal.close()
+                self._terminal = None
+                terminal.close()
             self._on_failure()
             raise
 
-    def _exchange(self, terminal: PseudoTerminal | None, ready: list[int]) -> None:
+    def _exchange(self, terminal: PseudoTerminal, ready: list[int]) -> None:
         now = self._clock()
         with self._lock:
             arrived = self._line.take(now)
-            if arrived and terminal is not None:
+            if arrived:
                 terminal.write(arrived)
-            if terminal is not None and terminal.descriptor in ready:
+            if terminal.descriptor in ready:
                 data = terminal.read()
                 self._line.send(data, now, terminal.baud_rate if self._needs_rate else 0)
             elif not arrived:
                 self._bus.advance(now)
 
-    def _obey(self) -> None:
-        while not self._orders.empty():
-            terminal, done = self._orders.get()
-            old, self._terminal = self._terminal, terminal
-            if old is not None:
-                old.close()
-            with self._lock:
-                self._line.clear()
-            done.set()
-
-    def _wait(self) -> list[int]:
+    def _wait(self, terminal: PseudoTerminal) -> list[int]:
         """Wait until there is something to do; return the descriptors that have something."""
-        watched = [self._wake_reader]
-        if self._terminal is not None:
-            watched.append(self._terminal.descriptor)
+        watched = [self._wake_reader, terminal.descriptor]
         with self._lock:
             due = self._line.due
             if due is None and not self._bus.at_rest:
@@ -371,8 +336,8 @@ class Mount(Protocol):
         """Tick of position 0."""
 
     @property
-    def reversed(self) -> bool:
-        """Whether rising ticks are falling positions."""
+    def direction(self) -> int:
+        """-1 if rising ticks are falling positions, else 1."""
 
 
 class Mounting(Protocol):
@@ -411,7 +376,7 @@ class SimulatedJoints:
         for joint in self._joints.values():
             if len(joint.calibrations) == 2:
                 one, other = joint.calibrations
-                bus.couple(one.id, other.id, 1 if one.reversed == other.reversed else -1)
+                bus.couple(one.id, other.id, one.direction * other.direction)
         self.port = SimulatedPort(bus, paced=True)
 
     @property

@@ -197,11 +197,11 @@ class SimulatedServo:
     @property
     def inertia(self) -> float:
         """Of the rotor with its gear and all that they turn, at the output shaft, kg m^2."""
-        return self._drive.inertia
+        return self._drive.mechanics.inertia
 
     @inertia.setter
     def inertia(self, inertia: float) -> None:
-        self._drive.inertia = inertia
+        self._drive.mechanics.inertia = inertia
 
     def register(self, name: str) -> int:
         """Return a register as a read would find it; raises SimulationError if it has none."""

@@ -14,11 +14,16 @@ NANOSECONDS = 1_000_000_000
 
 
 def stamp_to_ns(stamp: TimeMsg | Time) -> int:
-    """Nanoseconds of a message's stamp or of an rclpy time."""
+    """Nanoseconds of a message's stamp or of an rclpy time.
+
+    Raises:
+        TypeError: it is neither.
+    """
     if isinstance(stamp, TimeMsg):
         return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-    nanoseconds: int = stamp.nanoseconds
-    return nanoseconds
+    if isinstance(stamp, Time):
+        return int(stamp.nanoseconds)
+    raise TypeError(f"a time is rclpy's Time or a message's stamp; this is {stamp!r}")
 
 
 def ns_to_stamp(nanoseconds: int) -> TimeMsg:
@@ -33,13 +38,13 @@ def seconds(duration: Duration | None) -> float:
 
 
 def vector(message: Point | Vector3Msg) -> Vector3:
-    """The coordinates of a point or vector message."""
-    return message.x, message.y, message.z
+    """The coordinates of a point or vector message, as floats whatever somebody put in."""
+    return float(message.x), float(message.y), float(message.z)
 
 
 def rotation(message: Quaternion) -> Rotation:
-    """The rotation of a quaternion message, taken as it is."""
-    return Rotation(message.x, message.y, message.z, message.w)
+    """The rotation of a quaternion message, as floats whatever somebody put in."""
+    return Rotation(float(message.x), float(message.y), float(message.z), float(message.w))
 
 
 def transform(message: TransformStamped) -> Transform:

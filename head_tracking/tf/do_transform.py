@@ -33,7 +33,7 @@ from head_tracking.tf.buffer_interface import (
     TransformRegistration,
     TypeException,
 )
-from head_tracking.tf.conversions import rotation, transform, vector
+from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
 from head_tracking.tf.messages import header, pose, quaternion, stamped, transform_stamped, xyz
 from head_tracking.transforms import Rotation, StampedTransform, Transform
 
@@ -166,7 +166,10 @@ def _coordinates(cloud: PointCloud2, data: bytearray) -> npt.NDArray[Any]:
 
 
 def _moved(message: Pose, by: Transform) -> Pose:
-    return pose(by @ Transform(vector(message.position), rotation(message.orientation)))
+    """The pose, with the quaternion whose w is not below 0, as tf2_geometry_msgs gives it."""
+    x, y, z, i, j, k, w = by @ Transform(vector(message.position), rotation(message.orientation))
+    sign = -1.0 if w < 0.0 else 1.0
+    return pose(Transform((x, y, z), Rotation(sign * i, sign * j, sign * k, sign * w)))
 
 
 def _turned_covariance(covariance: npt.ArrayLike, by: Rotation) -> npt.NDArray[Any]:
@@ -183,10 +186,8 @@ def _registered(kind: type, make: Maker) -> DoTransform:
 
     def do_transform(message: Any, transform_stamped: TransformStamped) -> Any:
         at, child = transform_stamped.header, transform_stamped.child_frame_id
-        stamp = at.stamp.sec * 1_000_000_000 + at.stamp.nanosec
-        return make(
-            message, StampedTransform(stamp, at.frame_id, child, transform(transform_stamped))
-        )
+        numbers = transform(transform_stamped)
+        return make(message, StampedTransform(stamp_to_ns(at.stamp), at.frame_id, child, numbers))
 
     do_transform.__doc__ = f"A {kind.__name__} in the frame and at the time of a transform."
     MAKERS[do_transform] = make

@@ -16,6 +16,7 @@ from geometry_msgs.msg import Transform as TransformMsg
 from geometry_msgs.msg import Vector3 as Vector3Msg
 from std_msgs.msg import Header
 
+from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.transforms import StampedTransform, Transform, Vector3
 
 _new = object.__new__
@@ -95,11 +96,6 @@ def transform_stamped(found: StampedTransform) -> TransformStamped:
 def read(message: TransformStamped) -> tuple[int, str, str, Transform]:
     """Stamp [ns], parent, child and transform of a message, taken as they are."""
     at, numbers = message._header, message._transform
-    stamp, p, q = at._stamp, numbers._translation, numbers._rotation
+    p, q = numbers._translation, numbers._rotation
     transform = tuple.__new__(Transform, (p._x, p._y, p._z, q._x, q._y, q._z, q._w))
-    return (
-        stamp._sec * _SECOND + stamp._nanosec,
-        at._frame_id,
-        message._child_frame_id,
-        transform,
-    )
+    return stamp_to_ns(at._stamp), at._frame_id, message._child_frame_id, transform

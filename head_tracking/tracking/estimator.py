@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from head_tracking.gaze import Sight
 from head_tracking.parameters import parameter
-from head_tracking.tracking.multiple_model import Bearings, Motion
+from head_tracking.tracking.multiple_model import Bearing, Bearings
 
 _HISTORY = 1.0  # s; a point may come so much later than the newest one
 _FUTURE = 0.5  # s; clocks that differ by more are set wrong
@@ -23,8 +23,7 @@ _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
-_TRUST = 1.2  # of the horizon
-_FADING = 0.2  # s; after that it comes to a stop within this
+_OVERDUE = 0.45  # s; so much longer than usual is predicted when points are overdue
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _RANGE_MEMORY = 0.5  # s
@@ -112,31 +111,23 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TargetEstimate:
-    """A target that moves on for a while as it last moved, and then comes to a stop.
+    """A target that moves as predictions over such times have earned it, and then stands still.
 
     Attributes:
         stamp: time of the newest point [s].
         sight: the newest point as it was measured.
-        motions: of pan and tilt, that look at the target, at `stamp`.
         range: its distance at `stamp`.
-        noise: standard deviations of the points in pan and tilt [rad].
-        certainty: variances of pan and tilt and of their velocities at `stamp` [rad^2].
-        errors: mean squared errors of predictions over `horizon`, points' noise taken off [rad^2].
-        horizon: the time over which these predictions went [s].
-        trust: the time [s] over which the motion is believed.
-        timeout: the target is taken to have come to a stop so long [s] after `stamp`.
+        bearings: of pan and tilt, that look at the target, at `stamp`.
+        leads: the times over which the near and the far predictions of them go [s].
+        reach: so long after `stamp` the target is taken to stand still [s].
     """
 
     stamp: float
     sight: Sight
-    motions: tuple[Motion, Motion]
     range: Range
-    noise: tuple[float, float]
-    certainty: tuple[tuple[float, float], tuple[float, float]]
-    errors: tuple[float, float]
-    horizon: float
-    trust: float
-    timeout: float
+    bearings: tuple[Bearing, Bearing]
+    leads: tuple[float, float]
+    reach: float
 
     def age(self, now: float) -> float:
         """How long ago the newest point was measured [s]."""
@@ -155,7 +146,7 @@ class TargetEstimate:
     def sight_at(self, time: float) -> Sight:
         """Where the target is at a time [s], as far as can be told."""
         (pan, _), (tilt, _) = self._moved(time)
-        return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.trust)))
+        return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.reach)))
 
     def deviation(self, joint: int, time: float) -> float:
         """Return the standard deviation of pan (0) or tilt (1) [rad] at a time [s].
@@ -163,30 +154,41 @@ class TargetEstimate:
         By what predictions have missed by, which grows with the time ahead; at the newest point
         the models' own account, unless that is larger.
         """
-        error = max(self.errors[joint], _LEAST_ERROR * self.noise[joint] ** 2)
-        here = min(self.certainty[joint][0], error)
-        ahead = (time - self.stamp) / self.horizon
-        return math.sqrt(here + (error - here) * ahead * ahead)
+        bearing, (lead, far) = self.bearings[joint], self.leads
+        least = _LEAST_ERROR * bearing.variance
+        near_error = max(bearing.near.error - bearing.variance, least)
+        here = min(bearing.certainty[0], near_error)
+        ahead = time - self.stamp
+        if ahead <= lead:
+            return math.sqrt(here + (near_error - here) * (ahead / lead) ** 2)
+        far_error = max(bearing.far.error - bearing.variance, near_error)
+        return math.sqrt(near_error + (far_error - near_error) * (ahead - lead) / (far - lead))
 
     def speed_deviation(self, joint: int) -> float:
         """Standard deviation of the velocity of pan (0) or tilt (1) at `stamp` [rad/s]."""
-        return math.sqrt(self.certainty[joint][1])
+        return math.sqrt(self.bearings[joint].certainty[1])
 
     def _moved(self, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        ahead, pace = time - self.stamp, 1.0
-        if ahead > self.trust:  # the target's own time slows down linearly until it stands still
-            fading = max(self.timeout - self.trust, 1e-3)
-            beyond = min(ahead - self.trust, fading)
-            ahead = self.trust + beyond - 0.5 * beyond * beyond / fading
-            pace = 1.0 - beyond / fading
-        motions = []
-        for motion in self.motions:
-            position, velocity = motion.after(ahead)
-            way = position - motion.position
-            if abs(way) > _FARTHEST_AHEAD:
-                position, velocity = motion.position + math.copysign(_FARTHEST_AHEAD, way), 0.0
-            motions.append((position, pace * velocity))
-        return motions[0], motions[1]
+        ahead = min(time - self.stamp, self.reach)
+        pan, tilt = (self._motion(bearing, ahead) for bearing in self.bearings)
+        if ahead == self.reach:
+            return (pan[0], 0.0), (tilt[0], 0.0)
+        return pan, tilt
+
+    def _motion(self, bearing: Bearing, ahead: float) -> tuple[float, float]:
+        """Return position and velocity; beyond the lead time the far prediction takes over."""
+        lead, far = self.leads
+        position, velocity = bearing.near.motion.after(ahead)
+        if ahead > lead:
+            part = (ahead - lead) / (far - lead)
+            share = part * part
+            there, speed = bearing.far.motion.after(ahead)
+            velocity += share * (speed - velocity) + 2.0 * part / (far - lead) * (there - position)
+            position += share * (there - position)
+        away = position - bearing.near.motion.position
+        if abs(away) > _FARTHEST_AHEAD:
+            position, velocity = position - away + math.copysign(_FARTHEST_AHEAD, away), 0.0
+        return position, velocity
 
 
 class _Snapshot(NamedTuple):
@@ -378,7 +380,7 @@ class TargetEstimator:
         (stamp, sight), *others = points
         bearing = sight.pan, sight.tilt
         bearings = (
-            Bearings.seen_once(bearing, self.horizon)
+            Bearings.seen_once(bearing, self._leads)
             if before is None
             else before.bearings.restarted(bearing)
         )
@@ -405,18 +407,27 @@ class TargetEstimator:
             distance = Range.seen_once(sight.distance)
         else:
             before = snapshots[-1]
-            earlier = bisect_right(stamps, stamp - self.horizon) - 1
-            judged = snapshots[min(max(earlier, 0), len(snapshots) - 1)]
+            judged = [self._before(stamp - lead) for lead in self._leads]
             distance = before.range.after(stamp - before.stamp, sight.distance)
             bearings = before.bearings.after(
                 stamps,
                 (self._pans, self._tilts),
-                judged.bearings,
-                stamp - judged.stamp,
+                [(each.bearings, stamp - each.stamp) for each in judged],
             )
         snapshots.append(_Snapshot(stamp, sight, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
+
+    def _before(self, time: float) -> _Snapshot:
+        """Return what was known at a time [s]; the first that is known, if it is too old."""
+        return self._snapshots[
+            max(bisect_right(self._stamps, time, hi=len(self._snapshots)) - 1, 0)
+        ]
+
+    @property
+    def _leads(self) -> tuple[float, float]:
+        """The times over which predictions are needed, usually and when points are overdue [s]."""
+        return self.horizon, self.horizon + min(_OVERDUE, self.parameters.target_timeout)
 
     def _angle(self, a: Sight, b: Sight) -> float:
         """The angle between two rays that are near each other [rad]."""
@@ -426,18 +437,6 @@ class TargetEstimator:
     def _described(self, index: int) -> TargetEstimate:
         """The estimate after one of the points."""
         stamp, sight, bearings, distance = self._snapshots[index]
-        timeout = self.parameters.target_timeout
-        trust = min(_TRUST * self.horizon, stamp - self._began)
-        pan, tilt = bearings.joints
-        return TargetEstimate(
-            stamp,
-            sight,
-            (pan.motion, tilt.motion),
-            distance,
-            (math.sqrt(pan.variance), math.sqrt(tilt.variance)),
-            (pan.certainty, tilt.certainty),
-            (pan.error - pan.variance, tilt.error - tilt.variance),
-            self.horizon,
-            trust,
-            min(timeout, trust + min(_FADING, max(trust, 1e-3))),
-        )
+        leads = self._leads
+        reach = min(leads[1], stamp - self._began)
+        return TargetEstimate(stamp, sight, distance, bearings.joints, leads, reach)

@@ -176,12 +176,12 @@ class HeadCamera:
         latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
         if not waiting or waiting[0][0] + _WAIT > latest:
             return False
-        telling = _telling(self._mountings)
-        if not (telling @ self._readings.ranges(latest - _LOOKED_BACK) > _TURNED).any():
+        turned = self._readings.ranges(latest - _LOOKED_BACK) > _TURNED
+        if not turned.any():
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
-        every = _SELDOM if self._confirmed and not self._mountings.any() else _OFTEN
+        every = _OFTEN if not self._confirmed or self._tells_mountings(turned) else _SELDOM
         while waiting and waiting[0][0] + _WAIT <= latest:
             stamp, ray = waiting.popleft()
             away = math.hypot(*ray)
@@ -192,6 +192,11 @@ class HeadCamera:
                 share = self._range / away
                 self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
         return judged
+
+    def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
+        """Return whether this motion tells the remaining mountings from the right one."""
+        differences = _TURNS[np.unique(self._mountings)] - _TURNS[0]
+        return bool(differences[..., turned].any())
 
     def _score(self, stamp: float, ray: Vector3) -> None:
         """Score the hypotheses by the bearings that they make of a ray."""
@@ -265,12 +270,6 @@ class HeadCamera:
             "servo says, as the camera sees it: find the direction by `servo calibrate` (or is "
             f"the picture {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
         )
-
-
-def _telling(mountings: npt.NDArray[np.int_]) -> Array:
-    """Return how the motion of pan and tilt sets hypotheses apart, shape (K, 2)."""
-    others = np.unique(mountings[mountings > 0])
-    return np.abs(_TURNS[others] - _TURNS[0]).max(axis=2) if others.size else np.eye(2)
 
 
 def _prior() -> Array:

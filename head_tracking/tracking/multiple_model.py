@@ -162,25 +162,87 @@ class Oscillation(NamedTuple):
         return Oscillation(squares, products, math.acos(cosine) / lag, lag)
 
 
+class Prediction(NamedTuple):
+    """How a bearing is predicted over one lead time, by how well that went until now.
+
+    Attributes:
+        scores: mean squared error of every model's predictions [rad^2].
+        error: mean squared error of the mixture's predictions [rad^2].
+        weights: of the models; they add up to 1.
+        motion: the mixture.
+    """
+
+    scores: tuple[float, ...]
+    error: float
+    weights: tuple[float, ...]
+    motion: Motion
+
+    @staticmethod
+    def mixed(
+        scores: tuple[float, ...],
+        error: float,
+        states: Sequence[State],
+        variance: float,
+        rate: float,
+    ) -> Prediction:
+        """Return the mixture of the models' states by their scores."""
+        off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
+        raw = [1.0 / max(score - off, least) ** 2 for score in scores]
+        total = sum(raw)
+        weights = tuple([each / total for each in raw])
+        origin = states[0][0]
+        offset = steady = swing = acceleration = 0.0
+        for weight, (x, v, a), model in zip(weights, states, MODELS, strict=True):
+            offset += weight * (x - origin)
+            if model.order == 3:
+                swing += weight * v
+                acceleration += weight * a
+            else:
+                steady += weight * v
+        motion = Motion(origin + offset, steady, swing, acceleration, max(rate, _LEAST_RATE))
+        return Prediction(scores, error, weights, motion)
+
+    def judged(
+        self,
+        earlier: Prediction,
+        positions: Sequence[float],
+        point: float,
+        shares: tuple[float, float],
+    ) -> tuple[tuple[float, ...], float]:
+        """Return scores and error after a point [rad].
+
+        Args:
+            earlier: the same prediction a lead time ago.
+            positions: where every model expected the point then [rad].
+            point: what has come [rad].
+            shares: of this point in the scores and in the error.
+        """
+        share, share_error = shares
+        scores = tuple(
+            [
+                score + share * ((position - point) ** 2 - score) + _FINEST
+                for score, position in zip(self.scores, positions, strict=True)
+            ]
+        )
+        missed = sum(map(mul, earlier.weights, positions)) - point
+        return scores, self.error + share_error * (missed * missed - self.error)
+
+
 class Bearing(NamedTuple):
     """What is known of one bearing after a point.
 
     Attributes:
         states: by every model.
         variance: of a point [rad^2].
-        scores: mean squared error of every model's predictions [rad^2].
-        error: mean squared error of the mixture's predictions [rad^2].
-        weights: of the models; they add up to 1.
-        motion: the mixture.
+        near: the prediction over the lead time.
+        far: the prediction over a longer one, for points that are overdue.
         certainty: variances of position [rad^2] and velocity [rad^2/s^2] by the models' account.
     """
 
     states: tuple[State, ...]
     variance: float
-    scores: tuple[float, ...]
-    error: float
-    weights: tuple[float, ...]
-    motion: Motion
+    near: Prediction
+    far: Prediction
     certainty: tuple[float, float]
 
 
@@ -198,18 +260,20 @@ class Bearings(NamedTuple):
     joints: tuple[Bearing, Bearing]
 
     @staticmethod
-    def seen_once(points: tuple[float, float], lead: float) -> Bearings:
+    def seen_once(points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
         """Return what the first point of a target tells.
 
         Args:
             points: pan and tilt [rad].
-            lead: how far ahead predictions will be needed [s].
+            leads: how far ahead predictions will be needed, usually and with points overdue [s].
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
-        error = variance + (_SPEED * lead) ** 2
         still = Motion(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
-        unknown = Bearing((), variance, scores, error, (), still, (0.0, 0.0))
+        near, far = (
+            Prediction(scores, variance + (_SPEED * lead) ** 2, (), still) for lead in leads
+        )
+        unknown = Bearing((), variance, near, far, (0.0, 0.0))
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
 
     def restarted(self, points: tuple[float, float]) -> Bearings:
@@ -232,59 +296,48 @@ class Bearings(NamedTuple):
             for model in MODELS
         )
         rate = self.oscillation.rate
-        pan, tilt = (
-            _mixed(
-                ((point, 0.0, 0.0),) * len(MODELS),
-                covariances,
-                bearing.variance,
-                bearing.scores,
-                bearing.error,
-                rate,
+        joints = []
+        for bearing, point in zip(self.joints, points, strict=True):
+            states = ((point, 0.0, 0.0),) * len(MODELS)
+            near, far = (
+                Prediction.mixed(each.scores, each.error, states, bearing.variance, rate)
+                for each in (bearing.near, bearing.far)
             )
-            for bearing, point in zip(self.joints, points, strict=True)
-        )
-        return Bearings(covariances, self.oscillation, (pan, tilt))
+            joints.append(_described(states, covariances, bearing.variance, near, far))
+        return Bearings(covariances, self.oscillation, (joints[0], joints[1]))
 
     def after(
         self,
         stamps: Sequence[float],
         points: tuple[Sequence[float], Sequence[float]],
-        judged: Bearings,
-        ahead: float,
+        judged: Sequence[tuple[Bearings, float]],
     ) -> Bearings:
         """Return what is known after another point.
 
         Args:
             stamps: of the points [s], rising; the new one is the last.
             points: pan and tilt of them [rad].
-            judged: what was known after an earlier point; its predictions are judged now.
-            ahead: the time from then until now [s].
+            judged: what was known after two earlier points, and the time from then until now [s];
+                their near and far predictions are judged now.
         """
         dt = stamps[-1] - stamps[-2]
         variances = self._noise(stamps, points)
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
-        swing, later = _swing(dt, rate), _swing(ahead, rate)
+        swing = _swing(dt, rate)
+        (near, near_ahead), (far, far_ahead) = judged
+        near_swing, far_swing = _swing(near_ahead, rate), _swing(far_ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
             for model, covariance in zip(MODELS, self.covariances, strict=True)
         )
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
-        share_error = 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
+        shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
         joints = []
-        for bearing, earlier, angles, variance in zip(
-            self.joints, judged.joints, points, variances, strict=True
+        for bearing, before, long_before, angles, variance in zip(
+            self.joints, near.joints, far.joints, points, variances, strict=True
         ):
             point = angles[-1]
-            predicted = _moved(earlier.states, later, ahead)
-            scores = tuple(
-                [
-                    score + share * ((position - point) ** 2 - score) + _FINEST
-                    for score, (position, _, _) in zip(bearing.scores, predicted, strict=True)
-                ]
-            )
-            missed = earlier.motion.after(ahead)[0] - point
-            error = bearing.error + share_error * (missed * missed - bearing.error)
             states = tuple(
                 [
                     (x + k * (point - x), v + kv * (point - x), a + ka * (point - x))
@@ -293,7 +346,19 @@ class Bearings(NamedTuple):
                     )
                 ]
             )
-            joints.append(_mixed(states, covariances, variance, scores, error, rate))
+            expected = _positions(before.states, near_ahead, near_swing)
+            soon = bearing.near.judged(before.near, expected, point, shares)
+            expected = _positions(long_before.states, far_ahead, far_swing)
+            late = bearing.far.judged(long_before.far, expected, point, shares)
+            joints.append(
+                _described(
+                    states,
+                    covariances,
+                    variance,
+                    Prediction.mixed(*soon, states, variance, rate),
+                    Prediction.mixed(*late, states, variance, rate),
+                )
+            )
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
 
     def _noise(self, stamps: Sequence[float], points: Sequence[Sequence[float]]) -> list[float]:
@@ -360,48 +425,31 @@ def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]
     ]
 
 
-def _mixed(
+def _positions(states: Sequence[State], dt: float, swing: Transition) -> list[float]:
+    """The positions by the states a time `dt` [s] later."""
+    s, _, r, _ = swing
+    return [
+        x + s * v + r * a if model.order == 3 else x + dt * v
+        for (x, v, a), model in zip(states, MODELS, strict=True)
+    ]
+
+
+def _described(
     states: tuple[State, ...],
     covariances: Sequence[Covariance],
     variance: float,
-    scores: tuple[float, ...],
-    error: float,
-    rate: float,
+    near: Prediction,
+    far: Prediction,
 ) -> Bearing:
-    """A bearing with the mixture of its models, and the variances within and between them."""
-    off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
-    raw = [1.0 / max(score - off, least) ** 2 for score in scores]
-    total = sum(raw)
-    weights = tuple([each / total for each in raw])
-    origin = states[0][0]
-    offset = square = steady = swing = acceleration = speeds = within = 0.0
-    moving = 0.0
-    for weight, (x, v, a), model, (pp, _, _, vv, _, _) in zip(
-        weights, states, MODELS, covariances, strict=True
+    """A bearing with the variances within and between its models."""
+    position, speed = near.motion.position, near.motion.speed
+    square = speeds = 0.0
+    for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(
+        near.weights, states, covariances, strict=True
     ):
-        away, speed = weight * (x - origin), weight * v
-        offset += away
-        square += away * (x - origin)
-        speeds += speed * v
-        within += weight * pp
-        moving += weight * vv
-        if model.order == 3:
-            swing += speed
-            acceleration += weight * a
-        else:
-            steady += speed
-    motion = Motion(
-        origin + offset,
-        steady,
-        swing,
-        acceleration,
-        max(rate, _LEAST_RATE),
-    )
-    certainty = (
-        variance * within + max(square - offset**2, 0.0),
-        variance * moving + max(speeds - motion.speed**2, 0.0),
-    )
-    return Bearing(states, variance, scores, error, weights, motion, certainty)
+        square += weight * ((x - position) ** 2 + variance * pp)
+        speeds += weight * ((v - speed) ** 2 + variance * vv)
+    return Bearing(states, variance, near, far, (square, speeds))
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:

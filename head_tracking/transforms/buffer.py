@@ -35,6 +35,7 @@ from head_tracking.transforms.transform import (
     Transform,
     Vector3,
     moved_to,
+    signed_as_tf2,
     velocity_between,
 )
 from head_tracking.transforms.tree import (
@@ -52,6 +53,10 @@ LARGEST_COORDINATE = 1e300
 """Larger ones [m] would overflow in sums."""
 LARGEST_POSITION = 1e9
 """No joint stands farther out [rad or m]; larger numbers would overflow in mimic joints."""
+SILENT_CACHE_TIMES = 10
+"""A frame of which no sample has come for so many cache times is forgotten."""
+MOST_ROUTES = 1000
+"""So many are kept, about 1.3 kB each; with one more all are found anew."""
 
 
 Answer = TypeVar("Answer")
@@ -71,21 +76,20 @@ class Request:
 
 
 class Route:
-    """A way between two frames, ready to be used.
+    """A way between two frames: walked the first time, compiled for those that follow.
 
     Args:
         way: between the frames, at some time.
     """
 
-    __slots__ = ("_chain", "_histories")
+    __slots__ = ("_chain", "_histories", "_walked", "_way")
 
     def __init__(self, way: Way) -> None:
-        target, source = way.above_target, way.above_source
-        steps = [step for edge in target for step in edge.steps_back]
-        steps += [step for edge in reversed(source) for step in edge.steps]
-        histories = [edge.history for edge in (*source, *reversed(target))]
+        self._way = way
+        histories = [edge.history for edge in (*way.above_source, *reversed(way.above_target))]
         self._histories = [history for history in histories if history is not None]
-        self._chain = Chain(steps, [history.at for history in self._histories])
+        self._walked = False
+        self._chain: Chain | None = None
 
     def latest(self) -> int:
         """The latest common time [ns]; as in tf2 a stamp of 0 does not count.
@@ -112,6 +116,11 @@ class Route:
         Raises:
             ExtrapolationException: it is not known.
         """
+        if self._chain is None:
+            if not self._walked:
+                self._walked = True
+                return self._way.transform(stamp)
+            self._chain = self._way.chain()
         return self._chain.transform(stamp)
 
 
@@ -140,6 +149,7 @@ class TransformBuffer:
         # which of them go up through a frame
         self._routes_through: dict[str, set[tuple[str, str]]] = {}
         self._requests: list[Request] = []
+        self._swept = LATEST
 
     # What is known
 
@@ -185,10 +195,9 @@ class TransformBuffer:
             for name, position in positions.items():
                 if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
                     refused = name
-                elif name in joints:
-                    joints[name].insert(stamp, position)
-                else:
-                    self._joint_history(name).insert(stamp, position)
+                    continue
+                history = joints.get(name) or self._first_position(name)
+                history.insert(stamp, float(position))
         if self._requests:
             self._serve(*self._requests)
         if refused is not None:
@@ -209,7 +218,8 @@ class TransformBuffer:
     ) -> bool:
         """Takes one transform, `T_parent_child`, at `stamp` [ns]; static: at any time.
 
-        Frames of the robot model are left to the model: its joints tell more than samples.
+        Frames of the robot model are left to the model: its joints tell more than samples. As long
+        as no position of a joint is known, samples tell where its link is.
 
         Args:
             stamp: when it was measured [ns].
@@ -230,16 +240,17 @@ class TransformBuffer:
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
         with self._lock:
-            if self._model is not None and child in self._model.children_of_joints:
+            edge = self._edges.get(child)
+            if self._is_known_by_model(edge):
                 return False
             taken = True
-            edge = self._edges.get(child)
             if static:
                 new = StaticEdge(parent, child, transform)
                 if edge != new:
                     self._put(new)
             else:
                 if not isinstance(edge, SampledEdge):
+                    self._forget_silent(stamp)
                     edge = SampledEdge(child, TransformHistory(self._cache_time))
                     self._put(edge)
                 history = edge.history
@@ -265,6 +276,7 @@ class TransformBuffer:
                     edge.history.clear()
             self._routes.clear()
             self._routes_through.clear()
+            self._swept = LATEST
 
     def latest_joint_position(self, name: str) -> tuple[int, float] | None:
         """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
@@ -307,6 +319,8 @@ class TransformBuffer:
                 stamp, transform = self._given(target_frame, source_frame, stamp, joint_positions)
             else:
                 stamp, transform = self._ask(target_frame, source_frame, stamp, Route.transform)
+        if transform[6] < 0.5:
+            transform = signed_as_tf2(transform)
         return tuple.__new__(StampedTransform, (stamp, target_frame, source_frame, transform))
 
     def lookup_transform_full(
@@ -340,15 +354,14 @@ class TransformBuffer:
                 timeout,
             )
         with self._lock:
-            for frame in (target_frame, source_frame, fixed_frame):
-                self._check(frame)
+            self._check(target_frame, source_frame, fixed_frame)
         T_fixed_source = self.lookup_transform(fixed_frame, source_frame, source_stamp)
         T_target_fixed = self.lookup_transform(target_frame, fixed_frame, target_stamp)
         return StampedTransform(
             T_target_fixed.stamp,
             target_frame,
             source_frame,
-            T_target_fixed.transform @ T_fixed_source.transform,
+            signed_as_tf2(T_target_fixed.transform @ T_fixed_source.transform),
         )
 
     def transform_point(
@@ -370,7 +383,8 @@ class TransformBuffer:
             TransformException: as for `lookup_transform`.
         """
         found = self.lookup_transform(target_frame, source_frame, stamp)
-        return found.stamp, *found.transform.apply(point)
+        x, y, z = point
+        return found.stamp, *found.transform.apply((float(x), float(y), float(z)))
 
     def transform_points(
         self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST
@@ -477,8 +491,7 @@ class TransformBuffer:
             TransformException: there is none.
         """
         with self._lock:
-            self._check(target_frame)
-            self._check(source_frame)
+            self._check(target_frame, source_frame)
             if target_frame == source_frame:
                 return self._latest_of(source_frame)
             return latest_common_time(self._edges, target_frame, source_frame)
@@ -495,8 +508,14 @@ class TransformBuffer:
 
         Returns:
             What `withdraw` takes.
+
+        Raises:
+            Exception: what `possible` raises at once; nothing is asked again then.
         """
         request = Request(possible, callback)
+        if possible():
+            callback()
+            return request
         with self._lock:
             self._requests.append(request)
         self._serve(request)
@@ -552,27 +571,29 @@ class TransformBuffer:
         self, target: str, source: str, stamp: int, question: Callable[[Route, int], Answer]
     ) -> tuple[int, Answer]:
         """The time of the answer [ns], and what the route from source to target answers."""
-        route = self._routes.get((target, source)) or self._lasting(target, source)
+        route = self._routes.get((target, source))
+        if route is None:
+            if target == source:
+                return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
+            self._check(target, source)
+            route = self._lasting(target, source)
         if route is not None:
             try:
                 at = stamp or route.latest()
                 return at, question(route, at)
             except ExtrapolationException:
                 pass  # the walk knows the reason
-        if target == source:
-            return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
-        self._check(target)
-        self._check(source)
         way = find_way(self._edges, target, source, stamp)
         return way.stamp, question(Route(way), way.stamp)
 
     def _lasting(self, target: str, source: str) -> Route | None:
         """The route between two frames, if samples do not change it; it is kept."""
-        if target == source or not self._names.issuperset((target, source)):
-            return None
         found = lasting_way(self._edges, target, source)
         if found is None:
             return None
+        if len(self._routes) >= MOST_ROUTES:
+            self._routes.clear()
+            self._routes_through.clear()
         way, frames = found
         route = self._routes[target, source] = Route(way)
         through, ends = self._routes_through, (target, source)
@@ -607,26 +628,67 @@ class TransformBuffer:
                 )
         if target == source:
             return stamp or self._latest_of(source), Transform.identity()
-        self._check(target)
-        self._check(source)
+        self._check(target, source)
         way = find_way(edges, target, source, stamp)
         return way.stamp, Route(way).transform(way.stamp)
 
-    def _check(self, frame: str) -> None:
-        """Refuses a frame that can't be asked for."""
-        if not frame or frame.startswith("/"):
-            raise InvalidArgumentException(
-                f"{frame!r} is no frame name; tf2 names are not empty and start without a slash"
-            )
-        if frame not in self._names:
-            known = ", ".join(sorted(self._names)) or "none yet"
-            raise LookupException(f"the frame {frame!r} does not exist; known frames: {known}")
+    def _check(self, *frames: str) -> None:
+        """Refuse frames that can't be asked for, in tf2's order."""
+        for frame in frames:
+            if not isinstance(frame, str):
+                raise TypeError(f"a frame's name is a str; {frame!r} is a {type(frame).__name__}")
+        for frame in frames:
+            if not frame or frame.startswith("/"):
+                raise InvalidArgumentException(
+                    f"{frame!r} is no frame name; tf2 names are not empty and start without a slash"
+                )
+            if frame not in self._names:
+                known = ", ".join(sorted(self._names)) or "none yet"
+                raise LookupException(f"the frame {frame!r} does not exist; known frames: {known}")
 
     def _latest_of(self, frame: str) -> int:
         edge = self._edges.get(frame)
         return edge.history.stamps[-1] if edge is not None and edge.history else LATEST
 
-    def _put(self, edge: StaticEdge | SampledEdge) -> None:
+    def _is_known_by_model(self, edge: Edge | None) -> bool:
+        if self._model is None or edge is None or edge.child not in self._model.children_of_joints:
+            return False
+        return isinstance(edge, StaticEdge) or (isinstance(edge, JointEdge) and bool(edge.history))
+
+    def _first_position(self, name: str) -> JointHistory:
+        """The history of a joint that tells from now on where its links are."""
+        history, model = self._joint_history(name), self._model
+        for joint in () if model is None else model.joints.values():
+            if joint.moves and not isinstance(self._edges[joint.child], JointEdge):
+                assert model is not None
+                if model.leader(joint.name).joint == name:
+                    self._put(self._edge(model, joint))
+        return history
+
+    def _forget_silent(self, now: int) -> None:
+        """Forget frames of which no sample has come for long; looked for once a cache time."""
+        if now < self._swept + self._cache_time:
+            return
+        self._swept = now
+        model_links = set() if self._model is None else set(self._model.links)
+        silent = [
+            edge
+            for edge in self._edges.values()
+            if isinstance(edge, SampledEdge)
+            and edge.child not in model_links
+            and edge.history
+            and edge.history.stamps[-1] < now - SILENT_CACHE_TIMES * self._cache_time
+        ]
+        for edge in silent:
+            del self._edges[edge.child]
+            self._authorities.pop(edge.child, None)
+            self._forget_routes(edge.child)
+        if silent:
+            self._names = model_links.union(
+                *((edge.child, *edge.parents()) for edge in self._edges.values())
+            )
+
+    def _put(self, edge: Edge) -> None:
         self._edges[edge.child] = edge
         self._names.update((edge.child, edge.parent or edge.child))
         self._forget_routes(edge.child)
@@ -651,8 +713,11 @@ class TransformBuffer:
     def _wait(self, possible: Callable[[], bool], timeout: float) -> bool:
         came = threading.Event()
         request = self.when(possible, came.set)
-        came.wait(timeout)
-        return not self.withdraw(request)
+        try:
+            came.wait(timeout)
+        finally:
+            waits = self.withdraw(request)
+        return not waits
 
     def _serve(self, *requests: Request) -> None:
         """Fulfils the wishes that can be fulfilled now."""
@@ -669,16 +734,15 @@ def _checked(parent: str, child: str, transform: Transform) -> Transform:
         )
     if parent == child:
         raise InvalidArgumentException(f"the frame {child!r} cannot be its own parent")
-    x, y, z, qx, qy, qz, qw = transform
-    if not max(abs(x), abs(y), abs(z)) < LARGEST_COORDINATE or not all(
-        map(math.isfinite, transform)
-    ):
+    # numbers of other types, such as numpy's, would reach messages that cannot hold them
+    numbers = x, y, z, qx, qy, qz, qw = tuple(map(float, transform))
+    if not max(abs(x), abs(y), abs(z)) < LARGEST_COORDINATE or not all(map(math.isfinite, numbers)):
         raise InvalidArgumentException(
             f"the transform of {child!r} in {parent!r} holds numbers that are not finite"
         )
     square = qx * qx + qy * qy + qz * qz + qw * qw
     if abs(square - 1.0) < _ROUNDING:
-        return transform
+        return tuple.__new__(Transform, numbers)
     norm = math.hypot(qx, qy, qz, qw)
     if abs(square - 1.0) > UNIT_TOLERANCE:
         raise InvalidArgumentException(

@@ -24,30 +24,40 @@ class History(Generic[Value]):
     """Samples of one quantity.
 
     Attributes:
-        stamps: when the samples were taken [ns], sorted; the last one is the newest.
+        stamps: when the samples were taken [ns], sorted; the last one is the newest. What stands
+            before `first` is forgotten, and taken out now and then: a list gives away its front at
+            the price of moving all the rest.
         values: the samples.
+        first: the index of the oldest sample.
         cache_time: how much older than the newest a sample may be [ns].
     """
 
-    __slots__ = ("cache_time", "stamps", "values")
+    __slots__ = ("cache_time", "first", "stamps", "values")
 
     def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         self.cache_time = cache_time
+        self.first = 0
         self.stamps: list[int] = []
         self.values: list[Value] = []
 
     def __len__(self) -> int:
-        return len(self.stamps)
+        return len(self.stamps) - self.first
+
+    @property
+    def oldest(self) -> int:
+        """The oldest stamp [ns]; there must be a sample."""
+        return self.stamps[self.first]
 
     def clear(self) -> None:
-        """Forgets everything."""
+        """Forget everything."""
         self.stamps.clear()
         self.values.clear()
+        self.first = 0
 
     def covers(self, stamp: int) -> bool:
         """Whether `at` has an answer for this time [ns]."""
         stamps = self.stamps
-        return bool(stamps) and (stamps[0] <= stamp <= stamps[-1] or stamp == LATEST)
+        return bool(stamps) and (stamps[self.first] <= stamp <= stamps[-1] or stamp == LATEST)
 
     def insert(self, stamp: int, value: Value) -> bool:
         """Takes a sample, also one that comes late; those with one stamp are all kept.
@@ -62,16 +72,16 @@ class History(Generic[Value]):
             return True
         oldest_allowed = stamps[-1] - self.cache_time
         # before the new sample comes: the last one before a pause stays, to interpolate from
-        if stamps[0] < oldest_allowed:
-            self._drop(bisect_left(stamps, oldest_allowed))
+        if stamps[self.first] < oldest_allowed:
+            self._forget(bisect_left(stamps, oldest_allowed, self.first))
         if stamp > stamps[-1]:
             stamps.append(stamp)
             self.values.append(value)
             return True
         if stamp < oldest_allowed:
             return False
-        index = bisect_right(stamps, stamp)
-        if value not in self.values[bisect_left(stamps, stamp) : index]:
+        index = bisect_right(stamps, stamp, self.first)
+        if value not in self.values[bisect_left(stamps, stamp, self.first) : index]:
             stamps.insert(index, stamp)
             self.values.insert(index, value)
         return True
@@ -87,13 +97,15 @@ class History(Generic[Value]):
             raise ExtrapolationException("nothing is known")
         if stamp == stamps[-1] or stamp == LATEST:
             return self.values[-1]
-        if stamp == stamps[0]:
-            return self.values[0]
-        after = bisect_right(stamps, stamp)
-        if not 0 < after < len(stamps):
+        first = self.first
+        if stamp == stamps[first]:
+            return self.values[first]
+        after = bisect_right(stamps, stamp, first)
+        if not first < after < len(stamps):
             raise ExtrapolationException(
-                f"extrapolation into the {'future' if after else 'past'}: time {seconds(stamp)} "
-                f"was asked for, {seconds(stamps[0])} to {seconds(stamps[-1])} is known"
+                f"extrapolation into the {'future' if after > first else 'past'}: time "
+                f"{seconds(stamp)} was asked for, {seconds(stamps[first])} to "
+                f"{seconds(stamps[-1])} is known"
             )
         before = stamps[after - 1]
         if before == stamp:
@@ -104,10 +116,13 @@ class History(Generic[Value]):
     def _between(self, older: Value, newer: Value, ratio: float) -> Value:
         raise NotImplementedError
 
-    def _drop(self, count: int) -> None:
-        """Forgets the oldest samples."""
-        del self.stamps[:count]
-        del self.values[:count]
+    def _forget(self, first: int) -> None:
+        """Forget the samples before the index `first`."""
+        self.first = first
+        if 2 * first > len(self.stamps):
+            del self.stamps[:first]
+            del self.values[:first]
+            self.first = 0
 
 
 class JointHistory(History[float]):
@@ -152,7 +167,7 @@ class TransformHistory(History[Sample]):
         self.parent: str | None = None
 
     def clear(self) -> None:
-        """Forgets everything."""
+        """Forget everything."""
         super().clear()
         self.parent = None
 
@@ -162,7 +177,7 @@ class TransformHistory(History[Sample]):
             self.parent = value[0]
         taken = super().insert(stamp, value)
         if taken and self.parent != value[0]:
-            self.parent = self._common_parent()
+            self.parent = None
         return taken
 
     def parent_at(self, stamp: int) -> str | None:
@@ -171,14 +186,13 @@ class TransformHistory(History[Sample]):
             return None
         return self.parent or self.at(stamp)[0]
 
-    def _common_parent(self) -> str | None:
-        parent = self.values[-1][0]
-        return parent if all(value[0] == parent for value in self.values) else None
-
-    def _drop(self, count: int) -> None:
-        super()._drop(count)
+    def _forget(self, first: int) -> None:
         if self.parent is None:
-            self.parent = self._common_parent()
+            values = self.values
+            newest = values[-1][0]
+            if all(values[index][0] == newest for index in range(first, len(values))):
+                self.parent = newest
+        super()._forget(first)
 
     def _between(self, older: Sample, newer: Sample, ratio: float) -> Sample:
         if older[0] != newer[0]:

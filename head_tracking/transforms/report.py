@@ -126,4 +126,4 @@ def _parent(edge: Edge) -> str:
 
 def _span(edge: Edge) -> tuple[int, int]:
     """The oldest and the newest stamp [ns] of an edge of which something is known."""
-    return (0, 0) if edge.history is None else (edge.history.stamps[0], edge.history.stamps[-1])
+    return (0, 0) if edge.history is None else (edge.history.oldest, edge.history.stamps[-1])

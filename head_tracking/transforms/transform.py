@@ -322,6 +322,18 @@ def product(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
     )
 
 
+def signed_as_tf2(transform: Transform) -> Transform:
+    """Return the transform with that of its two quaternions which tf2 gives.
+
+    tf2's answers go through a matrix: w is above 0 for turns of less than 120 degrees, and the
+    largest of x, y, z for the others. Source: Matrix3x3.getRotation of tf2's LinearMath.
+    """
+    x, y, z, i, j, k, w = transform
+    if (w if abs(w) > 0.5 else max(i, j, k, key=abs)) > 0.0:
+        return transform
+    return tuple.__new__(Transform, (x, y, z, -i, -j, -k, -w))
+
+
 class StampedTransform(NamedTuple):
     """The answer to a lookup: `T_target_source` and the time for which it holds.
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from head_tracking.transforms.chain import Step, sampled, sampled_inverse
+from head_tracking.transforms.chain import Chain, Step, sampled, sampled_inverse
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -15,7 +15,7 @@ from head_tracking.transforms.exceptions import (
 )
 from head_tracking.transforms.history import LATEST, JointHistory, TransformHistory, seconds
 from head_tracking.transforms.robot_model import Joint, Mimic
-from head_tracking.transforms.transform import Transform
+from head_tracking.transforms.transform import Transform, product
 
 MAX_DEPTH = 1000
 """tf2: a way of more frames than this is a loop."""
@@ -39,6 +39,14 @@ class StaticEdge:
     def __post_init__(self) -> None:
         self.steps, self.steps_back = (self.transform,), (self.transform.inverse(),)
 
+    def at(self, _: int) -> Transform:
+        """`T_parent_child` at any time."""
+        return self.transform
+
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {self.parent}
+
 
 @dataclass(slots=True)
 class SampledEdge:
@@ -53,6 +61,14 @@ class SampledEdge:
     def parent(self) -> str | None:
         """The parent in all samples; None if there are several, or no samples."""
         return self.history.parent
+
+    def at(self, stamp: int) -> Transform:
+        """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
+        return self.history.at(stamp)[1]
+
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {parent for parent, _ in self.history.values}
 
 
 @dataclass(slots=True)
@@ -82,6 +98,15 @@ class JointEdge:
         self.steps = self.joint.steps(self.leader)
         self.steps_back = self.joint.steps(self.leader, back=True)
 
+    def at(self, stamp: int) -> Transform:
+        """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
+        leader = self.leader
+        return self.joint.transform(leader.multiplier * self.history.at(stamp) + leader.offset)
+
+    def parents(self) -> set[str]:
+        """Every parent that it has had within the cache."""
+        return {self.parent}
+
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
 Edges: TypeAlias = Mapping[str, Edge]
@@ -101,6 +126,22 @@ class Way:
     stamp: int
     above_target: list[Edge]
     above_source: list[Edge]
+
+    def transform(self, stamp: int) -> Transform:
+        """`T_target_source` at a time [ns]; ExtrapolationException if it is not known."""
+        T_top_source = _product([edge.at(stamp) for edge in self.above_source])
+        if not self.above_target:
+            return T_top_source
+        T_target_top = _product([edge.at(stamp) for edge in self.above_target]).inverse()
+        return T_target_top @ T_top_source if self.above_source else T_target_top
+
+    def chain(self) -> Chain:
+        """The same as a function of the time, for many lookups."""
+        target, source = self.above_target, self.above_source
+        steps = [step for edge in target for step in edge.steps_back]
+        steps += [step for edge in reversed(source) for step in edge.steps]
+        histories = [edge.history for edge in (*source, *reversed(target))]
+        return Chain(steps, [history.at for history in histories if history is not None])
 
 
 def find_way(edges: Edges, target: str, source: str, stamp: int) -> Way:
@@ -178,6 +219,16 @@ def lasting_way(edges: Edges, target: str, source: str) -> tuple[Way, set[str]] 
     return Way(LATEST, above_target, above_source), frames
 
 
+def _product(climbed: list[Transform]) -> Transform:
+    """The transforms of a climb in one, the highest first."""
+    if not climbed:
+        return Transform.identity()
+    numbers: tuple[float, ...] = climbed[0]
+    for transform in climbed[1:]:
+        numbers = product(transform, numbers)
+    return tuple.__new__(Transform, numbers)
+
+
 def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
     """Leaves out what is above both."""
     while above_target and above_source and above_target[-1] is above_source[-1]:
@@ -238,7 +289,7 @@ def _unknown(edge: Edge, target: str, source: str, stamp: int) -> TransformExcep
         )
     if not history.stamps:
         return ExtrapolationException(f"nothing is known of {edge.child!r} any more {way}")
-    oldest, latest = history.stamps[0], history.stamps[-1]
+    oldest, latest = history.oldest, history.stamps[-1]
     return ExtrapolationException(
         f"Lookup would require extrapolation into the {'future' if stamp > latest else 'past'}: "
         f"{way}, {edge.child!r} is known from {seconds(oldest)} to {seconds(latest)}, and time "

@@ -12,7 +12,7 @@ import numpy as np
 import viser
 from PIL import Image
 
-from head_tracking.ros.other_services import Hold, Outcome
+from head_tracking.ros.kit.other_services import Hold, Outcome
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.viewer.gaze_scene import GazeScene
 from head_tracking.viewer.head_modes import CAMERA, HeadModes

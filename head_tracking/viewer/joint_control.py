@@ -11,9 +11,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
 from head_tracking.ros.diagnostics import Health
-from head_tracking.ros.graph import Graph
-from head_tracking.ros.other_parameters import OtherParameters
-from head_tracking.ros.other_services import OtherServices, Outcome
+from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.other_parameters import OtherParameters
+from head_tracking.ros.kit.other_services import OtherServices, Outcome
 from head_tracking.transforms import JointState, JointStates, TransformBuffer
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.other_topics import OtherTopics

@@ -11,7 +11,7 @@ from typing import Any
 import viser
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import Joint, JointType, RobotModel
 from head_tracking.viewer.joint_control import JointControl, Servo
 from head_tracking.viewer.notify import by_person, notify, small

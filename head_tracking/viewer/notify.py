@@ -7,7 +7,7 @@ from typing import Any
 
 import viser
 
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_services import Outcome
 
 _SECONDS_DONE, _SECONDS_FAILED = 4.0, 12.0
 

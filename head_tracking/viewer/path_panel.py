@@ -10,7 +10,7 @@ import numpy as np
 import viser
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import RobotModel, Rotation, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import notify

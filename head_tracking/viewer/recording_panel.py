@@ -16,7 +16,7 @@ from PIL import Image
 from head_tracking.recording.recorder import Recorder
 from head_tracking.recording.recording import LastMinute, Observation, Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
-from head_tracking.ros.other_services import Hold, Outcome
+from head_tracking.ros.kit.other_services import Hold, Outcome
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
 from head_tracking.viewer.notify import by_person, follow, notify, small
 from head_tracking.viewer.other_topics import Picture

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import viser
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.head_modes import HeadModes, Mode
 from head_tracking.viewer.notify import by_person, follow, notify, refusal

@@ -10,8 +10,8 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from head_tracking.ros.other_services import Outcome, wait_for_answer
-from head_tracking.ros.own_thread import OwnThread
+from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
+from head_tracking.ros.kit.own_thread import OwnThread
 from head_tracking.tf.qos import EVERY_CHANGE
 
 _ANSWER = 0.45  # s within which a person is told

@@ -66,7 +66,8 @@ class TargetPath:
         nothing more is heard of it.
         """
         estimate, now = self._estimator.estimate, self._now * 1e-9
-        if estimate is None or estimate.age(now) > estimate.timeout:
+        timeout = self._estimator.parameters.target_timeout
+        if estimate is None or estimate.age(now) > timeout:
             return []
         moving = any(
             abs(speed) > max(_MOVING, _DEVIATIONS * estimate.speed_deviation(joint))

@@ -11,8 +11,8 @@ from typing import Any
 
 import viser
 
-from head_tracking.ros.other_parameters import OtherParameters, Setting
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_parameters import OtherParameters, Setting
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.tracking import LAWS
 from head_tracking.viewer.logarithmic_slider import LogarithmicSlider
 from head_tracking.viewer.notify import by_person, notify, refusal

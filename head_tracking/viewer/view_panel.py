@@ -8,7 +8,7 @@ import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.other_services import Outcome
+from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import LookupException, RobotModel, Transform
 from head_tracking.viewer.gaze_scene import GazeScene, ViewParameters, with_axis_forward
 from head_tracking.viewer.notify import follow, notify

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import Vector3
@@ -58,7 +59,14 @@ class Box(NamedTuple):
 
 
 _NO_DISTORTION: tuple[float, ...] = ()
-_MODELS = {"": 8, "plumb_bob": 5, "rational_polynomial": 14, "equidistant": 4}
+_MODELS = {
+    "": (4, 5, 8),
+    "plumb_bob": (4, 5),
+    "rational_polynomial": (8, 12, 14),
+    "equidistant": (4,),
+}
+"""How many coefficients each distortion model may have."""
+_UNTURNED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +82,8 @@ class Camera:
         cy: row of the optical axis.
         distortion: coefficients as in CameraInfo; empty or all 0: none.
         fisheye: the coefficients are those of the model `equidistant`.
+        turn: R of CameraInfo, rows one after the other: from the lens's axes to those of the
+            optical frame, which is that of rectified images.
     """
 
     width: int
@@ -84,6 +94,7 @@ class Camera:
     cy: float
     distortion: tuple[float, ...] = _NO_DISTORTION
     fisheye: bool = False
+    turn: tuple[float, ...] = _UNTURNED
 
     @staticmethod
     def from_calibration(
@@ -92,35 +103,55 @@ class Camera:
         distortion: Sequence[float] = (),
         model: str = "plumb_bob",
         *,
+        turn: Sequence[float] = (),
+        projection: Sequence[float] = (),
+        rectified: bool = False,
         binning: tuple[int, int] = (1, 1),
         region: tuple[int, int, int, int] = (0, 0, 0, 0),
     ) -> Camera:
-        """The camera that a CameraInfo message describes.
+        """Return the camera that a CameraInfo message describes.
 
         Args:
             size: width and height of the full image, in pixels.
             k: the intrinsic matrix, shape (9,), rows one after the other.
             distortion: the coefficients d.
             model: the name of the distortion model.
+            turn: the matrix R, shape (9,), which turns what the lens sees into the frame of
+                rectified images; empty or all 0: they are the same.
+            projection: the matrix P of rectified images, shape (12,).
+            rectified: the images are rectified: P counts, and neither K nor D nor R.
             binning: how many pixels are taken together, in x and y; 0 counts as 1.
             region: x, y, width and height of the part that is sent; all 0: everything.
 
         Raises:
             CameraError: it makes no sense, such as the zeros of a camera without calibration.
         """
-        numbers = [*k, *distortion]
+        if rectified:
+            if len(projection) != 12:
+                raise CameraError(
+                    f"the matrix P is {list(projection)}; it needs twelve finite numbers"
+                )
+            k = [*projection[0:3], *projection[4:7], *projection[8:11]]
+            distortion, turn = (), ()
+        turn = tuple(turn) if any(turn) else _UNTURNED
+        numbers = [*k, *distortion, *turn]
         if len(k) != 9 or not all(map(math.isfinite, numbers)):
-            raise CameraError(f"the matrix K is {list(k)}; it needs nine finite numbers")
+            raise CameraError(
+                f"the matrix {'P' if rectified else 'K'} is {list(k)}; it needs nine finite numbers"
+            )
+        if len(turn) != 9 or not np.allclose(_squared(turn), np.eye(3), atol=1e-3):
+            raise CameraError(f"the matrix R is {list(turn)}; it must be a rotation")
         fx, fy, cx, cy = k[0], k[4], k[2], k[5]
         if min(*size, fx, fy) <= 0:
             raise CameraError(
                 f"the camera is not calibrated: its CameraInfo has size {size[0]}x{size[1]} and "
                 f"focal lengths {fx:g} and {fy:g}, which must be above 0"
             )
-        if any(distortion) and (model not in _MODELS or len(distortion) > _MODELS[model]):
+        if any(distortion) and len(distortion) not in _MODELS.get(model, ()):
             raise CameraError(
                 f"distortion model {model!r} with {len(distortion)} coefficients is not known; "
-                "use plumb_bob, rational_polynomial, equidistant, or rectified images"
+                "use plumb_bob (4 or 5), rational_polynomial (8, 12 or 14), equidistant (4), or "
+                "rectified images"
             )
         x, y, width, height = region if region[2] and region[3] else (0, 0, *size)
         across, down = max(1, binning[0]), max(1, binning[1])
@@ -133,10 +164,18 @@ class Camera:
             (cy - y) / down,
             tuple(distortion) if any(distortion) else _NO_DISTORTION,
             model == "equidistant",
+            turn,
         )
 
     def ray(self, pixel: tuple[float, float]) -> tuple[float, float]:
         """The direction of a pixel (column, row): x and y at z = 1 in the optical frame."""
+        x, y = self._ray_of_lens(pixel)
+        if self.turn == _UNTURNED:
+            return x, y
+        right, down, ahead = (_rows(self.turn) @ (x, y, 1.0)).tolist()
+        return right / ahead, down / ahead
+
+    def _ray_of_lens(self, pixel: tuple[float, float]) -> tuple[float, float]:
         if self.distortion:
             points = np.array([[pixel]], np.float64)
             lens = (self.matrix, np.array(self.distortion))
@@ -166,6 +205,8 @@ class Camera:
         a polynomial turns back, and would show things that are not there.
         """
         x, y, z = point
+        if self.turn != _UNTURNED:
+            x, y, z = (_rows(self.turn).T @ (x, y, z)).tolist()
         if z <= 0:
             return None
         if not self.distortion:
@@ -174,7 +215,7 @@ class Camera:
         points = np.array([[[x / z, y / z, 1.0]]])
         found, _ = project(points, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion))
         u, v = found.reshape(2).tolist()
-        back = self.ray((u, v))
+        back = self._ray_of_lens((u, v))
         return (u, v) if math.dist(back, (x / z, y / z)) < 1e-3 else None
 
     @property
@@ -185,6 +226,15 @@ class Camera:
     def focal_length(self) -> float:
         """The mean of fx and fy."""
         return (self.fx + self.fy) / 2
+
+
+def _rows(turn: Sequence[float]) -> npt.NDArray[np.float64]:
+    return np.reshape(turn, (3, 3))
+
+
+def _squared(turn: Sequence[float]) -> npt.NDArray[np.float64]:
+    """Return the product of a matrix and its transpose; the unit matrix for a rotation."""
+    return np.asarray(_rows(turn) @ _rows(turn).T)
 
 
 def camera_with_view(width: int, height: int, horizontal_view: float) -> Camera:

@@ -185,6 +185,27 @@ class _Face(NamedTuple):
         return Candidate(box, self.centre, self.score)
 
 
+class _Pyramid:
+    """A picture, and what it is at half, a quarter ... of its size: averaged, made when asked for.
+
+    A warp takes single pixels: of a large face it would see the noise.
+    """
+
+    def __init__(self, picture: Pixels) -> None:
+        self._levels = [picture]
+
+    def at(self, least: float) -> tuple[Pixels, float]:
+        """Return the smallest picture whose scale is at least this one, and its scale."""
+        wanted = max(0, math.floor(-math.log2(least)))
+        while len(self._levels) <= wanted and min(self._levels[-1].shape[:2]) > 1:
+            picture = self._levels[-1]
+            size = (picture.shape[1] // 2, picture.shape[0] // 2)
+            whole = picture[: 2 * size[1], : 2 * size[0]]
+            self._levels.append(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+        level = min(wanted, len(self._levels) - 1)
+        return self._levels[level], 0.5**level
+
+
 class _Net:
     """YuNet (Wu and others, 2023) in two steps.
 
@@ -204,11 +225,12 @@ class _Net:
     _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
     _TURNS = (0.0, math.radians(35.0), math.radians(-35.0))
     _STILL_THERE = 0.6
+    _LEAST = 0.1  # the smallest score that a person may ask for
 
     def __init__(self, file: Path) -> None:
         self._first = cv2.FaceDetectorYN.create(str(file), "", (64, 64), self._GUESS, 0.3)
         self._second = cv2.FaceDetectorYN.create(
-            str(file), "", (self._VIEW, self._VIEW), self._STILL_THERE, 0.3
+            str(file), "", (self._VIEW, self._VIEW), self._LEAST, 0.3
         )
         self._second.detect(np.zeros((self._VIEW, self._VIEW, 3), np.uint8))
         self._size = (64, 64)
@@ -219,13 +241,14 @@ class _Net:
     ) -> list[Candidate]:
         """Faces near hints, and in the whole picture if the width of the `smallest` is given."""
         found: list[_Face] = []
+        sizes = _Pyramid(picture)
         for hint in hints:
             last = min(self._before, key=lambda f: math.dist(f.centre, hint.centre), default=None)
             roll = last.roll if last and math.dist(last.centre, hint.centre) < hint.width else 0.0
-            self._look(picture, hint.centre, hint.width / 1.24, roll, self._STILL_THERE, found)
+            self._look(sizes, hint.centre, hint.width / 1.24, roll, self._STILL_THERE, found)
         if smallest is not None:
             for guess in self._guesses(picture, smallest / 1.24):
-                self._look(picture, guess.centre, guess.size, guess.roll, score, found)
+                self._look(sizes, guess.centre, guess.size, guess.roll, score, found)
         self._before = found
         return [face.candidate() for face in found]
 
@@ -247,7 +270,7 @@ class _Net:
 
     def _look(
         self,
-        picture: Pixels,
+        picture: _Pyramid,
         centre: tuple[float, float],
         size: float,
         roll: float,
@@ -260,6 +283,8 @@ class _Net:
         # where a face is found already, another one that is turned waits for the next search
         for turn in self._TURNS[: 1 if found else None]:
             face = self._upright(picture, centre, size, roll + turn)
+            if face is not None and face.score < min(score, self._STILL_THERE):
+                continue
             if face is not None and score > self._STILL_THERE:  # it was not followed before
                 face = self._upright(picture, face.centre, face.size, face.roll)
             if face is not None and face.score >= score:
@@ -268,21 +293,24 @@ class _Net:
                 return
 
     def _upright(
-        self, picture: Pixels, centre: tuple[float, float], size: float, roll: float
+        self, picture: _Pyramid, centre: tuple[float, float], size: float, roll: float
     ) -> _Face | None:
         """The surest face near a place, seen turned back by its roll."""
         zoom = self._FACE / max(size, 1.0)
-        to_view = cv2.getRotationMatrix2D(centre, math.degrees(roll), zoom)
-        to_view[:, 2] += self._VIEW / 2 - np.array(centre)
+        shrunk, scale = picture.at(2.0 * zoom)
+        u, v = centre
+        middle = (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5
+        to_view = cv2.getRotationMatrix2D(middle, math.degrees(roll), zoom / scale)
+        to_view[:, 2] += self._VIEW / 2 - np.array(middle)
         view = cv2.warpAffine(
-            picture, to_view, (self._VIEW, self._VIEW), borderMode=cv2.BORDER_REPLICATE
+            shrunk, to_view, (self._VIEW, self._VIEW), borderMode=cv2.BORDER_REPLICATE
         )
-        rows = self._second.detect(view)[1]
-        if rows is None:
+        found = self._second.detect(view)[1]
+        if found is None:
             return None
-        face = max((_face(row, 1.0) for row in rows.tolist()), key=lambda face: face.score)
+        face = max((_face(row, 1.0) for row in found.tolist()), key=lambda face: face.score)
         back = cv2.invertAffineTransform(to_view)
-        u, v = (back @ [*face.centre, 1.0]).tolist()
+        u, v = ((back @ [*face.centre, 1.0] + 0.5) / scale - 0.5).tolist()
         return _Face((u, v), face.size / zoom, roll + face.roll, face.score)
 
 

@@ -90,10 +90,10 @@ class Track:
         return self.latest if self.seen == self.now else None
 
     def predict(self, now: float) -> None:
-        """Moves on to the time `now` [s]."""
-        dt, self.now = now - self.now, now
+        """Move on to the time `now` [s]."""
         # what was not seen for a while has rather stopped than gone on for ever
-        lost = now - self.seen
+        lost = self.now - self.seen
+        dt, self.now = now - self.now, now
         self.position = self.position + self.velocity * dt * math.exp(-lost)
         advance = np.array([[1.0, dt], [0.0, 1.0]])
         noise = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * _ACCELERATION**2

@@ -42,6 +42,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.reading import Failed
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -94,7 +95,7 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 @contextmanager
 def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
     """`ServoBus.step` with a new command each cycle: units, limits, protection and all."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     bus = ServoBus(DynamixelPort(port_name), joints)
     bus.connect()
 
@@ -285,7 +286,9 @@ def silent_servo() -> str:
     firsts, others, rates = [], [], []
     for _ in range(9):
         with served(0, 2) as (port_name, server):
-            joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+            joints = [
+                JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)
+            ]
             driver = ServoBus(DynamixelPort(port_name), joints)
             driver.connect()
             usual = []
@@ -345,9 +348,9 @@ def faulty_cycles() -> str:
     clock = SimulatedClock(PERIOD)
     line = SimulatedLine(simulated, clock)
     joints = [
-        JointConfiguration("ax", "ax_controller", 1, 512, 300, 800),
+        JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
         JointConfiguration(
-            "xm", "xm_controller", 2, 2048, 1024, 3072, model=servo_model("XM430-W350")
+            "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
         ),
     ]
     port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
@@ -413,25 +416,25 @@ class FaultyRun:
         """One cycle at 50 Hz with a new command."""
         driver, clock = self._driver, self._clock
         self._due = max(self._due + PERIOD, clock.now)
-        while driver.fill(self._due):
+        while driver.cycle.fill(self._due):
             pass
         clock.now = max(self._due, clock.now)
         self.cycles += 1
         goals = {
             joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
             for joint in self._joints
-            if not driver.torque(joint.joint_name).waits
+            if not driver.joint(joint.joint_name).torque.waits
         }
         with suppress(GoalError):
             driver.command(goals)
         try:
             self.reading = driver.step()
             if recover and any(
-                driver.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self._joints
+                driver.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self._joints
             ):
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    driver.run(driver.recovering())
+                    run(driver.recovering())
         except Exception:
             self.exceptions += 1
         if len(self.reading.states) < len(self._joints):
@@ -457,13 +460,13 @@ def returning_servo() -> str:
             "simulated", baud_rate, open_device=lambda *_, line=line: SimulatedDevice(line),
             clock=clock,
         )  # fmt: skip
-        joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+        joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
         driver = ServoBus(port, joints, lambda c=clock: c.now, monotonic=lambda c=clock: c.now)
         driver.connect()
 
         def cycle(driver: ServoBus = driver, clock: SimulatedClock = clock) -> float:
             due = clock.now + PERIOD
-            while driver.fill(due):
+            while driver.cycle.fill(due):
                 pass
             clock.now = start = max(due, clock.now)
             for name in ("joint_1", "joint_2"):
@@ -478,7 +481,7 @@ def returning_servo() -> str:
             cycle()
         servos[0].power_on()
         longest = max(cycle() for _ in range(100))
-        assert driver.torque("joint_1") is Torque.ON
+        assert driver.joint("joint_1").torque is Torque.ON
         found.append(f"{longest:.1f} ms at {baud_rate} baud, where a usual one takes {usual:.1f}")
     return f"| longest cycle while one of two AX-12 returns | **{'; '.join(found)}** | | twice |"
 
@@ -506,10 +509,11 @@ def driven(
         "simulated", baud_rate, open_device=lambda *_: SimulatedDevice(line), clock=clock
     )
     joints = [
-        JointConfiguration(f"joint_{i}", f"controller_{i}", i, model.center, 0, model.ticks - 1,
-                           model=model)
+        JointConfiguration(
+            f"joint_{i}", i, model.center, 0, model.ticks - 1, model, controller=f"controller_{i}"
+        )
         for i in (1, 2)
-    ]  # fmt: skip
+    ]
     driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
     driver.connect()
     return driver, simulated, clock, port
@@ -576,10 +580,10 @@ def _follow(model: ServoModel, baud_rate: int, rate: int) -> tuple[float, float]
     samples: list[tuple[int, float, float]] = []
     for k in range(rate * 5):
         clock.now = max(clock.now, start + k * period)
-        driver.read()
+        driver.cycle.read()
         now = (clock.now - start) * 1e-9
         driver.command({f"joint_{i}": Goal(_on_path(i, now), 6.0) for i in (1, 2)})
-        driver.write()
+        driver.cycle.write()
         if k > rate:
             for part in range(1, 5):
                 time_now = clock.now + part * period // 5
@@ -614,7 +618,8 @@ def in_a_run() -> str:
             text=True,
             check=False,
         )
-        times[name] = json.loads(done.stdout.splitlines()[-1])[WARM_UP:]
+        lists = [line for line in done.stdout.splitlines() if line.startswith("[")]
+        times[name] = json.loads(lists[-1])[WARM_UP:]
     figures = "; ".join(
         f"{name} median {1e3 * each[9]:.1f} ms, p95 {1e3 * each[18]:.1f} ms"
         for name, took in times.items()
@@ -625,7 +630,7 @@ def in_a_run() -> str:
 
 def replugging() -> str:
     """The adapter unplugged and plugged in again, many times."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     times: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "servos"
@@ -638,9 +643,9 @@ def replugging() -> str:
             _wait(lambda: newest and len(newest[-1].states) == 2)
             before = _resources()
             for _ in range(REPLUGS):
-                simulated.unplug()
+                simulated.close()
                 _wait(lambda: len(newest[-1].lost) == 2)
-                simulated.replug()
+                simulated.open()
                 start = time.perf_counter()
                 _wait(lambda: len(newest[-1].states) == 2)
                 times.append(time.perf_counter() - start)

@@ -10,6 +10,8 @@ from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
+from frame import report, row, table
+
 PROGRAM = Path(__file__).parents[2] / "test" / "support" / "chaos.py"
 SECONDS = 40.0  # of one robot's life
 LAYOUTS = (
@@ -35,27 +37,34 @@ def chaos(minutes: float, seed: int) -> str:
                 lines = done.stderr.splitlines() or [f"exit code {done.returncode}"]
                 said = next((line for line in lines if line.startswith("chaos ")), lines[-1])
                 broken.append(f"- `{said}`")
-                print(done.stderr, file=sys.stderr, flush=True)
+                report(done.stderr)
             else:
                 told[name].append(json.loads(done.stdout))
-                print(name, seed, done.stdout, file=sys.stderr, end="", flush=True)
+                report(f"{name} {seed} {done.stdout}")
             seed += 1
-    rows = [
-        "| robot | robots | blows | STOPs | slowest STOP | recoveries | slowest recovery |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     struck: Counter[str] = Counter()
     for name, robots in told.items():
         blows: Counter[str] = sum((Counter(one["struck"]) for one in robots), Counter())
         struck += blows
         rows.append(
-            f"| {name} | {len(robots)} | {blows.total()} | "
-            f"{sum(one['stops'] for one in robots)} | "
-            f"{max(one['slowest_stop'] for one in robots):.2f} s | "
-            f"{sum(one['recoveries'] for one in robots)} | "
-            f"{max(one['slowest_recovery'] for one in robots):.2f} s |"
+            row(
+                name,
+                len(robots),
+                blows.total(),
+                sum(one["stops"] for one in robots),
+                f"{max(one['slowest_stop'] for one in robots):.2f} s",
+                sum(one["recoveries"] for one in robots),
+                f"{max(one['slowest_recovery'] for one in robots):.2f} s",
+            )
         )
+    head = "robot | robots | blows | STOPs | slowest STOP | recoveries | slowest recovery"
     blows_told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in struck.most_common())
-    rows += ["", f"Blows: {blows_told}.", ""]
-    rows += [f"Did not hold {len(broken)} times{':' if broken else '.'}", *broken]
-    return "\n".join(rows)
+    end_of_list = ":" if broken else "."
+    return "\n".join(
+        [
+            f"{table(head, rows)}\n\nBlows: {blows_told}.\n",
+            f"Did not hold {len(broken)} times{end_of_list}",
+            *broken,
+        ]
+    )

@@ -6,13 +6,13 @@ import os
 import random
 import signal
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+from frame import report, row, table
 from processes import child
 from rig import Bench, Program
 
@@ -23,22 +23,16 @@ _SLICE = 0.001  # s
 
 def killed(count: float = KILLS) -> str:
     """Return the table of SIGKILL of each process at random moments while the head moves."""
-    rows = ["| killed | times | torque off: median, largest | asked |", "|---|---|---|---|"]
+    rows = []
     for name in ("control", "supervisor"):
         times = [_torque_off_after(name, seed) for seed in range(round(count))]
-        rows.append(
-            f"| {name} | {len(times)} | {1e3 * statistics.median(times):.0f} ms, "
-            f"{1e3 * max(times):.0f} ms | 300 ms |"
-        )
-        print(rows[-1], file=sys.stderr, flush=True)
+        off = f"{1e3 * statistics.median(times):.0f} ms, {1e3 * max(times):.0f} ms"
+        rows.append(row(name, len(times), off, "300 ms"))
     for name in ("vision", "page"):
         times = [_again_after(name, seed) for seed in range(round(count / 2))]
-        rows.append(
-            f"| {name}: the head goes on, it runs again | {len(times)} | "
-            f"{statistics.median(times):.1f} s, {max(times):.1f} s | |"
-        )
-        print(rows[-1], file=sys.stderr, flush=True)
-    return "\n".join(rows)
+        again = f"{statistics.median(times):.1f} s, {max(times):.1f} s"
+        rows.append(row(f"{name}: the head goes on, it runs again", len(times), again, ""))
+    return table("killed | times | torque off: median, largest | asked", rows)
 
 
 def _torque_off_after(name: str, seed: int) -> float:
@@ -79,10 +73,9 @@ def beside(tries: float = TRIES) -> str:
         count[order] += 1
         if _moves_a_real_head(order, random.Random(seed)):
             moved[order] += 1
-            print("moved:", order, seed, file=sys.stderr, flush=True)
-    rows = ["| order | tries | a real servo had torque or moved | asked |", "|---|---|---|---|"]
-    rows += [f"| {order} | {count[order]} | {moved[order]} | 0 |" for order in orders]
-    return "\n".join(rows)
+            report(f"moved: {order} {seed}")
+    rows = [row(order, count[order], moved[order], 0) for order in orders]
+    return table("order | tries | a real servo had torque or moved | asked", rows)
 
 
 def _moves_a_real_head(order: str, rnd: random.Random) -> bool:

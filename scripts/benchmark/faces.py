@@ -6,6 +6,7 @@ import time
 from statistics import mean, median
 from typing import Any
 
+from frame import row, table
 from photographs import EMPTY, KINDS, SIZES, empty, fetch, photographs
 
 from head_tracking.vision import (
@@ -49,7 +50,7 @@ def faces() -> str:
             f"tests), {sizes} pixels wide in images of 640 by 480, in full, half and a quarter of "
             "the light, turned in the image to both sides; each image alone. Faces found, and in "
             "brackets those of 40 pixels (asked for: 90 % up to 45°):",
-            _table(head, rows),
+            table(head, rows),
             _empty(contenders),
             _cost(contenders),
         )
@@ -105,15 +106,13 @@ def _cost(contenders: dict[str, FaceDetector]) -> str:
     for name, times in rounds.items():
         ratios = [one / cascade for one, cascade in zip(times, rounds["cascade"], strict=True)]
         asked = {"net": "0.20"}.get(name, "")
-        rows.append(
-            f"| {name} | {median(times):.1f} ms | {median(ratios):.2f} | "
-            f"{min(ratios):.2f} to {max(ratios):.2f} | {asked} |"
-        )
+        spread = f"{min(ratios):.2f} to {max(ratios):.2f}"
+        rows.append(row(name, f"{median(times):.1f} ms", f"{median(ratios):.2f}", spread, asked))
     head = "by | an image | of the cascade's | in each round | asked for"
     return (
         "Processor time on one core for the whole image of 640 by 480, one thread, half of the "
         f"images without a face, medians of {ROUNDS} rounds (`followed`: near the face of the "
-        "image before, as in four of five images):\n\n" + _table(head, rows)
+        "image before, as in four of five images):\n\n" + table(head, rows)
     )
 
 
@@ -122,8 +121,3 @@ def _milliseconds(detector: FaceDetector, picture: Any, hints: list[Any]) -> flo
     start = time.process_time()
     detector.detect(frame, hints)
     return 1e3 * (time.process_time() - start)
-
-
-def _table(head: str, rows: list[str]) -> str:
-    columns = head.count("|") + 1
-    return "\n".join([f"| {head} |", "|" + "---|" * columns, *rows])

@@ -30,6 +30,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from frame import row, table
+
 HOSTS = ("head", "camera", "page")
 DOMAIN = "35"
 _TUNSETIFF, _TAP = 0x400454CA, 0x1002  # a TAP device, without a header of its own
@@ -167,7 +169,7 @@ def measured(link: Link, cut_for: float = 0.0) -> dict[str, Any]:
             cut.value = -1
         else:
             _wait_for(place / "swinging")
-            report = _start("page", link, sys.executable, "-m", "head_tracking.tools.track_report",
+            report = _start("page", link, sys.executable, "-m", "head_tracking.cli.track_report",
                             "--duration", _SWING - 5.0, "--output", place / "report.svg",
                             "--markdown",
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
@@ -310,11 +312,7 @@ def _error(report: str) -> str:
 
 def network() -> str:
     """The table: what each link costs."""
-    rows = [
-        "| Link, each way | found each other after | target to packet, median and worst | joint "
-        "states on the camera's machine: rate, age | tracking error, seen from the page |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
     for link in LINKS:
         seen = measured(link)
         late = latencies(seen)
@@ -322,17 +320,24 @@ def network() -> str:
         ages = [(at - stamp) * 1e-9 for at, stamp in seen["states"]]
         rate = (len(came) - 1) / ((came[-1] - came[0]) * 1e-9)
         rows.append(
-            f"| {link.name} | {seen['met']:.1f} s | {1e3 * median(late):.0f}, "
-            f"{1e3 * max(late):.0f} ms ({len(late)} of {_STEPS} steps) | {rate:.1f} Hz, "
-            f"{1e3 * median(ages):.0f} ms | {_error(seen['report'])} |"
+            row(
+                link.name,
+                f"{seen['met']:.1f} s",
+                f"{1e3 * median(late):.0f}, {1e3 * max(late):.0f} ms "
+                f"({len(late)} of {_STEPS} steps)",
+                f"{rate:.1f} Hz, {1e3 * median(ages):.0f} ms",
+                _error(seen["report"]),
+            )
         )
-        print(rows[-1], flush=True)
-    seen = measured(LINKS[0], cut_for=5.0)
-    rows += ["", "The camera's cable out for 5 s, as the page sees it:", "", *_told(seen["page"])]
-    return "\n".join(rows)
+    head = (
+        "Link, each way | found each other after | target to packet, median and worst | joint "
+        "states on the camera's machine: rate, age | tracking error, seen from the page"
+    )
+    cut = _told(measured(LINKS[0], cut_for=5.0)["page"])
+    return f"{table(head, rows)}\n\nThe camera's cable out for 5 s, as the page sees it:\n\n{cut}"
 
 
-def _told(page: dict[str, Any]) -> list[str]:
+def _told(page: dict[str, Any]) -> str:
     """What the head says of itself around the longest pause between two targets."""
     targets = page["targets"]
     gaps = [(later - earlier, earlier) for earlier, later in pairwise(targets)]
@@ -343,8 +348,8 @@ def _told(page: dict[str, Any]) -> list[str]:
         if begin - 0.5 <= at <= begin + gap + 3.0 and text != last:
             moments.append((at - begin, text))
             last = text
-    rows = [f"| {when:+.2f} s | {text} |" for when, text in sorted(moments)]
-    return ["| Time after the last target | the head says |", "|---|---|", *rows]
+    rows = [row(f"{when:+.2f} s", text) for when, text in sorted(moments)]
+    return table("Time after the last target | the head says", rows)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,19 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from browser import open_browser, open_page, open_tab
+from frame import in_turns, medians, row, table
 from simulated_run import (
     SimulatedRun,
     command,
     descendants,
     file_descriptors,
     memory,
+    own_domain,
     processor_time,
     threads,
 )
@@ -101,27 +104,23 @@ def fluidity() -> str:
             "15 links, 2 joints move": "kinectbot",
             "60 links, 47 joints move": str(urdf),
         }
-        found: dict[str, list[Fluidity]] = {name: [] for name in variants}
-        for _ in range(ROUNDS):
-            for name, robot in variants.items():
-                found[name].append(_fluidity(robot, sources))
-                print(name, found[name][-1], file=sys.stderr, flush=True)
-    rows = [
-        "| robot | states a second, read only | frames drawn a second | frames offered a second | "
-        "the viewer's process |",
-        "|---|---|---|---|---|",
-    ]
-    for name, runs in found.items():
-        read, drawn, offered, viewer = map(statistics.median, zip(*runs, strict=True))
-        rows.append(
-            f"| {name} | {read:.1f} | {drawn:.1f} | {offered:.1f} | "
-            f"{100 * viewer:.0f} % of a core |"
+        found = in_turns(
+            {name: partial(_fluidity, robot, sources) for name, robot in variants.items()}, ROUNDS
         )
-    return "\n".join(rows)
+    rows = []
+    for name, runs in found.items():
+        *rates, viewer = medians(runs)
+        rows.append(
+            row(name, *(f"{rate:.1f}" for rate in rates), f"{100 * viewer:.0f} % of a core")
+        )
+    return table(
+        "robot | states a second, read only | frames drawn a second | frames offered a second | "
+        "the viewer's process", rows
+    )  # fmt: skip
 
 
 def _fluidity(robot: str, sources: Path) -> Fluidity:
-    _own_domain()
+    own_domain()
     with ExitStack() as resources:
         if robot != "kinectbot":
             resources.enter_context(_arms())
@@ -175,12 +174,8 @@ class Sample(NamedTuple):
 
 def left_open(minutes: float) -> str:
     """A table with a line for every part of the time: one page, a head that tracks."""
-    _own_domain()
-    rows = [
-        "| minute | viewer: memory, MB | threads | file descriptors | processor | page: JS heap, "
-        "MB | DOM nodes | process, MB | robot: memory, MB | bus cycles a second |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    own_domain()
+    rows = []
     with SimulatedRun("--viewer") as run, open_browser() as browser:
         viewer = run.viewer_pid
         page = open_page(browser, run.port, 600, 500)
@@ -202,15 +197,24 @@ def left_open(minutes: float) -> str:
             seconds = now.at - before.at
             rates = [one.rate for one in run.told[before.told :]]
             rows.append(
-                f"| {(now.at - start) / 60:.1f} | {memory(viewer):.1f} | {threads(viewer)} | "
-                f"{file_descriptors(viewer)} | "
-                f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core | {heap:.1f} | "
-                f"{nodes} | {_renderers():.0f} | "
-                f"{memory(run.control_pid):.1f} | {statistics.fmean(rates):.1f} |"
+                row(
+                    f"{(now.at - start) / 60:.1f}",
+                    f"{memory(viewer):.1f}",
+                    threads(viewer),
+                    file_descriptors(viewer),
+                    f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core",
+                    f"{heap:.1f}",
+                    nodes,
+                    f"{_renderers():.0f}",
+                    f"{memory(run.control_pid):.1f}",
+                    f"{statistics.fmean(rates):.1f}",
+                )
             )
-            print(rows[-1], file=sys.stderr, flush=True)
             before = now
-    return "\n".join(rows)
+    return table(
+        "minute | viewer: memory, MB | threads | file descriptors | processor | page: JS heap, "
+        "MB | DOM nodes | process, MB | robot: memory, MB | bus cycles a second", rows
+    )  # fmt: skip
 
 
 def _page_memory(debugger: Any) -> tuple[float, int]:
@@ -225,8 +229,3 @@ def _renderers() -> float:
     return sum(
         memory(pid) for pid in descendants(os.getpid()) if b"--type=renderer" in command(pid)
     )
-
-
-def _own_domain() -> None:
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)

@@ -6,6 +6,8 @@ import math
 import random
 import time
 
+from frame import row, table
+
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModel, load_robot_model, parse_robot_model
@@ -35,14 +37,17 @@ def pointing() -> str:
             )
             tutorial = [head.miss(target, *_tutorial(model, target)) for target in targets]
             rows.append(
-                f"| {robot} | {distance} m | {math.degrees(max(tutorial)):.1f} | "
-                f"{math.degrees(sum(tutorial) / len(tutorial)):.1f} | "
-                f"{math.degrees(exact):.0e} | {cost * 1e6:.0f} |"
+                row(
+                    robot,
+                    f"{distance} m",
+                    f"{math.degrees(max(tutorial)):.1f}",
+                    f"{math.degrees(sum(tutorial) / len(tutorial)):.1f}",
+                    f"{math.degrees(exact):.0e}",
+                    f"{cost * 1e6:.0f}",
+                )
             )
-    head_row = (
-        "| robot | distance | tutorials, worst | tutorials, mean | exact, worst | us a gaze |"
-    )
-    return "\n".join([head_row, "|---|---|---|---|---|---|", *rows, "", _askew()])
+    head = "robot | distance | tutorials, worst | tutorials, mean | exact, worst | us a gaze"
+    return f"{table(head, rows)}\n\n{_askew()}"
 
 
 NEARLY_SQUARE = {
@@ -89,12 +94,15 @@ def _askew() -> str:
             costs[name] = min(costs[name], (time.perf_counter() - start) / len(gazes))
             worst[name] = max(gaze.miss for gaze in gazes)
     rows = [
-        f"| {name} | {costs[name] * 1e6:.1f} | {costs[name] / costs['square']:.2f} | "
-        f"{math.degrees(worst[name]):.0e} |"
+        row(
+            name,
+            f"{costs[name] * 1e6:.1f}",
+            f"{costs[name] / costs['square']:.2f}",
+            f"{math.degrees(worst[name]):.0e}",
+        )
         for name in heads
     ]
-    head_row = "| head | us a gaze | of a square head's | worst miss, degrees |"
-    return "\n".join([head_row, "|---|---|---|---|", *rows])
+    return table("head | us a gaze | of a square head's | worst miss, degrees", rows)
 
 
 def _around(model: RobotModel, distance: float, azimuth: float, elevation: float) -> list[float]:

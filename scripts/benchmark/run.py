@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from frame import medians, report, row, table
 from reacting_servos import LEAD
 from simulated_run import descendants, memory, processor_time
 
@@ -90,19 +91,27 @@ def _following() -> str:
             if turn and parameters:
                 continue  # the tutorials' values are so far off that once is enough
             found[name].append(_follow(robot, target, parameters))
-            print(name, found[name][-1], file=sys.stderr, flush=True)
-    rows = [
-        "| robot | target | values | error rms | of each run | error max | bus cycles | faults |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+            report(f"{name}: {found[name][-1]}")
+    rows = []
     for (robot, target, values), runs in found.items():
         each = ", ".join(f"{one.rms:.2f}" for one in runs)
-        rms, largest, cycles, _ = (statistics.median(column) for column in zip(*runs, strict=True))
+        rms, largest, cycles, _ = medians(runs)
+        faults = sum(one.faults for one in runs)
         rows.append(
-            f"| {robot} | {target} | {values} | {rms:.2f}° | {each} | {largest:.2f}° | "
-            f"{cycles:.0f} | {sum(one.faults for one in runs)} |"
+            row(
+                robot,
+                target,
+                values,
+                f"{rms:.2f}°",
+                each,
+                f"{largest:.2f}°",
+                f"{cycles:.0f}",
+                faults,
+            )
         )
-    return "\n".join(rows)
+    return table(
+        "robot | target | values | error rms | of each run | error max | bus cycles | faults", rows
+    )
 
 
 def _follow(robot: str, target: str, parameters: str) -> Followed:
@@ -143,18 +152,17 @@ def _costs() -> str:
         with _servos("shaking") as (port, told), _parameter_file(TELLING % LEAD) as file:
             _take("-m", "head_tracking", "--port", port, "--target", FAR, *file)
         answers.append(told["answers"])
-        print(
-            bare[-1], whole[-1], driver[-1], _milliseconds(next_packet[-1:]),
-            _milliseconds(answers[-1:]), starts[-1:], file=sys.stderr, flush=True,
-        )  # fmt: skip
+        report(
+            f"{bare[-1]} {whole[-1]} {driver[-1]} {_milliseconds(next_packet[-1:])} "
+            f"{_milliseconds(answers[-1:])} {starts[-1:]}"
+        )
     ratios = [
         [one.processor / base.processor for one, base in zip(runs, bare, strict=True)]
         for runs in (whole, driver)
     ]
     base = statistics.median(one.processor for one in bare)
     bare_memory = statistics.median(one.memory[0] for one in bare)
-    rows = ["| what | measured | asked |", "|---|---|---|"]
-    rows += [
+    rows = [
         f"| processor time of {what}, over a bare node's ({100 * base:.1f} % of a core) | "
         f"**{statistics.median(ratio):.1f}** ({min(ratio):.1f} to {max(ratio):.1f}): "
         f"{100 * statistics.median(one.processor for one in runs):.0f} % of a core | {asked} |"
@@ -175,7 +183,7 @@ def _costs() -> str:
         "| warm start, from the command to the first packet on the wire | "
         f"{statistics.median(starts):.2f} s ({max(starts):.2f} s at most) | 1.5 s |",
     ]
-    return "\n".join(rows)
+    return table("what | measured | asked", rows)
 
 
 def _take(*arguments: str) -> Taken:

@@ -85,6 +85,12 @@ class SimulatedRun:
                     self._ready.set()
 
 
+def own_domain() -> None:
+    """Put this process and those that it starts into a ROS domain of their own."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+
+
 def descendants(pid: int) -> Iterator[int]:
     """All processes that a process started, and those that these started."""
     parents = {}

@@ -13,6 +13,9 @@ from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
+from frame import row, table
+from simulated_run import file_descriptors, memory
+
 from head_tracking.dynamixel import (
     BusReading,
     BusThread,
@@ -23,6 +26,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     Torque,
 )
+from head_tracking.dynamixel.servo import run
 
 RATE = 50.0
 SAMPLES = 5
@@ -30,15 +34,11 @@ SAMPLES = 5
 
 def soak(minutes: float) -> str:
     """A table with a line for every part of the run."""
-    joints = [JointConfiguration(f"joint_{i}", f"controller_{i}", i) for i in (1, 2)]
-    rows = [
-        "| minute | memory, MB | threads | file descriptors | cycles per second | joints read | "
-        "transactions failed | times unplugged | processor |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "servos"
-        command = [sys.executable, "-m", "head_tracking.tools.simulated_bus", "--link", str(link)]
+        command = [sys.executable, "-m", "head_tracking.cli.simulated_bus", "--link", str(link)]
         command += ["--faults", "1", "--unplug-every", "30", "--seed", "1"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as servos:
             assert servos.stdout is not None
@@ -62,19 +62,27 @@ def soak(minutes: float) -> str:
                 told = driver.statistics()
                 failed = sum(servo.timeouts + servo.corrupt for servo in told.servos)
                 rows.append(
-                    f"| {(now - start) / 60:.1f} | {_memory():.1f} | {threading.active_count()} | "
-                    f"{len(os.listdir('/proc/self/fd'))} | "
-                    f"{read['cycles'] / (now - sample_start):.1f} | "
-                    f"{100 * read['joints'] / max(1, len(joints) * read['cycles']):.1f} % | "
-                    f"{failed} | {told.port_losses} | "
-                    f"{100 * (used - processor) / (now - sample_start):.1f} % of a core |"
+                    row(
+                        f"{(now - start) / 60:.1f}",
+                        f"{memory(os.getpid()):.1f}",
+                        threading.active_count(),
+                        file_descriptors(os.getpid()),
+                        f"{read['cycles'] / (now - sample_start):.1f}",
+                        f"{100 * read['joints'] / max(1, len(joints) * read['cycles']):.1f} %",
+                        failed,
+                        told.port_losses,
+                        f"{100 * (used - processor) / (now - sample_start):.1f} % of a core",
+                    )
                 )
                 sample_start, processor = now, used
                 read.clear()
             thread.stop()
             assert thread.error is None, thread.error
             servos.terminate()
-    return "\n".join(rows)
+    return table(
+        "minute | memory, MB | threads | file descriptors | cycles per second | joints read | "
+        "transactions failed | times unplugged | processor", rows
+    )  # fmt: skip
 
 
 def _connect(driver: ServoBus) -> None:
@@ -91,12 +99,6 @@ def _drive(driver: ServoBus, thread: BusThread, now: float) -> None:
     names = [joint.joint_name for joint in driver.joints]
     with suppress(DynamixelError):
         driver.command({name: Goal(0.5 * math.sin(now + i)) for i, name in enumerate(names)})
-    if any(driver.torque(name) is Torque.OFF_BY_FAULT for name in names):
+    if any(driver.joint(name).torque is Torque.OFF_BY_FAULT for name in names):
         with suppress(DynamixelError):
-            thread.call(lambda bus: bus.run(bus.recovering())).result(5.0)
-
-
-def _memory() -> float:
-    """Resident memory of this process, MB."""
-    text = Path("/proc/self/status").read_text()
-    return int(text.split("VmRSS:")[1].split()[0]) / 1024.0
+            thread.call(lambda bus: run(bus.recovering())).result(5.0)

@@ -1,16 +1,24 @@
 """The head with its usual arguments; at its end, how long the cycles of its servo bus took, s.
 
-Usage: timed_run.py ARGUMENT ...; the last line of the output is a JSON list.
+Usage: timed_run.py ARGUMENT ...; the last line of the output that begins with a bracket is a JSON
+list. The bus runs in the control process, which this program starts as itself.
 """
 
 from __future__ import annotations
 
 import json
+import runpy
+import subprocess
 import sys
 import time
+from typing import Any
 
 from head_tracking.__main__ import main
-from head_tracking.dynamixel import BusEvent, BusReading, ServoBus
+from head_tracking.dynamixel import BusEvent, BusReading
+from head_tracking.dynamixel.cycle import Cycle
+from head_tracking.run import supervisor
+
+CHILD = "head_tracking.run.child"
 
 took: list[float] = []
 
@@ -21,24 +29,40 @@ class _Stopwatch:
 
 def timed() -> None:
     """Take the time from the begin of each bus's read to the end of its write."""
-    read, write = ServoBus.read, ServoBus.write
+    read, write = Cycle.read, Cycle.write
 
-    def timed_read(bus: ServoBus) -> BusReading:
+    def timed_read(cycle: Cycle) -> BusReading:
         _Stopwatch.begin = time.perf_counter()
-        return read(bus)
+        return read(cycle)
 
-    def timed_write(bus: ServoBus) -> tuple[BusEvent, ...]:
-        events = write(bus)
+    def timed_write(cycle: Cycle) -> tuple[BusEvent, ...]:
+        events = write(cycle)
         took.append(time.perf_counter() - _Stopwatch.begin)
         return events
 
-    ServoBus.read, ServoBus.write = timed_read, timed_write  # type: ignore[method-assign]
+    Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
+
+
+class ChildProcess(subprocess.Popen[bytes]):
+    """A process of the run; control is started by this program.
+
+    Args:
+        command: as the supervisor has it.
+    """
+
+    def __init__(self, command: list[str], **options: Any) -> None:
+        if command[1:4] == ["-m", CHILD, "control"]:
+            command = [command[0], __file__, *command[2:]]
+        super().__init__(command, **options)
 
 
 if __name__ == "__main__":
+    if sys.argv[1] != CHILD:
+        supervisor.subprocess.Popen = ChildProcess  # type: ignore[assignment, misc]
+        sys.exit(main())
     timed()
+    del sys.argv[0]
     try:
-        code = main()
+        runpy.run_module(CHILD, run_name="__main__")
     finally:
         print(json.dumps([round(seconds, 6) for seconds in took]), flush=True)
-    sys.exit(code)

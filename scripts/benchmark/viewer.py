@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-import os
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from simulated_run import SimulatedRun, processor_time
+from frame import in_turns, medians, row, table
+from simulated_run import SimulatedRun, own_domain, processor_time
 
 SUPPORT = Path(__file__).parents[2] / "test" / "support"
 SECONDS = 20
@@ -115,23 +116,13 @@ VARIANTS: tuple[tuple[str, list[str], str | None], ...] = (
 
 def viewer() -> str:
     """The table: medians of several rounds in which all variants take turns."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-    found: dict[str, list[Measured]] = {name: [] for name, _, _ in VARIANTS}
-    for _ in range(ROUNDS):
-        for name, arguments, script in VARIANTS:
-            found[name].append(measure(arguments, script))
-            print(name, found[name][-1], file=sys.stderr, flush=True)
-    rows = [
-        "| who watches | bus cycles a second | error rms | error max | the robot's process |",
-        "|---|---|---|---|---|",
-    ]
+    own_domain()
+    found = in_turns({name: partial(measure, *variant) for name, *variant in VARIANTS}, ROUNDS)
+    rows = []
     for name, runs in found.items():
-        rate, rms, largest, processor = (
-            statistics.median(column) for column in zip(*runs, strict=True)
-        )
-        rows.append(
-            f"| {name} | {rate:.1f} | {rms:.2f}° | {largest:.1f}° | "
-            f"{100 * processor:.0f} % of a core |"
-        )
-    return "\n".join(rows)
+        rate, rms, largest, processor = medians(runs)
+        share = f"{100 * processor:.0f} % of a core"
+        rows.append(row(name, f"{rate:.1f}", f"{rms:.2f}°", f"{largest:.1f}°", share))
+    return table(
+        "who watches | bus cycles a second | error rms | error max | the robot's process", rows
+    )

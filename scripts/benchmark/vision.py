@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from frame import table
 from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 from visual_pursuit import pursue, tutorial_law
@@ -76,7 +77,7 @@ def speed() -> str:
             f"| {what} | {1e3 * spent / count:.1f} ms | {count / spent:.0f} | {count / wall:.0f} | "
             f"{asked} |"
         )
-    return _table(
+    return table(
         "follow | processor time an image | images a second on one core | as the clock saw it | "
         "asked for", rows
     )  # fmt: skip
@@ -103,7 +104,7 @@ def errors() -> str:
             cells.append(_millimetres(seen.misses))
         rows.append(f"| {what} | " + " | ".join(cells) + " |")
     head = "follow | depth 16UC1 | depth 32FC1 | no depth: size (features: distance) stated"
-    return "Error of the point, mean and largest, in millimetres at 1.4 m:\n\n" + _table(head, rows)
+    return "Error of the point, mean and largest, in millimetres at 1.4 m:\n\n" + table(head, rows)
 
 
 def encodings() -> str:
@@ -156,7 +157,7 @@ def closed_loop() -> str:
         "Closed loop in simulated time, judged for 10 s by the true servo angles: the target "
         "swings 0.5 rad to each side at 0.2 Hz; the camera delivers 30 images a second of 640 by "
         "480 pixels, 80 ms late. A point of the other face would be 700 mm off:\n\n"
-        + _table(head, rows)
+        + table(head, rows)
     )
 
 
@@ -206,8 +207,3 @@ def _millimetres(misses: list[float]) -> str:
     if not misses:
         return "nothing found"
     return f"{1e3 * sum(misses) / len(misses):.0f}, {1e3 * max(misses):.0f}"
-
-
-def _table(head: str, rows: list[str]) -> str:
-    columns = head.count("|") + 1
-    return "\n".join([f"| {head} |", "|" + "---|" * columns, *rows])

@@ -13,7 +13,8 @@ from typing import Any
 from browser import open_browser
 from PIL import Image
 from playwright.sync_api import Error
-from tour import Failed, Visitor, first_sight, free_port, running
+from simulated_run import SimulatedRun, own_domain
+from visitor import Failed, Visitor, first_sight
 
 SIZE = (1200, 675)
 SECONDS = 7.0
@@ -64,10 +65,10 @@ def first_good(visitor: Visitor) -> list[tuple[float, bytes]]:
 def main() -> int:
     """Films it; 1 if the machine is too busy for that."""
     path = Path(sys.argv[1]) / "viewer.webp"
-    port = free_port()
-    with open_browser() as browser, running(port, "--target", "face"):
+    own_domain()
+    with open_browser() as browser, SimulatedRun("--viewer", "--target", "face") as run:
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
-        visitor = Visitor(page, port)
+        visitor = Visitor(page, run.port)
         first_sight(visitor)
         page.wait_for_timeout(15e3)  # the strip needs something to show
         visitor.close_notices()

@@ -22,8 +22,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from head_tracking.ros.spinning import NodeThreads
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.control import Composition, compose
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import RobotModel, TransformException

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 from browser import choose, open_browser, open_tab, row
-from tour import SIZES, Visitor, face, first_sight, free_port, is_whole, running
+from simulated_run import SimulatedRun, own_domain
+from visitor import Visitor, face, first_sight
 
-SIZE = (1280, 800)
+SIZE, PHONE = (1280, 800), (390, 844)
 SETTLING = 20.0  # s: plots need something to show
 LARGEST = 300_000  # bytes
 
@@ -25,10 +26,11 @@ def take(visitor: Visitor, path: Path) -> int:
 
 def main() -> int:
     """Runs a simulated head and takes pictures of its page; 1 if one is too large."""
-    folder, port, sizes = Path(sys.argv[1]), free_port(), []
-    with open_browser() as browser, running(port):
+    own_domain()
+    folder, sizes = Path(sys.argv[1]), []
+    with open_browser() as browser, SimulatedRun("--viewer") as run:
         width, height = SIZE
-        visitor = Visitor(browser.new_page(viewport={"width": width, "height": height}), port)
+        visitor = Visitor(browser.new_page(viewport={"width": width, "height": height}), run.port)
         first_sight(visitor)
         face(visitor)
         visitor.page.wait_for_timeout(1e3 * SETTLING)
@@ -42,10 +44,9 @@ def main() -> int:
         choose(visitor.page, "Frames", "none")
         row(visitor.page, "Reachable field").locator("input").first.click(force=True)
         visitor.page.close()
-        width, height = SIZES["phone"]
+        width, height = PHONE
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")
-        visitor = Visitor(page, port)
-        is_whole(visitor)
+        visitor = Visitor(page, run.port)
         visitor.stays_on_target()
         sizes.append(take(visitor, folder / "viewer-phone.png"))
     return int(max(sizes) > LARGEST)

@@ -123,19 +123,6 @@ def test_a_trial_can_be_repeated(head, calm):
     assert one == other
 
 
-def test_the_servos_do_as_they_are_told(head):
-    from head_tracking.gaze import HeadCommand
-
-    servos = SimulatedHead((0.1, -0.2))
-    assert servos.read(0).positions == pytest.approx((0.1, -0.2), abs=0.003)
-    for k in range(1, 50):
-        stamp, end, positions = servos.read(20_000_000 * k)
-        assert 0 < stamp - 20_000_000 * k < end - 20_000_000 * k < 5_000_000
-        servos.write(HeadCommand(0.4, 0.1, 2.0, 2.0), end)
-    assert positions == pytest.approx((0.4, 0.1), abs=0.01)
-    assert servos.true_positions(10**9) == pytest.approx(positions, abs=0.004)
-
-
 def hardest(recording, step=0.02):
     """The hardest acceleration of pan [rad/s^2], from positions a bus cycle apart."""
     pan = recording.positions[:, 0][:: round(step * 250)]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_loop import ClosedLoop, Conditions
+from plant import PlainServo
 
 from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
 
@@ -58,6 +59,19 @@ def test_the_error_is_found(head, path, late):
     conditions = replace(ON_HEAD, duration=5.0, stamp_error=late, field=(3.0, 3.0), seed=7)
     watched, _ = run(head, path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=0.015)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_the_error_is_found_while_only_one_joint_turns(head, seed):
+    """Motion of pan alone excludes the mountings with pan reversed, but not the one of tilt."""
+
+    def from_rest(t):
+        return around(0.5 * math.sin(math.pi * (0.25 * t * t if t < 2.0 else t - 1.0)))
+
+    conditions = replace(ON_HEAD, duration=6.0, stamp_jitter=0.0115, start=(0.01, 0.04151))
+    conditions = replace(conditions, servos=PlainServo(), stamp_error=0.05, seed=seed)
+    watched, _ = run(head, from_rest, conditions)
+    assert watched.applied[-1] == pytest.approx(0.05, abs=0.02)
 
 
 @pytest.mark.parametrize(("points", "delay"), [(5.0, 0.1), (8.0, 0.4), (30.0, 0.1)])

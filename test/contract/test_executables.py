@@ -52,11 +52,7 @@ def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words
     [
         ("head_tracking --simm", 2),
         ("head_tracking --sim --port /dev/ttyUSB0", 2),
-        ("head_tracking --sim --mode dance", 2),
-        ("head_tracking --sim --target somewhere", 2),
-        ("head_tracking --sim --target 1,2@base_link", 2),
         ("head_tracking --sim --target 1,nan,2@base_link", 2),
-        ("head_tracking --sim --duration -1", 2),
         ("head_tracking --sim --params nothing.yaml", 2),
         ("head_tracking --sim --without servo_bus", 2),
         ("head_tracking --reverse head_pan_joint", 2),
@@ -66,26 +62,19 @@ def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words
         ("servo_bus --ros-args -p update_rate:=0.0", 1),
         ("servo_bus --ros-args -p update_rate:=fast", 1),
         ("servo_bus --ros-args -p head_pan_controller.motor.max:=1024", 1),
-        ("servo_bus --ros-args -p head_pan_controller.motor.init:=2000", 1),
-        ("servo_bus --ros-args -p head_tilt_controller.motor.id:=1", 1),
         ("servo_bus --ros-args -p dynamixels:=[head_pan,head_roll]", 1),
         ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1),
         ("head_tracker --ros-args -p law:=magic", 1),
         ("transforms", 2),
-        ("transforms echo a", 2),
         ("transforms echo a b --rate 0", 2),
         ("transforms tree --wait 0.3", 1),
         ("look", 2),
-        ("look 1 2", 2),
         ("look 1 2 3", 2),
         ("look --centre --frame a", 2),
-        ("look 1 x 2 --frame a", 2),
         ("look 1 1 0.5 --frame base_link --wait 0.3", 1),
         ("relax", 1),
         ("check_model nobot", 1),
-        ("track_report --duration 0", 2),
         ("track_report --output /nowhere/picture.svg", 2),
-        ("servo --port /dev/ttyNOT0 info", 2),
         ("servo --port /dev/ttyNOT0 info 1", 1),
         ("doctor --nonsense", 3),
         ("simulated_bus --ids 1 1 300", 2),
@@ -108,9 +97,3 @@ def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
     for node in nodes.values():
         assert node.end(signal.SIGINT) == 0, node.output
         assert "Traceback" not in node.output
-
-
-def test_check_model_prints_the_tree(bench):
-    program = bench.start("check_model", "kinectbot")
-    assert program.end() == 0
-    assert "head_pan_link" in program.output

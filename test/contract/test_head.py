@@ -23,7 +23,7 @@ from head_tracking import (
     TargetState,
     UnreachableError,
 )
-from head_tracking.dynamixel import PortMissingError, ServoNotFoundError
+from head_tracking.dynamixel import DynamixelError, PortMissingError, ServoNotFoundError
 from head_tracking.transforms import Rotation, Transform
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")
@@ -204,8 +204,8 @@ def test_missing_ports_and_servos_are_named(servos, kinectbot):
         Head.open("/dev/ttyNOT0")
     assert missing.value.port_name == "/dev/ttyNOT0"
     pair = (
-        JointConfiguration("head_pan_joint", "a", 1),
-        JointConfiguration("head_tilt_joint", "b", 9),
+        JointConfiguration("head_pan_joint", 1, controller="a"),
+        JointConfiguration("head_tilt_joint", 9, controller="b"),
     )
     with pytest.raises(ServoNotFoundError):
         Head(servos.name, kinectbot, pair, reply_timeout=0.2)
@@ -282,6 +282,19 @@ def test_many_threads_at_once_get_an_answer_each(head, servos):
     assert not failures
     head.resume()
     assert head.look_at((2.0, 0.0, 0.6)).arrived
+
+
+def test_a_servo_that_falls_silent_ends_a_turn_with_an_error(head, servos):
+    servo = servos.port.use(lambda bus: bus[1])
+    with ThreadPoolExecutor() as threads:
+        turning = threads.submit(head.look_at, LEFT, max_velocity=0.3, timeout=30.0)
+        wait_for(lambda: abs(servos.true[0]) > 0.05)
+        servos.port.use(lambda bus: servo.set_register("ID", 9))
+        try:
+            assert isinstance(turning.exception(8.0), DynamixelError)
+        finally:
+            servos.port.use(lambda bus: servo.set_register("ID", 1))
+    wait_for(lambda: head.state == HeadState.HOLDING)
 
 
 def test_an_exception_and_a_port_that_has_gone_end_it(servos, kinectbot):

@@ -198,9 +198,9 @@ def test_commands_of_another_sender_wait_until_the_first_ends(person):
 
 
 def test_an_adapter_that_is_plugged_in_again_is_found(bench, person):
-    bench.servos.port.unplug()
+    bench.servos.port.close()
     heard = wait_for(lambda: person.joint_stamps[JOINTS[0]])
-    bench.servos.port.replug()
+    bench.servos.port.open()
     wait_for(lambda: person.joint_stamps[JOINTS[0]] > heard + 0.5)
     person.command(PAN, 0.3)
     wait_for(lambda: abs(person.pan - 0.3) < DEGREE)

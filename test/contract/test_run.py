@@ -232,7 +232,7 @@ def test_a_bus_whose_adapter_has_gone_ends_with_1_and_names_the_joints(bench, na
     program = bench.start(name, *words)
     states = bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
-    bench.servos.port.unplug()
+    bench.servos.port.close()
     bench.person.complaint("servo_bus")
     assert program.end(signal.SIGINT) == 1, program.output
     assert all(joint in program.output for joint in JOINTS)

@@ -86,7 +86,7 @@ def test_the_monitor_goes_on_until_it_is_ended(bench, ended):
         if ended == "by ctrl-c":
             terminal.type("\x03")
         else:
-            bench.servos.port.unplug()
+            bench.servos.port.close()
         terminal.waits_for(r"\$ ")
         terminal.type("echo code $?\n")
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")

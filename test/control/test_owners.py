@@ -55,13 +55,6 @@ def test_a_claim_by_commands_ends_with_them(owners, clock):
     owners.claim("/other", [PAN], LEASE)
 
 
-def test_several_joints_are_claimed_all_or_none(owners):
-    owners.claim("somebody", [TILT])
-    with pytest.raises(OwnershipError):
-        owners.claim("/head_tracker", JOINTS)
-    assert owners.of(JOINTS) == {PAN: "", TILT: "somebody"}
-
-
 def test_only_resume_ends_a_stop(owners, clock):
     owners.claim("/head_tracker", JOINTS)
     epoch = owners.permit()
@@ -83,16 +76,6 @@ def test_only_resume_ends_a_stop(owners, clock):
     assert resume(owners) == ("/head_tracker",)
     assert not owners.stopped
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
-
-
-def test_what_was_leased_or_released_meanwhile_is_not_given_back(owners):
-    owners.claim("/head_tracker", [PAN])
-    owners.claim("somebody", [TILT], LEASE)
-    owners.stop(dict)
-    owners.release("/head_tracker")
-    owners.stop(dict)
-    assert resume(owners) == ()
-    assert owners.of(JOINTS) == {PAN: "", TILT: ""}
 
 
 def test_a_resume_that_is_older_than_a_stop_does_not_end_it(owners):

@@ -24,12 +24,12 @@ from head_tracking.dynamixel import (
     RegisterRefusedError,
     ReplyTimeoutError,
     ServoBus,
-    ServoModeError,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
     TorqueError,
-    WrongModelError,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 JOINTS = (PAN, TILT)
@@ -129,7 +129,7 @@ def test_connect_refuses_another_model() -> None:
     port = FakePort()
     port.servos[2]["Model Number"] = 29
     bus, _ = make(port)
-    with pytest.raises(WrongModelError, match=r"servo 2 \(head_tilt_joint\).*29.*AX-12 \(12\)"):
+    with pytest.raises(ServoSetupError, match=r"servo 2 \(head_tilt_joint\).*29.*AX-12 \(12\)"):
         bus.connect()
     assert not [packet for packet in writes(port.log) if packet[1] == 2]  # nothing written to it
     assert not port.opened
@@ -140,7 +140,7 @@ def test_connect_refuses_wheel_mode_and_relaxes_it() -> None:
     port.servos[1]["CCW Angle Limit"] = 0
     port.servos[1]["Torque Enable"] = 1
     bus, _ = make(port)
-    with pytest.raises(ServoModeError, match=r"wheel mode.*registers 6 and 8"):
+    with pytest.raises(ServoSetupError, match=r"wheel mode.*registers 6 and 8"):
         bus.connect()
     assert port.servos[1]["Torque Enable"] == 0
 
@@ -149,7 +149,7 @@ def test_connect_refuses_a_servo_that_answers_no_reads() -> None:
     port = FakePort()
     port.servos[1]["Status Return Level"] = 0
     bus, _ = make(port)
-    with pytest.raises(ServoModeError, match=r"Status Return Level \(register 16\).*set it to 2"):
+    with pytest.raises(ServoSetupError, match=r"Status Return Level \(register 16\).*set it to 2"):
         bus.connect()
 
 
@@ -160,7 +160,7 @@ def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:
     bus.command({"head_pan_joint": Goal(0.1)})
     bus.step()
     assert port.servos[1]["Torque Enable"] == 1
-    bus.run(bus.switching_torque(None, False))
+    run(bus.switching_torque(None, False))
     assert port.servos[1]["Torque Enable"] == 0
     assert bus.statistics().servos[0].timeouts == 0
 
@@ -179,8 +179,8 @@ def test_servos_own_angle_limits_narrow_the_range() -> None:
     port.servos[1]["CW Angle Limit"] = 400
     port.servos[2]["CCW Angle Limit"] = 700
     bus, _ = connected(port)
-    assert bus.limits("head_pan_joint") == (PAN.position(400), PAN.position(1023))
-    assert bus.limits("head_tilt_joint") == (TILT.position(300), TILT.position(700))
+    assert bus.joint("head_pan_joint").limits == (PAN.position(400), PAN.position(1023))
+    assert bus.joint("head_tilt_joint").limits == (TILT.position(300), TILT.position(700))
 
 
 def test_limits_of_a_reversed_servo_stay_ordered() -> None:
@@ -189,7 +189,7 @@ def test_limits_of_a_reversed_servo_stay_ordered() -> None:
     joint = replace(PAN, min=1023, max=0)
     bus, _ = make(port, joint)
     bus.connect()
-    lower, upper = bus.limits("head_pan_joint")
+    lower, upper = bus.joint("head_pan_joint").limits
     assert (lower, upper) == (joint.position(1023), joint.position(400))
     assert lower < upper
 
@@ -225,7 +225,7 @@ def test_bus_must_be_connected() -> None:
     for use in (
         bus.step,
         bus.hold,
-        lambda: bus.run(bus.switching_torque(None, True)),
+        lambda: run(bus.switching_torque(None, True)),
         lambda: bus.command({}),
     ):
         with pytest.raises(NotConnectedError, match="not connected"):
@@ -455,7 +455,7 @@ def test_returned_servo_takes_commands_again() -> None:
 def test_servo_relaxed_on_request_returns_so() -> None:
     port = FakePort()
     bus, clock = connected(port)
-    bus.run(bus.switching_torque(["head_pan_joint"], False))
+    run(bus.switching_torque(["head_pan_joint"], False))
     lose_pan(bus, port)
     port.servos[1].answers = True
     clock.pass_time(0.6)
@@ -550,13 +550,13 @@ def test_torque_off_while_the_port_is_gone_is_remembered() -> None:
     port.gone = True
     bus.step()
     with pytest.raises(TorqueError):
-        bus.run(bus.switching_torque(None, False))
+        run(bus.switching_torque(None, False))
     port.gone = False
     clock.pass_time(0.3)
     for _ in range(3):
         bus.step()
     assert port.servos[1]["Torque Enable"] == 0
-    assert bus.torque("head_pan_joint") is Torque.OFF_ON_REQUEST
+    assert bus.joint("head_pan_joint").torque is Torque.OFF_ON_REQUEST
 
 
 def test_port_that_goes_between_two_cycles_is_found_again() -> None:
@@ -564,7 +564,7 @@ def test_port_that_goes_between_two_cycles_is_found_again() -> None:
     bus, clock = connected(port)
     port.gone = True
     with pytest.raises(TorqueError, match="unplugged"):
-        bus.run(bus.switching_torque(["head_pan_joint"], True))
+        run(bus.switching_torque(["head_pan_joint"], True))
     assert [event.kind for event in bus.step().events] == [EventKind.PORT_LOST]
     port.gone = False
     clock.pass_time(0.3)

@@ -1,40 +1,41 @@
-"""Several buses that look like one."""
+"""Several buses as one backend of a loop."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakePort
 
+from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
-    BusReading,
+    BusEvent,
     ConfigurationError,
     Epoch,
+    EventKind,
     Goal,
     GoalError,
     JointConfiguration,
     ServoBus,
-    Torque,
+    ServoNotFoundError,
 )
+from head_tracking.dynamixel.servo import run
 
 PATIENCE = 10.0
 
 
-def ignore(bus: ServoBus, reading: BusReading) -> None:
-    del bus, reading
-
-
-def make(*joints: JointConfiguration) -> tuple[Buses, list[FakePort]]:
+def make(*joints: JointConfiguration) -> tuple[DynamixelBackend, list[FakePort]]:
     ports = [FakePort(joint.id) for joint in joints]
-    epoch = Epoch()
+    loop = ControlLoop(None)
     buses = [
-        ServoBus(port, [joint], epoch=epoch) for port, joint in zip(ports, joints, strict=True)
+        ServoBus(port, [joint], epoch=loop.owners.epoch)
+        for port, joint in zip(ports, joints, strict=True)
     ]
-    for bus in buses:
-        bus.connect()
-    return Buses(buses, 50.0, ignore, lambda error: None), ports
+    backend = DynamixelBackend(buses, loop, 50.0)
+    backend.connect()
+    return backend, ports
 
 
 def test_command_reaches_the_bus_of_each_joint() -> None:
@@ -47,7 +48,7 @@ def test_command_reaches_the_bus_of_each_joint() -> None:
             bus.step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
     assert ports[1].servos[2]["Goal Position"] == 800
-    buses.stop()
+    buses.close()
 
 
 def test_unknown_joint_moves_nothing() -> None:
@@ -57,7 +58,7 @@ def test_unknown_joint_moves_nothing() -> None:
     for bus in [thread.bus for thread in buses.threads]:
         bus.step()
     assert ports[0].servos[1]["Torque Enable"] == 0
-    buses.stop()
+    buses.close()
 
 
 def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
@@ -67,20 +68,20 @@ def test_refusal_of_one_bus_is_told_and_does_not_stop_the_other() -> None:
     for _ in range(10):
         buses.threads[0].bus.step()
     assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
-    buses.stop()
+    buses.close()
 
 
 def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     buses, ports = make(PAN, TILT)
     buses.start()
-    for future in buses.call(None, lambda bus, joints: bus.run(bus.switching_torque(joints, True))):
+    for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
-    assert buses.torque("head_pan_joint") is buses.torque("head_tilt_joint") is Torque.ON
+    assert buses.holds
     (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)
     assert future.result(PATIENCE) == ("head_tilt_joint",)
     with pytest.raises(GoalError):
         buses.call(["elbow"], lambda bus, joints: joints)
-    assert buses.stop() == ()
+    assert buses.close() == ()
     assert [port.opened for port in ports] == [False, False]
 
 
@@ -90,5 +91,56 @@ def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
     for joint in (other, same):
         epoch = Epoch()
         buses = [ServoBus(FakePort(), [each], epoch=epoch) for each in (PAN, joint)]
-        with pytest.raises(ConfigurationError, match="on two buses"):
-            Buses(buses, 50.0, ignore, lambda error: None)
+        with pytest.raises(ConfigurationError, match="same name"):
+            DynamixelBackend(buses, ControlLoop(None, JointOwners(epoch=epoch)), 50.0)
+
+
+def test_a_bus_that_a_stop_of_the_loop_would_not_overtake_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="epoch"):
+        DynamixelBackend([ServoBus(FakePort(), [PAN])], ControlLoop(None), 50.0)
+
+
+def test_of_several_buses_all_are_connected_or_none() -> None:
+    backend, ports = make(PAN, TILT)
+    backend.close()
+    ports[1].servos.clear()
+    with pytest.raises(ServoNotFoundError):
+        backend.connect()
+    assert [port.opened for port in ports] == [False, False]
+
+
+def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported() -> None:
+    reported: list[str] = []
+    port, loop = FakePort(1, 2), ControlLoop(None)
+    bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
+    backend.connect()
+    run(bus.switching_torque(["head_tilt_joint"], False))
+    goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)}
+    backend.write("somebody", goals, loop.owners.epoch.value)
+    for _ in range(10):
+        bus.step()
+    assert [port.servos[i]["Torque Enable"] for i in (1, 2)] == [1, 0]
+    assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
+    assert reported == ["head_tilt_joint"]
+    backend.write("somebody", {"head_tilt_joint": Goal(0.1)}, loop.owners.epoch.value)
+    backend.write("somebody", {"elbow": Goal(0.1)}, loop.owners.epoch.value)
+    assert reported[1:] == ["somebody", "somebody"]
+    backend.close()
+
+
+def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
+    port, loop = FakePort(1), ControlLoop(None)
+    bus = ServoBus(port, [PAN], epoch=loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0)
+    backend.connect()
+    refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
+    bus.cycle.write = lambda: (refused,)  # type: ignore[method-assign]
+    backend.start()
+    try:
+        deadline = time.monotonic() + PATIENCE
+        while not loop.stuck and time.monotonic() < deadline:
+            time.sleep(0.005)
+        assert loop.stuck == {"head_pan_joint": "it cannot hold"}
+    finally:
+        backend.close()

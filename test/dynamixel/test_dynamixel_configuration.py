@@ -13,9 +13,9 @@ from head_tracking.dynamixel import (
 )
 
 STEP = math.radians(300.0) / 1024
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, 512, 300, 800)
-REVERSED = JointConfiguration("head_pan_joint", "head_pan_controller", 1, 500, 800, 200)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, 512, 300, 800, controller="head_tilt_controller")
+REVERSED = JointConfiguration("head_pan_joint", 1, 500, 800, 200, controller="head_pan_controller")
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_zero_is_at_init_and_positions_rise_with_ticks() -> None:
 
 
 def test_positions_of_a_reversed_servo_fall_with_ticks() -> None:
-    assert REVERSED.calibration.reversed
+    assert REVERSED.direction == -1
     assert REVERSED.position(501) == pytest.approx(-STEP)
 
 

@@ -33,7 +33,7 @@ def test_each_fault_is_survived_and_passes(name: str, kind: Fault) -> None:
     ordeal.run(80, 0.0)
     assert all(len(reading.states) == 2 for reading in ordeal.readings[-20:])
     for joint in ordeal.joints:
-        assert ordeal.bus.torque(joint.joint_name) is Torque.ON
+        assert ordeal.bus.joint(joint.joint_name).torque is Torque.ON
 
 
 @pytest.mark.parametrize(

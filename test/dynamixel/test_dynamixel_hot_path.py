@@ -63,7 +63,9 @@ def calls(name: str) -> Counter[str]:
     bench = Bench([SimulatedServo(i, model) for i in (1, 2)])
     bench.line = Recorder(bench.line)  # type: ignore[assignment]
     joints = [
-        JointConfiguration(f"j{i}", f"c{i}", i, model.center, 0, model.ticks - 1, model=model)
+        JointConfiguration(
+            f"j{i}", i, model.center, 0, model.ticks - 1, controller=f"c{i}", model=model
+        )
         for i in (1, 2)
     ]
     bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)

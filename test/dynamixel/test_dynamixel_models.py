@@ -130,7 +130,9 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     servos = [SimulatedServo(1, model), SimulatedServo(2, model)]
     bench = Bench(servos)
     joints = [
-        JointConfiguration(f"j{i}", f"c{i}", i, model.center, 100, model.ticks - 100, model=model)
+        JointConfiguration(
+            f"j{i}", i, model.center, 100, model.ticks - 100, controller=f"c{i}", model=model
+        )
         for i in (1, 2)
     ]
     bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
@@ -169,7 +171,9 @@ def _first_methods(model: ServoModel, firmware: int = 50) -> object:
         servo.set_register("Firmware Version", firmware)
     bench = Bench(servos)
     joints = [
-        JointConfiguration(f"j{i}", f"c{i}", i, model.center, 0, model.ticks - 1, model=model)
+        JointConfiguration(
+            f"j{i}", i, model.center, 0, model.ticks - 1, controller=f"c{i}", model=model
+        )
         for i in (1, 2)
     ]
     bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)

@@ -28,8 +28,10 @@ from head_tracking.dynamixel import (
     ServoCalibration,
     ServoState,
     Symptom,
+    Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 
 AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
@@ -66,8 +68,12 @@ class Rig:
         center, last = model.center, model.ticks - 1
         second = ServoCalibration(PAN, 3, center, 0, last, model) if pair else None
         self.joints = (
-            JointConfiguration(PAN, "pan", 1, center, 0, last, model=model, second=second),
-            JointConfiguration(TILT, "tilt", 2, center, last // 8, last - last // 8, model=model),
+            JointConfiguration(
+                PAN, 1, center, 0, last, controller="pan", model=model, second=second
+            ),
+            JointConfiguration(
+                TILT, 2, center, last // 8, last - last // 8, controller="tilt", model=model
+            ),
         )
         self.volts = model.nominal_voltage
         self.time = 0.0
@@ -397,17 +403,17 @@ def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
     assert health(rig) == {Symptom.BLOCKED}
     rig[1].impede(0.0)
     rig.run(0.3)
-    rig.bus.run(rig.bus.recovering())
+    run(rig.bus.recovering())
     rig.run(3.0)
     assert outcome(rig) == "arrived"
     assert not health(rig)
     assert EventKind.CLEARED in [event.kind for _, event in rig.events]
     rig.goal = lambda joint: 0.8  # type: ignore[method-assign]
     rig.run(0.06)
-    rig.bus.run(rig.bus.switching_torque([PAN], False))
+    run(rig.bus.switching_torque([PAN], False))
     rig.run(0.04)
-    assert outcome(rig) == "not reached: relaxed on request; commands are refused"
-    rig.bus.run(rig.bus.switching_torque([PAN], True))
+    assert outcome(rig) == f"not reached: {Torque.OFF_ON_REQUEST.value}"
+    run(rig.bus.switching_torque([PAN], True))
     rig.run(0.5)
     rig.goal = lambda joint: -0.8  # type: ignore[method-assign]
     rig.run(0.1)

@@ -6,6 +6,7 @@ import pytest
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
+    ConfigurationError,
     Goal,
     GoalError,
     JointConfiguration,
@@ -14,6 +15,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 PERIOD = 0.02
@@ -29,7 +31,7 @@ class Pair:
         low, high, last = model.ticks // 4, 3 * model.ticks // 4, model.ticks - 1
         self.second = ServoCalibration("j", 2, last - model.center, last - low, last - high, model)
         self.joint = JointConfiguration(
-            "j", "c", 1, model.center, low, high, model=model, second=self.second
+            "j", 1, model.center, low, high, controller="c", model=model, second=self.second
         )
         servos = [
             SimulatedServo(1, model),
@@ -77,7 +79,7 @@ def test_a_joint_of_two_servos_goes_where_it_is_sent(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
     assert pair.position == pytest.approx(
-        pair.joint.position(pair.bus._joints["j"].goal_ticks[0]), abs=0.05
+        pair.joint.position(pair.bus.joint("j").goal_ticks[0]), abs=0.05
     )
     assert pair.apart < APART and pair.goals_apart < APART
 
@@ -87,7 +89,7 @@ def test_narrowed_limits_move_both_goals(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
     ticks = pair.joint.model.ticks
-    pair.bus.set_limits("j", highest=ticks // 2)
+    pair.bus.joint("j").reconfigure(highest=ticks // 2)
     pair.step(100)
     assert pair.position == pytest.approx(pair.joint.position(ticks // 2), abs=0.05)
     assert pair.apart < APART and pair.goals_apart < APART
@@ -97,12 +99,30 @@ def test_narrowed_limits_move_both_goals(name: str) -> None:
 def test_torque_comes_on_outside_narrowed_limits_without_tearing(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
-    pair.bus.run(pair.bus.switching_torque(None, False))
+    run(pair.bus.switching_torque(None, False))
     ticks = pair.joint.model.ticks
-    pair.bus.set_limits("j", highest=ticks // 2)
-    pair.bus.run(pair.bus.switching_torque(None, True))
+    pair.bus.joint("j").reconfigure(highest=ticks // 2)
+    run(pair.bus.switching_torque(None, True))
     pair.go(0.1)
     assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_limits_that_leave_a_pair_no_position_are_refused(name: str) -> None:
+    pair = Pair(name)
+    model, joint = pair.joint.model, pair.bus.joint("j")
+    pair.bus.close()
+    pair.servos[1].set_register(model.position_limits[1], round(0.44 * model.ticks))
+    pair.bus.connect()  # the second servo allows only 0.3 rad and more
+    before = joint.limits
+    with pytest.raises(ConfigurationError):
+        joint.reconfigure(highest=round(0.52 * model.ticks))
+    assert joint.limits == before
+    joint.reconfigure(highest=round(0.6 * model.ticks))
+    narrowed = joint.limits
+    assert before[0] == narrowed[0] < narrowed[1] < before[1]
+    joint.reconfigure(None, pair.joint.max, None)
+    assert joint.limits == before
 
 
 @pytest.mark.parametrize("silent", [1, 2])
@@ -120,5 +140,5 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) 
     mute.set_register("ID", silent)
     pair.step(60)
     pair.go(0.2)
-    assert pair.bus.torque("j") is Torque.ON
+    assert pair.bus.joint("j").torque is Torque.ON
     assert pair.apart < APART and pair.goals_apart < APART

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
+from dynamixel_fakes import submit
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -23,6 +24,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
@@ -63,11 +65,10 @@ class Requests(RuleBasedStateMachine):
         self.bench = Bench(self.servos.values())
         configurations = [
             JointConfiguration(
-                name, f"c{name}", servo.id, servo.model.center, 0, servo.model.ticks - 1,
-                model=servo_model(servo.model.name),
+                name, i, model.center, 0, model.ticks - 1, model, controller=f"c{name}"
             )
-            for name, servo in self.servos.items()
-        ]  # fmt: skip
+            for i, (name, model) in enumerate(zip(self.servos, models, strict=True), start=1)
+        ]
         bench = self.bench
         self.bus = ServoBus(
             bench.port, configurations, bench.now, monotonic=bench.now, pause=bench.pass_time
@@ -102,9 +103,9 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].off()
         if at_once:
             with suppress(DynamixelError):
-                self.bus.run(self.bus.switching_torque(chosen, False))
+                run(self.bus.switching_torque(chosen, False))
         else:
-            self.bus.submit(self.bus.switching_torque(chosen, False))
+            submit(self.bus, self.bus.switching_torque(chosen, False))
             self.step(2)
         for name in chosen or self.expected:
             if self.plugged and self.expected[name].powered:
@@ -112,7 +113,7 @@ class Requests(RuleBasedStateMachine):
 
     @rule(chosen=some_joints, cycles=st.integers(0, 12))
     def torque_on(self, chosen: list[str] | None, cycles: int) -> None:
-        future = self.bus.submit(self.bus.switching_torque(chosen, True))
+        future = submit(self.bus, self.bus.switching_torque(chosen, True))
         self.step(cycles)
         if not future.done() and cycles % 2:
             assert future.cancel()  # whoever asked has given up
@@ -120,8 +121,8 @@ class Requests(RuleBasedStateMachine):
             for name in chosen or self.expected:
                 expected = self.expected[name]
                 if not (expected.stopped or expected.faulted):
-                    expected.relaxed = self.bus._joints[name].relaxed
-                expected.wanted = self.bus.torque(name) is Torque.ON
+                    expected.relaxed = self.bus.joint(name).relaxed
+                expected.wanted = self.bus.joint(name).torque is Torque.ON
             return
         self.settle()
         assert future.done()
@@ -135,7 +136,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def stop(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.run(self.bus.stopping(chosen))
+            run(self.bus.stopping(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = True
             self.expected[name].off()
@@ -143,7 +144,7 @@ class Requests(RuleBasedStateMachine):
     @rule(chosen=some_joints)
     def start(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
-            self.bus.run(self.bus.starting(chosen))
+            run(self.bus.starting(chosen))
         for name in chosen or self.expected:
             self.expected[name].stopped = False
         self.settle()
@@ -152,7 +153,7 @@ class Requests(RuleBasedStateMachine):
     def recover(self, chosen: list[str] | None) -> None:
         self.settle()
         with suppress(DynamixelError):
-            self.bus.run(self.bus.recovering(chosen))
+            run(self.bus.recovering(chosen))
         for name in chosen or self.expected:
             expected = self.expected[name]
             if self.plugged and expected.powered and expected.faulted:
@@ -219,7 +220,7 @@ class Requests(RuleBasedStateMachine):
         self.plugged = self.bench.line.plugged = True
         self.settle()
         for name, expected in self.expected.items():
-            joint = self.bus._joints[name]
+            joint = self.bus.joint(name)
             if expected.powered and not expected.stopped:
                 # What happened to its power meanwhile, only the servo knows.
                 expected.faulted = joint.faulted
@@ -233,7 +234,7 @@ class Requests(RuleBasedStateMachine):
             return
         self.settle()
         for name, expected in self.expected.items():
-            joint, servo = self.bus._joints[name], self.servos[name]
+            joint, servo = self.bus.joint(name), self.servos[name]
             assert joint.stopped == expected.stopped, name
             assert joint.relaxed == expected.relaxed, name
             if expected.powered and not expected.stopped:

@@ -17,13 +17,14 @@ from head_tracking.dynamixel import (
     relax_servos,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 
 def connected(port: FakePort) -> ServoBus:
     bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
+    run(bus.switching_torque(None, True))
     return bus
 
 
@@ -36,7 +37,7 @@ def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
     port.servos[1].answers = False
     port.servos[1].ignored = {24}  # its cable is out
     with pytest.raises(TorqueError):
-        bus.run(bus.stopping([PAN.joint_name]))
+        run(bus.stopping([PAN.joint_name]))
     assert bus.close() == (PAN.joint_name,)
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
 
@@ -44,10 +45,10 @@ def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
 def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end() -> None:
     port = FakePort()
     bus = connected(port)
-    bus.run(bus.stopping([PAN.joint_name]))
+    run(bus.stopping([PAN.joint_name]))
     port.servos[1].answers = False
-    assert bus.torque(PAN.joint_name) is Torque.OFF_STOPPED
-    bus.run(bus.switching_torque(None, False))
+    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
+    run(bus.switching_torque(None, False))
     assert bus.close() == ()
 
 
@@ -56,7 +57,7 @@ def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
     bus = connected(port)
     port.servos[1].answers = False
     with pytest.raises(TorqueError):
-        bus.run(bus.stopping([PAN.joint_name]))
+        run(bus.stopping([PAN.joint_name]))
     port.servos[1].answers = True
     assert bus.close() == ()
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
@@ -65,7 +66,7 @@ def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
 def test_no_joint_is_called_relaxed_when_the_adapter_has_gone() -> None:
     port = FakePort()
     bus = connected(port)
-    bus.run(bus.stopping([TILT.joint_name]))
+    run(bus.stopping([TILT.joint_name]))
     port.gone = True
     assert bus.close() == (PAN.joint_name,)
 
@@ -75,12 +76,12 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
+    run(bus.switching_torque(None, True))
     assert servo.register("Bus Watchdog") > 0
-    bus.run(bus.stopping(None))
+    run(bus.stopping(None))
     if close:
         assert bus.close() == ()
     assert servo.register("Bus Watchdog") == 0

@@ -7,10 +7,11 @@ from concurrent.futures import Future
 from random import Random
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeClock, FakePort
+from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
 
+from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusThread,
     DynamixelError,
     Epoch,
@@ -21,6 +22,7 @@ from head_tracking.dynamixel import (
     TorqueError,
 )
 from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.servo import run
 
 INTERLEAVINGS = 10_000
 JOINT = PAN.joint_name
@@ -139,7 +141,7 @@ class Interleavings:
             assert self.may_move
             assert servo["Goal Position"] in {servo["Present Position"], *self.goals}
         elif not self.may_move:
-            assert self.bus.torque(JOINT) is not Torque.ON
+            assert self.bus.joint(JOINT).torque is not Torque.ON
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -175,7 +177,7 @@ def test_a_request_of_the_present_epoch_is_carried_out_after_resume() -> None:
 def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
     run = Interleavings(0)
     for steps in range(12):
-        on = run.bus.submit(run.bus.switching_torque(None, True))
+        on = submit(run.bus, run.bus.switching_torque(None, True))
         for _ in range(steps):
             run.bus.step()
         done = on.done()
@@ -190,17 +192,20 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     single = [ServoBus(port, [joint], epoch=epoch) for port, joint in pairs]  # type: ignore[arg-type]
     for bus in single:
         bus.connect()
-        bus.run(bus.switching_torque(None, True))
-    buses = Buses(single, 50.0, lambda *_: None, lambda _: None, epoch=epoch)
+        run(bus.switching_torque(None, True))
+    loop = ControlLoop(None, JointOwners(epoch=epoch))
+    buses = DynamixelBackend(single, loop, 50.0)
     held = buses.threads[1]._owner
     with held:
-        problems = buses.relax_at_once(0.02)
+        problems = buses.relax_now(0.02)
     assert not problems[PAN.joint_name] and problems[TILT.joint_name]
-    assert buses.epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
+    assert epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
     for bus in single:
         bus.step()
     assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {buses.torque(each.joint_name) for each in (PAN, TILT)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {bus.joint(bus.joints[0].joint_name).torque for bus in single} == {
+        Torque.OFF_UNTIL_COMMANDED
+    }
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:
@@ -243,7 +248,7 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> N
     port = FakePort()
     bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
+    run(bus.switching_torque(None, True))
 
     def steps() -> Steps[None]:
         try:
@@ -252,6 +257,6 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> N
         finally:
             raise RuntimeError("cannot end")
 
-    bus.submit(steps())
+    submit(bus, steps())
     assert bus.close() == ()
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from random import Random
 
 import pytest
 from answer_hook import OnAnswers
-from dynamixel_fakes import PAN, TILT, FakePort
+from dynamixel_fakes import PAN, TILT, FakePort, submit
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
 from head_tracking.configuration.bus_parameters import EepromParameters
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    Buses,
     BusReading,
     BusThread,
     CommunicationError,
@@ -25,7 +25,6 @@ from head_tracking.dynamixel import (
     CorruptReplyError,
     DynamixelError,
     DynamixelPort,
-    Epoch,
     EventKind,
     Goal,
     GoalError,
@@ -35,10 +34,11 @@ from head_tracking.dynamixel import (
     ServoError,
     ServoModel,
     ServoNotFoundError,
+    ServoSetupError,
     Torque,
-    WrongModelError,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Answer,
     Fault,
@@ -54,7 +54,7 @@ PERIOD = 0.02
 def joint(servo_id: int, model: ServoModel) -> JointConfiguration:
     low, high = model.ticks // 4, 3 * model.ticks // 4
     return JointConfiguration(
-        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
     )
 
 
@@ -92,7 +92,7 @@ class Rig:
     def step(self, count: int = 1) -> BusReading:
         for _ in range(count):
             due = self.bench.now() + round(PERIOD * 1e9)
-            while self.bus.fill(due):
+            while self.bus.cycle.fill(due):
                 pass
             self.bench.clock.now = max(due, self.bench.now())
             self.reading = reading = self.bus.step()
@@ -127,25 +127,25 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.go(0.3)
     rig.servos[0].overload()
     rig.step(5)
-    assert rig.bus.torque("j1") is Torque.OFF_BY_FAULT
+    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
     if "relax" in between:
-        rig.bus.run(rig.bus.switching_torque(None, False))
+        run(rig.bus.switching_torque(None, False))
         rig.step(3)
     if "stop" in between:
-        rig.bus.run(rig.bus.stopping(None))
+        run(rig.bus.stopping(None))
         rig.step(3)
-        rig.bus.run(rig.bus.starting(None))
+        run(rig.bus.starting(None))
         rig.step(3)
     if between == "torque on":
         with pytest.raises(ServoError, match="shut down"):
-            rig.bus.run(rig.bus.switching_torque(None, True))
+            run(rig.bus.switching_torque(None, True))
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.0)})
-    assert rig.bus.run(rig.bus.recovering()) == ("j1",)
+    assert run(rig.bus.recovering()) == ("j1",)
     rig.step(20)
     if "relax" in between:
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST  # a fact of its own
-        rig.bus.run(rig.bus.switching_torque(None, True))
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST  # a fact of its own
+        run(rig.bus.switching_torque(None, True))
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
 
@@ -158,7 +158,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
     assert any("recover" in text for text in rig.events)
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.1)})
-    rig.bus.run(rig.bus.recovering())
+    run(rig.bus.recovering())
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
 
 
@@ -169,9 +169,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
-    changed = rig.bus.run(
-        rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time
-    )
+    changed = run(rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time)
     assert "Return Delay Time" in changed[1]
     assert rig.servos[0].register("Shutdown") == before
 
@@ -188,12 +186,12 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     assert rig.torque == [1, 1, 0]
     rig.servos[0].overload()
     rig.step(5)
-    recovering = rig.bus.submit(rig.bus.recovering(["j1"], 3.0))
-    writing = rig.bus.submit(rig.bus.writing_eeprom("j3", EepromParameters().settings))
-    on = rig.bus.submit(rig.bus.switching_torque(["j3"], True))
+    recovering = submit(rig.bus, rig.bus.recovering(["j1"], 3.0))
+    writing = submit(rig.bus, rig.bus.writing_eeprom("j3", EepromParameters().settings))
+    on = submit(rig.bus, rig.bus.switching_torque(["j3"], True))
     rig.step(2)
     assert not (recovering.done() or writing.done() or on.done())
-    relaxing = [rig.bus.submit(rig.bus.switching_torque(None, False)) for _ in range(3)]
+    relaxing = [submit(rig.bus, rig.bus.switching_torque(None, False)) for _ in range(3)]
     rig.step()
     assert rig.torque[1:] == [0, 0]
     rig.step(10)
@@ -203,25 +201,25 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     rig.step(100)
     assert recovering.result() == ("j1",)
     assert rig.torque == [0, 0, 0]
-    assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+    assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
     for steps in range(12):
         rig = Rig(SimulatedServo(1), SimulatedServo(2))
         rig.step(3)
-        rig.bus.submit(rig.bus.switching_torque(None, True))
+        submit(rig.bus, rig.bus.switching_torque(None, True))
         rig.step(steps)
-        rig.bus.submit(rig.bus.switching_torque(["j1"], False))
+        submit(rig.bus, rig.bus.switching_torque(["j1"], False))
         rig.step(30)
         assert rig.torque[0] == 0, steps
-        assert rig.bus.torque("j1") is Torque.OFF_ON_REQUEST
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
 def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     rig.step(3)
-    future = rig.bus.submit(rig.bus.switching_torque(None, True))
+    future = submit(rig.bus, rig.bus.switching_torque(None, True))
     assert future.cancel()
     rig.step(30)
     assert rig.torque == [0, 0]
@@ -232,7 +230,7 @@ def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
 def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):  # keep the steps of the goal waiting
-        rig.bus.submit(rig.bus.writing_eeprom("j2", EepromParameters().settings))
+        submit(rig.bus, rig.bus.writing_eeprom("j2", EepromParameters().settings))
     rig.step()
     rig.bus.command({"j1": Goal(0.2)})
     rig.step(cycles)
@@ -246,16 +244,15 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 # Stopping
 
 
-def two_buses(on_reading: Callable[[ServoBus, BusReading], object]) -> tuple[Buses, list[FakePort]]:
-    ports = [FakePort(1), FakePort(2)]
-    epoch = Epoch()
+def two_buses() -> tuple[DynamixelBackend, list[FakePort]]:
+    ports, loop = [FakePort(1), FakePort(2)], ControlLoop(None)
     buses = [
-        ServoBus(port, [each], epoch=epoch)  # type: ignore[arg-type]
+        ServoBus(port, [each], epoch=loop.owners.epoch)  # type: ignore[arg-type]
         for port, each in zip(ports, (PAN, TILT), strict=True)
     ]
-    for bus in buses:
-        bus.connect()
-    return Buses(buses, 100.0, on_reading, lambda error: None), ports
+    backend = DynamixelBackend(buses, loop, 100.0)
+    backend.connect()
+    return backend, ports
 
 
 def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
@@ -268,16 +265,16 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             hanging.set()
             release.wait(20.0)
 
-    buses, ports = two_buses(on_reading)
+    buses, ports = two_buses()
     stop = BusThread.stop
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
-        buses.start()
+        buses.start(on_reading)
         while not (hanging.is_set() and ports[1].servos[2]["Torque Enable"]):
             buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
             hanging.wait(0.02)
         with pytest.raises(DynamixelError, match="callback does not return"):
-            buses.stop()
+            buses.close()
         assert ports[0].servos[1]["Torque Enable"] == 0
         assert ports[1].servos[2]["Torque Enable"] == 0
         assert not ports[0].opened and not ports[1].opened
@@ -290,7 +287,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
     rig = Rig(servo)
-    rig.bus.run(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, True))
     for _ in range(200):
         rig.bus.command({"j1": Goal(1.3, model.no_load_speed)})
         rig.step()
@@ -327,7 +324,7 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
     rig = Rig(SimulatedServo(1))
     rig.go(0.2)
     with pytest.raises(ConfigurationError, match="direction"):
-        rig.bus.set_limits("j1", lowest=768, highest=256)
+        rig.bus.joint("j1").reconfigure(lowest=768, highest=256)
     reading = rig.go(0.3)
     assert reading.states["j1"].position == pytest.approx(0.3, abs=0.03)
 
@@ -379,7 +376,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     before = servos[1].register("Goal Position")
     for _ in range(80):
         longest = max(longest, cycle())
-    assert rig.bus.torque("j1") is Torque.ON
+    assert rig.bus.joint("j1").torque is Torque.ON
     assert servos[1].register("Goal Position") == before
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
@@ -397,13 +394,47 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
         assert set(rig.reading.states) == {"j1", "j2"}, phase
 
 
+@pytest.mark.parametrize("pause", [0.9, 3.0])
+@pytest.mark.parametrize("name", MODELS)
+def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
+    name: str, pause: float
+) -> None:
+    servo = SimulatedServo(1, name, boot_time=0.1)
+    rig = Rig(servo)
+    rig.go(0.5)
+    for happens in (
+        servo.power_off,
+        servo.power_on,
+        lambda: servo.lead(servo.model.center - 150, 0.1, 50.0),
+    ):
+        happens()
+        rig.bench.pass_time(pause / 3)
+        rig.bench.bus.advance(rig.bench.now())
+    left_at = servo.true_position
+    rig.step(30)
+    assert rig.torque == [0]
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+    assert servo.true_position == pytest.approx(left_at, abs=0.02)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: str) -> None:
+    rig = Rig(SimulatedServo(1, name))
+    rig.go(0.5)
+    rig.bench.pass_time(0.6)
+    rig.step(10)
+    assert rig.torque == [1] and rig.bus.joint("j1").torque is Torque.ON
+    rig.go(0.2)
+    assert rig.reading.states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
 # Who is there
 
 
 def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
     rig = Rig(SimulatedServo(1), connect=False)
     rig.bench.bus[1].set_register("Model Number", 4711)
-    with pytest.raises(WrongModelError, match=r"4711.*correct the configuration"):
+    with pytest.raises(ServoSetupError, match=r"4711.*correct the configuration"):
         rig.bus.connect()
 
 
@@ -515,29 +546,30 @@ def test_nobody_is_asked_again_while_another_replies() -> None:
 @pytest.mark.parametrize("cycles", range(8))
 def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
     rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
-    rig.bus.run(rig.bus.switching_torque(None, False))
-    rig.bus.submit(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, False))
+    submit(rig.bus, rig.bus.switching_torque(None, True))
     rig.step(cycles)
     assert set(rig.bus.relax_at_once(0.4).values()) == {""}
     rig.step(20)
     assert rig.torque == [0, 0]
-    assert {rig.bus.torque(f"j{i}") for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert {rig.bus.joint(f"j{i}").torque for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> None:
     port = FakePort()
-    bus = ServoBus(port, [PAN, TILT])
+    loop = ControlLoop(None)
+    bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
     bus.connect()
-    bus.run(bus.switching_torque(None, True))
-    buses = Buses([bus], 50.0, lambda *_: None, lambda _: None)
+    run(bus.switching_torque(None, True))
+    buses = DynamixelBackend([bus], loop, 50.0)
     (thread,) = buses.threads
     buses.start()
     try:
         with thread._owner:  # as a cycle holds it that the machine does not let end
-            assert all(buses.relax_at_once(0.02).values())
+            assert all(buses.relax_now(0.02).values())
         deadline = time.monotonic() + 10.0
-        while bus.torque(PAN.joint_name) is not Torque.OFF_UNTIL_COMMANDED:
+        while bus.joint(PAN.joint_name).torque is not Torque.OFF_UNTIL_COMMANDED:
             assert time.monotonic() < deadline
             time.sleep(0.005)
     finally:
-        buses.stop()
+        buses.close()

@@ -326,9 +326,9 @@ def test_endless_babble_ends_with_the_timeout(peer: Peer, hasty: DynamixelPort) 
 
 
 def test_port_that_takes_no_data_is_lost(peer: Peer) -> None:
-    port = DynamixelPort(peer.name, write_timeout=0.05)
+    port = DynamixelPort(peer.name)
     port.open()
-    with pytest.raises(PortLostError, match=r"took no data for 0\.05 s"):
+    with pytest.raises(PortLostError, match="took no data"):
         for _ in range(10_000):  # nobody reads the other end
             port.sync_write(30, {servo_id: bytes(4) for servo_id in range(40)})
     assert not port.is_open
@@ -556,11 +556,10 @@ def test_baud_rate_that_no_servo_knows_lists_the_others(baud_rate: int) -> None:
         DynamixelPort("/dev/ttyUSB0", baud_rate)
 
 
-@pytest.mark.parametrize("option", ["reply_timeout", "write_timeout"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), 100.0])
-def test_senseless_timeout_is_refused(option: str, value: float) -> None:
-    with pytest.raises(ConfigurationError, match=option):
-        DynamixelPort("/dev/ttyUSB0", **{option: value})  # type: ignore[arg-type]
+def test_senseless_timeout_is_refused(value: float) -> None:
+    with pytest.raises(ConfigurationError, match="reply_timeout"):
+        DynamixelPort("/dev/ttyUSB0", reply_timeout=value)
 
 
 def test_opening_and_failing_leaves_no_descriptor(peer: Peer) -> None:

@@ -15,12 +15,13 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoCalibration,
-    ServoModeError,
     ServoModel,
+    ServoSetupError,
     Torque,
     TorqueError,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
@@ -89,7 +90,9 @@ class Rig:
                 ends = ends[::-1]
             second = ServoCalibration("j", 2, self.other(case.zero), *ends, model)
         ends = (case.high, case.low) if case.reversed else (case.low, case.high)
-        self.joint = JointConfiguration("j", "c", 1, case.zero, *ends, model=model, second=second)
+        self.joint = JointConfiguration(
+            "j", 1, case.zero, *ends, controller="c", model=model, second=second
+        )
         self.bench = Bench(self.servos)
         self.bus = ServoBus(
             self.bench.port,
@@ -150,7 +153,7 @@ def drive(case: Case) -> Rig:
     if case.low <= start <= case.high and 0 < start < servo_model(case.model).ticks - 1:
         others = [rig.other(round(start))] if case.second is not None else []
         if all(0 <= each < servo_model(case.model).ticks for each in others):
-            assert rig.bus.torque("j") is Torque.ON  # what is allowed is not refused
+            assert rig.bus.joint("j").torque is Torque.ON  # what is allowed is not refused
     return rig
 
 
@@ -207,11 +210,11 @@ SEAM = [
 @pytest.mark.parametrize("case", SEAM)
 def test_torque_beyond_the_seam_is_refused_and_told(case: Case) -> None:
     rig = drive(case)
-    assert rig.bus.torque("j") is Torque.OFF_UNTIL_COMMANDED
+    assert rig.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
     assert {servo.register("Torque Enable") for servo in rig.servos} == {0}
     assert EventKind.TORQUE_FAILED in rig.kinds
     with pytest.raises(TorqueError):
-        rig.bus.run(rig.bus.switching_torque(None, True))
+        run(rig.bus.switching_torque(None, True))
 
 
 def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
@@ -220,7 +223,7 @@ def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
     for servo in rig.servos:
         servo.lead(4000, 0.2, 50.0)
     rig.step(30)
-    rig.bus.run(rig.bus.switching_torque(None, True))
+    run(rig.bus.switching_torque(None, True))
     rig.bus.command({"j": Goal(rig.joint.position(3200), 4.0)})
     rig.step(60)
     assert rig.servos[0].true_ticks == pytest.approx(3200, abs=SLACK)
@@ -236,8 +239,8 @@ def model_in_extended_mode() -> tuple[ServoModel, SimulatedServo]:
 def test_extended_position_mode_is_refused() -> None:
     model, servo = model_in_extended_mode()
     bench = Bench([servo])
-    joint = JointConfiguration("j", "c", 1, 2048, 0, 4095, model=model)
+    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
     bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
-    with pytest.raises(ServoModeError):
+    with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0

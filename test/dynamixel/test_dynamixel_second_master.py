@@ -18,6 +18,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     TorqueError,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 TORQUE_OFF_BOTH = bytes.fromhex("FF FF FE 08 83 18 01 01 00 02 00 5A")
@@ -106,7 +107,7 @@ def test_a_quiet_line_is_not_waited_for() -> None:
 def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float) -> None:
     servos = [SimulatedServo(1), SimulatedServo(2)]
     made = Bench(servos)
-    joints = [JointConfiguration(f"j{i}", f"c{i}", i) for i in (1, 2)]
+    joints = [JointConfiguration(f"j{i}", i, controller=f"c{i}") for i in (1, 2)]
     bus = ServoBus(
         made.port, joints, made.now, monotonic=made.now, pause=lambda s: made.pass_time(float(s))
     )
@@ -124,7 +125,7 @@ def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float) -> None:
     begin = made.clock.now
     reported: tuple[str, ...] = ()
     try:
-        bus.run(bus.stopping(None), made.pass_time)
+        run(bus.stopping(None), made.pass_time)
     except TorqueError as error:
         reported = tuple(error.problems)
     assert made.clock.now - begin < 2e9

@@ -17,6 +17,7 @@ from head_tracking.dynamixel import (
     PortLostError,
     ServoBus,
 )
+from head_tracking.dynamixel.servo import run
 
 
 def connected(port: FakePort) -> ServoBus:
@@ -92,14 +93,14 @@ def test_requests_run_in_the_owners_thread_and_return_results() -> None:
         PATIENCE
     )
     assert (name, same) == ("servo bus", True)
-    thread.call(lambda owned: owned.run(owned.switching_torque(None, True))).result(PATIENCE)
+    thread.call(lambda owned: owned.switching_torque(None, True)).result(PATIENCE)
     thread.stop()
 
 
 def test_request_that_raises_hurts_only_its_caller() -> None:
     thread = BusThread(connected(FakePort()), 100.0, ignore)
     thread.start()
-    future = thread.call(lambda bus: bus.run(bus.switching_torque(["elbow"], True)))
+    future = thread.call(lambda bus: run(bus.switching_torque(["elbow"], True)))
     assert "elbow" in str(future.exception(PATIENCE))
     assert thread.call(lambda bus: bus.summary).result(PATIENCE) == "2 AX-12 servos: ids 1, 2"
     thread.stop()

@@ -17,9 +17,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import wait_for
 from sensor_msgs.msg import Image, JointState, PointCloud2
 from std_msgs.msg import Header, String
+from waiting import wait_for
 
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording_file import read_recording

@@ -19,7 +19,7 @@ from head_tracking.recording import recording_file
 from head_tracking.recording.bag_writer import header, transform_of, xyz
 from head_tracking.recording.recording import Observation, Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
-from head_tracking.ros.message_types import message_definition
+from head_tracking.ros.kit.message_types import message_definition
 from head_tracking.transforms import RobotModel, Rotation, Transform
 
 SECOND = 1_000_000_000

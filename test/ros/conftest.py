@@ -14,7 +14,7 @@ from rig import Program
 from robot_under_test import Robot
 from ros_domain import own_domain
 
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 
 MakeRobot = Callable[..., Robot]
 

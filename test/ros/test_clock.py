@@ -8,9 +8,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from head_under_test import Head
 from rclpy.duration import Duration
-from robot_under_test import wait_for
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.point_head import PointHeadNode
@@ -47,8 +47,7 @@ def on_target(head):
     wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.1)
 
 
-@pytest.mark.parametrize("rate", [50.0, 10.0])
-@pytest.mark.parametrize("jump", [-100.0, -3.0, 100.0])
+@pytest.mark.parametrize(("jump", "rate"), [(-100.0, 10.0), (-3.0, 50.0), (100.0, 50.0)])
 def test_after_a_jump_of_the_clock_it_holds_and_tracks_again(make, jump, rate):
     head = make(simulated=True)
     head.clock_rate = rate

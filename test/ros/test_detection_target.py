@@ -9,9 +9,9 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.nodes import detection_target
 from head_tracking.nodes.detection_target import DetectionTargetNode

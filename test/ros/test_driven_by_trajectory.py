@@ -6,9 +6,9 @@ import pytest
 import rclpy
 from head_under_test import LATCHED, Head
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
+from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError

@@ -4,13 +4,14 @@ import threading
 
 import pytest
 import rclpy
-from action_client import ABORTED, CANCELED, SUCCEEDED, Client
+from action_client import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Client
 from rclpy.node import Node
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.point_head import PointHeadNode
-from head_tracking.ros import head_actions, spinning
+from head_tracking.ros import head_actions
 from head_tracking.ros.goal_server import GoalServer
+from head_tracking.ros.kit import spinning
 
 actions = pytest.importorskip("control_msgs.action")
 
@@ -31,7 +32,7 @@ def served(request, monkeypatch, threads):
     )
     threads.start(server)
     threads.start(asks)
-    assert threads.executor.startswith("all nodes run in one") is (request.param == "events")
+    assert threads.executor.endswith("EventsExecutor") is (request.param == "events")
     return Client(asks, actions.PointHead, "/serves/goals"), begun
 
 
@@ -42,6 +43,7 @@ def test_goals_are_ended_from_any_thread_and_once(served):
     for end, status in (("succeed", SUCCEEDED), ("abort", ABORTED), ("cancel", ABORTED)):
         sent = client.send(actions.PointHead.Goal())
         goal = begun.pop()
+        wait_for(lambda sent=sent: sent.status == EXECUTING)
         goal.feedback(actions.PointHead.Feedback(pointing_angle_error=0.5))
         wait_for(lambda sent=sent: sent.feedback)
         thread = threading.Thread(target=getattr(goal, end), args=[result])

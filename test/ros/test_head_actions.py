@@ -5,8 +5,8 @@ import time
 
 import pytest
 from action_client import ABORTED, CANCELED, SUCCEEDED, Client
-from robot_under_test import wait_for
 from std_msgs.msg import String
+from waiting import wait_for
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tf.qos import LATCHED
@@ -92,30 +92,6 @@ def test_cancel_holds(robot):
     assert 0.2 < pan < 0.6
     assert robot.states[-1] == "canceled: the head holds"
     assert not sent.cancel().goals_canceling
-
-
-def test_a_target_out_of_reach_is_aborted_with_the_miss(robot):
-    before = robot.at_rest()
-    status, _ = robot.client.send(goal(0, 0, -3, "camera_link")).ended()
-    assert status == ABORTED
-    said = robot.logged("out of reach")
-    assert "the nearest gaze would miss it by" in said
-    assert "degrees" in said
-    wait_for(lambda: robot.states[-1].startswith("aborted: "))
-    assert robot.at_rest() == pytest.approx(before, abs=0.01)
-
-
-def test_a_shaft_that_is_blocked_aborts_with_what_the_servo_bus_says(robot):
-    sent = robot.client.send(goal(1, 2, 0.2, velocity=0.5))
-    wait_for(lambda: robot.pan > 0.1)
-    port = robot.composition.simulated.port
-    port.use(lambda bus: bus[1].impede(1.5))
-    try:
-        assert sent.ended()[0] == ABORTED
-        assert "misses the target by" in robot.logged("(head_pan_joint ")
-        assert robot.pan < 1.0  # not when the turn would have been over
-    finally:
-        port.use(lambda bus: bus[1].impede(0.0))
 
 
 def test_what_cannot_be_looked_at_is_rejected_with_the_reason(robot):

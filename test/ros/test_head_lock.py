@@ -16,8 +16,8 @@ from std_msgs.msg import String
 from waiting import eventually, wait_for
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.head_claim import HeadClaim, is_heard_elsewhere
-from head_tracking.ros.head_lock import HeadLock, namespace
+from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.head_lock import HeadLock, namespace
 from head_tracking.tf.qos import LATCHED
 
 NAMED = ("--ros-args", "-r", "__ns:=/b")

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from head_tracking.ros import message_types
-from head_tracking.ros.message_types import message_class, message_definition
+from head_tracking.ros.kit import message_types
+from head_tracking.ros.kit.message_types import message_class, message_definition
 
 PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces")
 
@@ -37,13 +37,6 @@ def test_what_is_made_of_a_class_is_what_its_package_installed(monkeypatch):
     for name, text in installed.items():
         package = name.partition("/")[0]
         assert fields(message_definition(name), package) == fields(text, package), name
-
-
-def test_bounds_are_kept():
-    idl = ["sequence<double, 3>", "double[36]", "string<10>", "sequence<string<5>>", "boolean"]
-    assert list(map(message_types._type, idl)) == [
-        "float64[<=3]", "float64[36]", "string<=10", "string<=5[]", "bool",
-    ]  # fmt: skip
 
 
 def test_types_in_types_are_defined_once_each():

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
 
 
 @dataclass(frozen=True)

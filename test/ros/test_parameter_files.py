@@ -10,9 +10,9 @@ from rclpy.node import Node
 from head_tracking.nodes.head_tracker import HeadTrackerNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.parameters import ParameterError
-from head_tracking.ros import parameter_files
-from head_tracking.ros.parameter_files import Given, UnknownParametersError
-from head_tracking.ros.start import StartError, start_ros
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.parameter_sources import Given, UnknownParametersError
+from head_tracking.ros.kit.start import StartError, start_ros
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_a_value_is_for_the_nodes_that_ros_gives_it_to(started, nodes, node, tak
     made = Node(name, namespace=namespace, automatically_declare_parameters_from_overrides=True)
     assert made.has_parameter("mine") is taken
     if taken:
-        assert parameter_files.source(made, "mine") == str(tmp_path / "mine.yaml")
+        assert parameter_sources.source(made, "mine") == str(tmp_path / "mine.yaml")
     made.destroy_node()
 
 
@@ -75,7 +75,7 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
 ):
     node = started(text)()
     with pytest.raises(UnknownParametersError) as error:
-        parameter_files.check([node])
+        parameter_sources.check([node])
     node.destroy_node()
     for word in [str(tmp_path / "mine.yaml"), *words]:
         assert word in str(error.value)
@@ -99,14 +99,14 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
 )
 def test_what_is_known_or_others_own_is_no_mistake(started, text):
     node = started(text)()
-    parameter_files.check([node])
+    parameter_sources.check([node])
     node.destroy_node()
 
 
 def test_a_mistake_on_the_command_line_is_named_too(started):
     node = started("", "-p", "head_tracker:rat:=3.0")()
     with pytest.raises(UnknownParametersError, match=r"command line: /head_tracker .*rat .is rate"):
-        parameter_files.check([node])
+        parameter_sources.check([node])
     node.destroy_node()
 
 
@@ -144,7 +144,7 @@ def test_a_malformed_file_is_one_line(started, tmp_path, text, words):
 
 
 def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():
-    from head_tracking.ros.spinning import NodeDied, describe
+    from head_tracking.ros.kit.spinning import NodeDied, describe
 
     def somewhere() -> None:
         raise ValueError("math domain error")

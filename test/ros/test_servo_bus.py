@@ -4,8 +4,8 @@ import math
 
 import pytest
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
+from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import ErrorBits, JointConfiguration, ServoState

@@ -8,8 +8,8 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from robot_under_test import wait_for
 from std_srvs.srv import SetBool, Trigger
+from waiting import wait_for
 
 from head_tracking.dynamixel import JointConfiguration, servo_model
 from head_tracking.nodes.servo_bus import ServoBusNode
@@ -29,7 +29,7 @@ def register(robot, servo_id, name):
 
 
 def bus_thread(robot):
-    return robot.composition.nodes["servo_bus"]._buses.threads[0]
+    return robot.composition.nodes["servo_bus"].backend.threads[0]
 
 
 def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot):
@@ -64,9 +64,9 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot)
         wait_for(on.done)
         assert on.result().success and torque(2) == 1
         simulated.use(lambda bus: bus[1].overload())
-        wait_for(lambda: node._buses.bus_of(PAN)._joints[PAN].faulted)
+        wait_for(lambda: node.backend.joint(PAN).faulted)
         recovering = recover.call_async(Trigger.Request())
-        wait_for(lambda: node._buses.bus_of(PAN)._joints[PAN].lost)  # it restarts
+        wait_for(lambda: node.backend.joint(PAN).lost)  # it restarts
         relaxing = [client.call_async(Trigger.Request()) for client in relaxers]
         wait_for(lambda: torque(2) == 0)
         assert not recovering.done()
@@ -109,19 +109,19 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
 
     refused = set_maximum(450 + 70)
     assert refused.successful, refused.reason  # init, 512, is inside
-    bus = robot.composition.nodes["servo_bus"]._buses.bus_of(PAN)
-    wait_for(lambda: bus.limits(PAN)[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
+    joint = robot.composition.nodes["servo_bus"].backend.joint(PAN)
+    wait_for(lambda: joint.limits[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
 
     def narrower(bus):
         bus[1].set_register("CW Angle Limit", 530)
 
     robot.simulated.port.use(narrower)
     assert set_maximum(1000).successful
-    wait_for(lambda: bus.limits(PAN)[1] > 0.4)
+    wait_for(lambda: joint.limits[1] > 0.4)
     assert robot.call("head_pan_controller/restart").success
     refused = set_maximum(520)
     assert not refused.successful and "nothing in common" in refused.reason
-    assert bus.limits(PAN)[1] > 0.4
+    assert joint.limits[1] > 0.4
 
 
 def test_the_servo_bus_loads_neither_robot_models_nor_vision():

@@ -10,16 +10,18 @@ from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from waiting import wait_for
 
+from head_tracking.control import ControlLoop
 from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.tf import Buffer
 from head_tracking.tf.qos import LATCHED
-from head_tracking.transforms import RobotModelError
+from head_tracking.transforms import JointState as Sample
+from head_tracking.transforms import RobotModelError, TransformBuffer, parse_robot_model
 
 ARM = """
 <robot name="arm">
@@ -293,6 +295,26 @@ def test_velocities_may_be_missing_or_too_few(program, complete):
 def test_a_rule_for_a_joint_that_is_not_there_is_told(program, complete, bad):
     complete(**bad)
     wait_for(lambda: any("robot_description is not used" in text for text in program.log))
+
+
+def test_in_the_loop_the_model_is_that_of_the_buffer(program):
+    buffer = TransformBuffer()
+    buffer.set_model(parse_robot_model(ARM))
+    loop = ControlLoop(buffer)
+    rule = {"dependent_joints.elbow.parent": "shoulder", "dependent_joints.elbow.factor": 2.0}
+    # (not spun: no message arrives)
+    node = JointStatePublisherNode(loop, parameter_overrides=parameters(**rule))
+    try:
+        read = loop.joints_read(1, {"shoulder": Sample(0.5)})
+        assert {name: joint.position for name, joint in read.items()} == {
+            "shoulder": 0.5,
+            "elbow": 1.0,
+        }
+        buffer.set_model(parse_robot_model(ARM.replace('"upper"', '"arm"')))
+        assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.2
+        assert buffer.lookup_transform("base", "arm").stamp == 2
+    finally:
+        node.destroy_node()
 
 
 def test_a_zero_that_is_no_number_is_an_error(program):

@@ -3,11 +3,10 @@
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from robot_under_test import wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
+from waiting import wait_for
 
 from head_tracking.nodes.detection_target import DetectionTargetNode
 from head_tracking.nodes.fictitious_target import FictitiousTargetNode
@@ -49,20 +48,3 @@ def test_what_is_on_is_said_to_whoever_comes_later(threads, name, make):
     wait_for(lambda: said == [False])
     assert switch(person, name, True).success
     wait_for(lambda: said == [False, True])
-
-
-def test_a_target_that_is_switched_off_is_not_sent(threads):
-    person = Node("person")
-    targets: list[PointStamped] = []
-    person.create_subscription(PointStamped, "target_point", targets.append, 10)
-    threads.start(FictitiousTargetNode())
-    threads.start(person)
-    wait_for(lambda: targets)
-    assert switch(person, "fictitious_target", False).success
-    # what was under way has come when the next answer has
-    assert switch(person, "fictitious_target", False).success
-    targets.clear()
-    ticks: list[int] = []
-    person.create_timer(0.05, lambda: ticks.append(1))
-    wait_for(lambda: len(ticks) > 10)
-    assert not targets

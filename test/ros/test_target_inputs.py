@@ -13,11 +13,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import wait_for
 from std_msgs.msg import String
+from waiting import wait_for
 
-from head_tracking.ros.listening import TopicListener
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.listening import TopicListener
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.tf.qos import LATCHED
 
 NO_SIGNALS = SignalHandlerOptions.NO

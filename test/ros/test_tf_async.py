@@ -1,13 +1,11 @@
 """Lookups that somebody awaits."""
 
-import threading
-
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.time import Time
-from robot_under_test import wait_for
 from transform_messages import shifted
+from waiting import wait_for
 
 from head_tracking.tf import Buffer, TransformListener
 
@@ -82,12 +80,10 @@ def test_an_executor_awaits_while_it_works(buffer):
         rclpy.shutdown()
 
 
-def test_a_future_that_another_thread_fulfils(buffer):
-    future = buffer.wait_for_transform_async("map", "ball", Time(seconds=9))
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    bring = threading.Thread(target=buffer.set_transform, args=[shifted(9.0, 9)])
-    bring.start()
-    bring.join()
-    assert future.result().transform.translation.x == 9.0
-    assert done.wait(20.0)
+def test_a_question_that_makes_no_sense_disturbs_nobody(buffer):
+    for question in (("map", "ball", None), (3, "ball", Time())):
+        with pytest.raises(TypeError):
+            buffer.wait_for_transform_async(*question)
+    future = buffer.wait_for_transform_async("map", "later", Time())
+    buffer.set_transform(shifted(1.0, 1, child="later"))
+    assert future.done()

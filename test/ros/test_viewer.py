@@ -23,10 +23,10 @@ from browser import (
     type_number,
 )
 from rclpy.parameter import Parameter
-from robot_under_test import Robot, wait_for
+from robot_under_test import Robot
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
-from waiting import eventually
+from waiting import eventually, wait_for
 
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.images import image_message

@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 from contract_nodes import ControllerStandIn
 from rclpy.node import Node
-from robot_under_test import wait_for
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(

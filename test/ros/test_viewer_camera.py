@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from robot_under_test import Robot, wait_for
+from robot_under_test import Robot
+from waiting import wait_for
 
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.run.node_sets import started_on_request

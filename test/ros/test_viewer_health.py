@@ -4,7 +4,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 
 import pytest
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.dynamixel import (
     BusStatistics,

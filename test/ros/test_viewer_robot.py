@@ -9,12 +9,13 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import Robot, wait_for
+from robot_under_test import Robot
+from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.head_modes import Mode

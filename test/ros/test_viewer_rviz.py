@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from robot_under_test import wait_for
+from waiting import wait_for
 
 CONFIG = Path(__file__).parents[2] / "config" / "head.rviz"
 SHOWN = {

@@ -10,11 +10,11 @@ import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.viewer.head_modes import Mode
 from head_tracking.viewer.path import Path
 

@@ -12,7 +12,7 @@ from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
+from waiting import wait_for
 
 from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
@@ -65,7 +65,7 @@ def filled(rnd: random.Random, kind: str) -> Any:
     if kind.startswith("string"):
         return rnd.choice(TEXTS)
     if "/" in kind:
-        from head_tracking.ros.message_types import message_class
+        from head_tracking.ros.kit.message_types import message_class
 
         package, _, message = kind.partition("/")
         return message_with(rnd, message_class(f"{package}/msg/{message}"))

@@ -16,9 +16,9 @@ from geometry_msgs.msg import PointStamped
 from lockstep import World
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from robot_under_test import wait_for
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from visual_pursuit import pursue, tutorial_law
+from waiting import wait_for
 
 from head_tracking.nodes.simulated_camera import SimulatedCameraNode
 from head_tracking.nodes.visual_target import VisualTargetNode
@@ -242,18 +242,6 @@ def test_bad_input_is_told_and_nothing_is_published(world, look, options, words)
     assert targets, "it recovers"
 
 
-def test_images_of_one_pixel_are_seen_through(world, look):
-    node = look(follow="face")
-    tiny = camera_with_view(1, 1, 1.0)
-
-    def one_pixel(image, depth):
-        for message in (image, depth):
-            message.width = message.height = 1
-
-    show(world, info=camera_info(header(1, ""), tiny), change=one_pixel)
-    assert not node.said
-
-
 def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
     node = look(follow="colour", object_size=0.3)
     targets = world.record("/target_point")
@@ -331,16 +319,6 @@ def test_a_rectangle_is_followed_and_an_impossible_one_is_told(world, look):
     world.publish("/visual_target/select", choice)
     show(world, depth="")
     assert targets[-1][1].point.z == pytest.approx(1.0, abs=0.01)
-
-
-def test_the_nearest_thing_needs_depths_only(world, look):
-    look(follow="nearest")
-    targets = world.record("/target_point")
-    pictures = world.record("/visual_target/image")
-    show(world, info=ANY_FRAME)
-    assert targets[-1][1].point.z == pytest.approx(1.5, abs=0.01)
-    assert targets[-1][1].header.frame_id == "d"
-    assert pictures[-1][1].encoding == "bgr8"
 
 
 @pytest.mark.parametrize("kind", ["16UC1", "32FC1", ""])
@@ -472,7 +450,7 @@ def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(mo
         assert look.set_parameters([Parameter("follow", value=follow)])[0].successful
     wait_for(lambda: isinstance(look._target.tracker.detector, GivenDetector))
     assert set(made_in) == {"visual target"}
-    executor.remove_node(look)
+    executor.shutdown()
     look.destroy_node()
     rclpy.try_shutdown()
     assert "visual target" not in {thread.name for thread in threading.enumerate()}

@@ -4,10 +4,10 @@ import threading
 
 import pytest
 from rclpy.node import Node
-from robot_under_test import wait_for
+from waiting import wait_for
 
-from head_tracking.ros import own_thread
-from head_tracking.ros.worker import Worker
+from head_tracking.ros.kit import own_thread
+from head_tracking.ros.kit.worker import Worker
 
 
 @pytest.fixture

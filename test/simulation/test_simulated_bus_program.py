@@ -12,7 +12,7 @@ import pytest
 import serial
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking.tools import simulated_bus
+from head_tracking.cli import simulated_bus
 
 PATIENCE = 20.0
 PING = InstructionPacket.ping(1).encode()
@@ -22,7 +22,7 @@ PONG = StatusPacket(1).encode()
 class Program:
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "head_tracking.tools.simulated_bus", *options],
+            [sys.executable, "-m", "head_tracking.cli.simulated_bus", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

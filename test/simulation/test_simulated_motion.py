@@ -389,7 +389,7 @@ def test_hand_lets_go() -> None:
 @pytest.mark.parametrize("reverse", [False, True])
 def test_true_ticks_give_the_true_joint_position(reverse: bool) -> None:
     low, high = (1023, 0) if reverse else (0, 1023)
-    joint = JointConfiguration("joint", "controller", 1, init=512, min=low, max=high)
+    joint = JointConfiguration("joint", 1, controller="controller", init=512, min=low, max=high)
     servo = SimulatedServo(1, position=700.25)
     sign = -1 if reverse else 1
     assert joint.position(servo.true_ticks) == pytest.approx(sign * servo.true_position)

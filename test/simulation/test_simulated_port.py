@@ -233,15 +233,15 @@ def test_unplugged_adapter_vanishes_and_comes_back_by_the_same_link(tmp_path: Pa
         for _ in range(5):
             client = Client(str(link))
             assert client.ask(PING, 6) == PONG
-            port.unplug()
+            port.close()
             assert not os.path.lexists(link)
             assert port.port_name == ""
             with pytest.raises(OSError):
                 os.write(client.descriptor, PING)
             client.close()
-            port.unplug()
-            port.replug()
-            port.replug()
+            port.close()
+            port.open()
+            port.open()
         client = Client(str(link))
         assert client.ask(PING, 6) == PONG
         client.close()
@@ -253,7 +253,7 @@ def test_servos_go_on_while_the_adapter_is_unplugged() -> None:
         goal = InstructionPacket.write(1, 30, bytes.fromhex("F4 01 64 00")).encode()
         assert client.ask(goal, 6) == PONG
         client.close()
-        port.unplug()
+        port.close()
         assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
 
 
@@ -261,9 +261,9 @@ def test_unplugging_leaves_no_descriptor() -> None:
     before = len(os.listdir("/proc/self/fd"))
     with SimulatedPort([SimulatedServo(1)]) as port:
         for _ in range(20):
-            port.unplug()
-            port.replug()
-        port.unplug()
+            port.close()
+            port.open()
+        port.close()
     assert len(os.listdir("/proc/self/fd")) == before
 
 
@@ -341,5 +341,5 @@ def test_a_simulator_that_fails_says_so_and_its_port_vanishes() -> None:
         with pytest.raises(OSError):
             os.write(client.descriptor, PING)
         client.close()
-        port.unplug()
-        port.replug()
+        port.close()
+        port.open()

@@ -9,15 +9,12 @@ from simulated_packets import InstructionPacket, StatusPacket
 
 from head_tracking.dynamixel import (
     ErrorBits,
-    Register,
     servo_model,
 )
-from head_tracking.dynamixel.protocol import REFUSALS
 from head_tracking.simulation import SimulatedServo, SimulationError
 
 Packet = InstructionPacket
 TABLE = servo_model("AX-12").control_table
-REGISTERS = {register.name: register for register in TABLE}
 RANGE = StatusPacket(1, ErrorBits.RANGE)
 OK = StatusPacket(1)
 
@@ -33,49 +30,6 @@ def read(servo: SimulatedServo, name: str) -> int:
     status = servo.execute(Packet.read(servo.id, register.address, register.size), 0)
     assert status is not None and not status.error
     return int.from_bytes(status.data, "little")
-
-
-@pytest.mark.parametrize("register", TABLE, ids=REGISTERS)
-def test_every_register_reads_its_initial_value(register: Register) -> None:
-    measured = {
-        "Firmware Version": 24, "Goal Position": 512, "Torque Limit": 1023,
-        "Present Position": 512, "Present Speed": 0, "Present Load": 0, "Present Voltage": 120,
-        "Present Temperature": 30,
-    }  # fmt: skip
-    initial = measured.get(register.name, register.initial)
-    assert read(SimulatedServo(1), register.name) == initial
-
-
-@pytest.mark.parametrize(
-    "register",
-    [r for r in TABLE if r.writable and r.name not in ("ID", "Lock", "Status Return Level")],
-    ids=lambda register: register.name,
-)
-def test_writable_registers_keep_both_ends_of_their_range_and_no_more(register: Register) -> None:
-    servo = SimulatedServo(1)
-    assert register.minimum is not None and register.maximum is not None
-    highest = 1023 if register.name == "Moving Speed" else register.maximum  # joint mode
-    outside = [
-        value for value in (register.minimum - 1, highest + 1) if 0 <= value < 256**register.size
-    ]
-    for value in (register.minimum, highest):
-        answer = write(servo, register.name, value)
-        assert answer is not None and not answer.error & REFUSALS
-        assert servo.register(register.name) == value
-        for wrong in outside:
-            answer = write(servo, register.name, wrong)
-            assert answer is not None and answer.error & ErrorBits.RANGE
-            assert servo.register(register.name) == value
-
-
-@pytest.mark.parametrize(
-    "register", [r for r in TABLE if not r.writable], ids=lambda register: register.name
-)
-def test_read_only_registers_are_refused(register: Register) -> None:
-    servo = SimulatedServo(1)
-    before = read(servo, register.name)
-    assert write(servo, register.name, 1) == RANGE
-    assert read(servo, register.name) == before
 
 
 def test_ping_is_answered() -> None:
@@ -216,12 +170,6 @@ def test_goal_or_speed_switches_torque_on(name: str) -> None:
     servo = SimulatedServo(1)
     write(servo, name, 100)
     assert read(servo, "Torque Enable") == 1
-
-
-def test_sync_write_sets_the_share() -> None:
-    servo = SimulatedServo(2)
-    servo.execute(Packet.sync_write(30, {1: b"\x00\x01", 2: b"\x2c\x01"}), 0)
-    assert read(servo, "Goal Position") == 300
 
 
 def test_sync_write_outside_the_limits_changes_nothing() -> None:

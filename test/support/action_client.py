@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionClient
-from robot_under_test import wait_for
+from waiting import wait_for
 
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
+EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6  # action_msgs/GoalStatus
 
 
 def in_executor(node: Any, call: Callable[[], Any]) -> Any:
@@ -50,6 +50,11 @@ class Sent:
 
     def _on_end(self, _: Any) -> None:
         self._ended = time.monotonic()
+
+    @property
+    def status(self) -> int:
+        """The status by the server's topic."""
+        return int(self._handle.status)
 
     @property
     def over(self) -> bool:

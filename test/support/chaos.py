@@ -60,8 +60,8 @@ from head_tracking.simulation import SimulatedPort, SimulatedServo, Write
 from head_tracking.transforms import load_robot_model
 
 ROOT = Path(__file__).parents[2]
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)
 JOINTS = (PAN, TILT)
 STOP_LIMIT = 0.5  # s
 RECOVERY_LIMIT = 2.0  # s
@@ -497,9 +497,9 @@ class Chaos:
         self.until(self.complete, START_LIMIT, "the robot is complete")  # none starts without it
         seconds = self.random.uniform(0.05, 1.0)
         self.note(f"unplugged for {seconds:.2f} s")
-        self.port.unplug()
+        self.port.close()
         self.wait(seconds)
-        self.port.replug()
+        self.port.open()
 
     def jump(self) -> None:
         """The robot's clock jumps."""
@@ -630,14 +630,14 @@ class Chaos:
         self.until(self.complete, START_LIMIT, "the robot is complete")
         self.until(self.has_bus, START_LIMIT, "the bus comes")
         self.note("STOP while the adapter is out")
-        self.port.unplug()
+        self.port.close()
         self.wait(self.random.uniform(0.0, 0.3))
         answers = self._ask_to_stop()
         self.until(lambda: bool(answers()), 2.0, "STOP answers without an adapter")
         if any(answer.success for answer in answers()) and not self.relaxed():
             raise DidNotHoldError("STOP is confirmed, but the servos are not relaxed")
         self.look()
-        self.port.replug()
+        self.port.open()
         self.until(self.relaxed, 3.0, "STOP relaxes when the adapter is back")
         self._lift_after_a_while()
 

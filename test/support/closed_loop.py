@@ -90,8 +90,8 @@ _BYTE = 10_000  # ns at 1 Mbit/s
 _ADAPTER = 100_000  # ns for a packet to get onto the wire
 _ANSWERED = 300_000  # ns for an answer to get off it
 
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller")
 
 
 class SimulatedHead:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping
+from concurrent.futures import Future
+from typing import TypeVar
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -16,17 +18,21 @@ from head_tracking.dynamixel import (
     ReadGroup,
     Reply,
     ReplyTimeoutError,
+    ServoBus,
     ServoModel,
     servo_model,
 )
 from head_tracking.dynamixel.reading import Failed
+from head_tracking.dynamixel.requests import Steps
+
+T = TypeVar("T")
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
 GOAL, SPEED, TORQUE, POSITION = 30, 32, 24, 36
 
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)
 
 Packet = tuple[object, ...]
 
@@ -235,3 +241,10 @@ def goal_bytes(ticks: int, speed: int) -> bytes:
 
 def writes(log: list[Packet]) -> list[Packet]:
     return [packet for packet in log if packet[0] in ("write", "sync")]
+
+
+def submit(bus: ServoBus, steps: Steps[T]) -> Future[T]:
+    """Ask a bus for what takes steps, as another thread does, and let it take the first one."""
+    future: Future[T] = bus.requests.add(lambda: steps)
+    bus.requests.begin_next()
+    return future

@@ -17,13 +17,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from robot_under_test import wait_for
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
+from waiting import failing_waits, wait_for
 
-from head_tracking.ros.spinning import NodeThreads
+from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.transforms import TransformBuffer
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -75,6 +75,7 @@ class Head:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             resources.callback(rclpy.try_shutdown)
             self.threads = resources.enter_context(closing(NodeThreads()))
+            resources.enter_context(failing_waits(self.threads))
             self.robot: Node = rclpy.create_node("robot")
             self._joints = self.robot.create_publisher(JointState, "joint_states", 10)
             self._targets = self.robot.create_publisher(PointStamped, "target_point", 10)

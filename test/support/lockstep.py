@@ -30,8 +30,8 @@ from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import JointState, RobotModel
 
-PAN = JointConfiguration("head_pan_joint", "head_pan_controller", 1)
-TILT = JointConfiguration("head_tilt_joint", "head_tilt_controller", 2, min=300, max=800)
+PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
+TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)
 
 _START = 1_000_000_000_000  # ns
 _TOPIC_DELAY = 1_000_000  # ns

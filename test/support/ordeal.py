@@ -20,6 +20,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo, WriteLog
 
 PERIOD = 0.02
@@ -57,7 +58,7 @@ class Ordeal:
         due = self.bench.now()
         for k in range(cycles):
             due = max(due + round(PERIOD * 1e9), self.bench.now())
-            while self.bus.fill(due):
+            while self.bus.cycle.fill(due):
                 pass
             self.bench.clock.now = max(due, self.bench.now())
             with suppress(GoalError):
@@ -72,9 +73,9 @@ class Ordeal:
                 self.recover()
 
     def recover(self) -> None:
-        if any(self.bus.torque(j.joint_name) is Torque.OFF_BY_FAULT for j in self.joints):
+        if any(self.bus.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self.joints):
             with suppress(DynamixelError):
-                self.bus.run(self.bus.recovering())
+                run(self.bus.recovering())
 
     def check(self, reading: BusReading) -> None:
         """What is told was true when it was stamped."""
@@ -105,5 +106,5 @@ class Ordeal:
 def ordeal_joint(servo_id: int, model: ServoModel) -> JointConfiguration:
     low, high = model.ticks // 4, 3 * model.ticks // 4
     return JointConfiguration(
-        f"j{servo_id}", f"c{servo_id}", servo_id, model.center, low, high, model=model
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
     )

@@ -19,11 +19,11 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from waiting import wait_for
+from waiting import failing_waits, wait_for
 
 from head_tracking.dynamixel import Goal
-from head_tracking.ros.spinning import NodeThreads
-from head_tracking.ros.stop_signal import StopSignal
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.control import compose
 from head_tracking.run.node_sets import PAGE
 from head_tracking.run.options import parse_arguments
@@ -51,6 +51,7 @@ class Robot:
         resources.callback(rclpy.try_shutdown)
         servos = resources.enter_context(ExitStack())
         self.threads = resources.enter_context(closing(NodeThreads()))
+        resources.enter_context(failing_waits(self.threads))
         self.composition = compose(plan, self.threads, servos, StopSignal())
         self.simulated = self.composition.simulated
         self.node: Node = rclpy.create_node("person")

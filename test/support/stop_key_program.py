@@ -1,25 +1,26 @@
 """A program with a STOP key; its lines are for the test that types into its terminal."""
 
 import os
+import select
+import signal
 import sys
 import time
 
-from head_tracking.ros.stop_signal import StopSignal
-from head_tracking.run.stop_key import StopKey
-
-
-def said(words: str) -> list[str]:
-    return [words]
+from head_tracking.run.stop_key import StopKey, carry_out
 
 
 def main(way: str) -> None:
     def say(line: str) -> None:
         print(f"<{line}>", flush=True)
 
-    with (
-        StopSignal() as stop,
-        StopKey(lambda: said("pan relaxed"), lambda: said("slowly"), say) as key,
-    ):
+    suspended: list[int] = []
+    ended: list[int] = []
+    key = StopKey()
+    signal.signal(signal.SIGTSTP, lambda number, _: suspended.append(number))
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, lambda number, _: ended.append(number))
+    key.acquire()
+    try:
         say(f"process {os.getpid()}")
         say(f"keys work: {key.works}")
         if way == "error":
@@ -27,8 +28,17 @@ def main(way: str) -> None:
         if way == "exit":
             sys.exit(0)
         end = time.monotonic() + 60.0
-        while not stop() and time.monotonic() < end:
-            stop.wait(0.1)
+        while not ended and time.monotonic() < end:
+            if suspended:
+                suspended.clear()
+                key.suspend()
+            key.acquire()
+            if select.select([key] if key.works else [], [], [], 0.05)[0]:
+                pressed = key.read()
+                if pressed:
+                    say(carry_out(pressed, lambda: ["pan relaxed"], lambda: ["slowly"]))
+    finally:
+        key.release()
 
 
 if __name__ == "__main__":

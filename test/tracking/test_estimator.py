@@ -91,7 +91,7 @@ def test_noise_is_averaged_out_for_a_calm_target():
 def test_it_knows_how_noisy_the_points_are_and_how_sure_it_is():
     calm = fed(lambda t: (2.0, 0.0, 0.3), noise=0.001).estimate
     rough = fed(lambda t: (2.0, 0.0, 0.3), noise=0.02).estimate
-    assert 3.0 < rough.noise[0] / calm.noise[0] < 100.0
+    assert 9.0 < rough.bearings[0].variance / calm.bearings[0].variance < 1e4
     assert rough.deviation(0, rough.stamp) > calm.deviation(0, calm.stamp)
     assert rough.deviation(0, rough.stamp + 0.3) > rough.deviation(0, rough.stamp)
     assert rough.speed_deviation(0) > calm.speed_deviation(0)
@@ -185,9 +185,9 @@ def test_after_a_long_pause_the_target_is_a_new_one():
 def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
     estimator = fed(lambda t: (2.0, t, 0.0))
     estimate = estimator.estimate
-    timeout = estimator.parameters.target_timeout
-    assert math.hypot(*estimate.velocity(estimate.stamp + timeout)) == pytest.approx(0.0, abs=1e-9)
-    end = estimate.sight_at(estimate.stamp + timeout)
+    stopped = estimate.stamp + estimator.horizon + estimator.parameters.target_timeout
+    assert math.hypot(*estimate.velocity(stopped)) == pytest.approx(0.0, abs=1e-9)
+    end = estimate.sight_at(stopped)
     assert estimate.sight_at(estimate.stamp + 60.0) == pytest.approx(end)
 
 
@@ -348,7 +348,8 @@ def test_stated_deviations_are_those_of_the_predictions(frequency):
                 off = expected[joint] - there[joint]
                 squares.append((off / estimate.deviation(joint, t + ahead)) ** 2)
     assert 0.5 < sum(squares) / len(squares) < 2.0
-    assert estimator.estimate.noise == pytest.approx((0.002, 0.002), rel=0.5)
+    for bearing in estimator.estimate.bearings:
+        assert math.sqrt(bearing.variance) == pytest.approx(0.002, rel=0.5)
 
 
 @pytest.mark.parametrize(("level", "verdict"), [(0.0, Verdict.TAKEN), (1.3, Verdict.JUMP)])

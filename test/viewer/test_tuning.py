@@ -10,7 +10,7 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.ros.other_parameters import Setting
+from head_tracking.ros.kit.other_parameters import Setting
 from head_tracking.viewer.logarithmic_slider import LogarithmicScale, LogarithmicSlider
 from head_tracking.viewer.tuning_panel import (
     TuningPanel,

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from head_tracking.transforms import Rotation
 from head_tracking.vision import Box, Camera, CameraError, camera_with_view
 
 K = [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]
@@ -48,6 +49,46 @@ def test_distortion_is_undone(model, distortion):
         v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     pixel = (500.0 * u + 320.0, 510.0 * v + 240.0)
     assert camera.ray(pixel) == pytest.approx((x, y), abs=1e-6)
+
+
+P = [480.0, 0.0, 330.0, 0.0, 0.0, 480.0, 235.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+BENT = (-0.28, 0.07, 1e-3, -5e-4, 0.01)
+TURN = Rotation.from_rpy(0.02, -0.05, 0.01).as_matrix()
+
+
+def test_rectified_images_are_seen_by_p_alone():
+    camera = Camera.from_calibration(
+        (640, 480), K, BENT, turn=TURN.ravel().tolist(), projection=P, rectified=True
+    )
+    assert camera.ray((330.0 + 48.0, 235.0 - 96.0)) == pytest.approx((0.1, -0.2))
+    assert camera.pixel((0.2, -0.4, 2.0)) == pytest.approx((378.0, 139.0))
+
+
+@pytest.mark.parametrize("distortion", [(), BENT])
+def test_raw_images_are_turned_into_the_frame_of_rectified_ones(distortion):
+    straight = Camera.from_calibration((640, 480), K, distortion)
+    turned = Camera.from_calibration((640, 480), K, distortion, turn=TURN.ravel().tolist())
+    pixel = (411.0, 187.0)
+    x, y, z = TURN @ (*straight.ray(pixel), 1.0)
+    assert turned.ray(pixel) == pytest.approx((x / z, y / z))
+    assert turned.pixel((2.0 * x, 2.0 * y, 2.0 * z)) == pytest.approx(pixel, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"distortion": (0.1, 0.2, 0.3)},
+        {"distortion": (0.1,) * 6, "model": "rational_polynomial"},
+        {"distortion": (0.1,) * 5, "model": "equidistant"},
+        {"turn": [2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
+        {"turn": [1.0, 0.0]},
+        {"rectified": True},
+        {"rectified": True, "projection": [0.0] * 12},
+    ],
+)
+def test_a_calibration_that_makes_no_sense_is_refused(wrong):
+    with pytest.raises(CameraError):
+        Camera.from_calibration((640, 480), K, **wrong)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,9 @@
 """Faces of real people: turned, half covered, small and dark; and what is no face."""
 
+import cv2
 import numpy as np
 import pytest
-from photographs import EMPTY, FACES, FOLDER, empty, photographs
+from photographs import EMPTY, FACES, FOLDER, Photograph, empty, photographs
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.vision import (
@@ -53,6 +54,33 @@ def test_the_net_finds_nine_of_ten_faces_of_people(net, kind, degrees):
     found, false = share(net, kind, degrees, lights=(1,))
     assert found >= 0.9
     assert false == 0
+
+
+@with_photographs
+def test_faces_that_fill_a_large_noisy_image_are_found(net):
+    rng, found = np.random.default_rng(1), []
+    for shot in photographs("upright", 20, sizes=(300,)):
+        large = cv2.resize(shot.picture, None, fx=2.25, fy=2.25, interpolation=cv2.INTER_CUBIC)
+        large = (large + rng.normal(0.0, 40.0, large.shape)).clip(0, 255).astype(np.uint8)
+        centre = (2.25 * shot.centre[0], 2.25 * shot.centre[1])
+        truth = Photograph(large, centre, 2.25 * shot.size)
+        net.reset()
+        found.append(any(truth.shows(face.box) for face in net.detect(frame(large), [])))
+    assert sum(found) >= 0.85 * len(found)
+
+
+@with_photographs
+def test_a_low_score_lets_uncertain_faces_through():
+    def found(score):
+        detector = FaceDetector(FaceParameters(min_score=score))
+        if detector.shortcoming:
+            pytest.skip(detector.shortcoming)
+        shots = photographs("half-covered", 45, sizes=(20,), lights=(0.25,))
+        return [face for shot in shots for face in detector.detect(frame(shot.picture), [])]
+
+    uncertain = [face for face in found(0.2) if face.confidence < 0.6]
+    assert uncertain
+    assert not [face for face in found(0.6) if face.confidence < 0.6]
 
 
 @with_photographs

@@ -96,6 +96,12 @@ def test_the_larger_of_two_is_chosen_and_kept(identity):
     assert numbers[4:14] == [None] * 10, "no jump to the other one"
 
 
+@pytest.mark.parametrize("rate", [30, 10, 5])
+def test_the_speed_of_something_is_not_overestimated_when_images_are_rare(identity, rate):
+    follow(identity, [[seen(-1.0 + 0.4 * i / rate)] for i in range(4 * rate)], period=1 / rate)
+    assert identity.followed.velocity[0] == pytest.approx(0.4, rel=0.01)
+
+
 def test_after_a_while_another_one_is_taken(identity):
     frames = [[seen(-0.3), seen(0.3)]] * 5 + [[seen(0.3)]] * 70
     numbers = follow(identity, frames)

@@ -1,0 +1,131 @@
+"""doctor: checks the port, the adapter, the servos, the configuration and the clocks of a head."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+from head_tracking.cli.doctor.findings import Finding, Grade, show
+
+_UNKNOWN: Final = 3
+_LIBRARIES: Final = {
+    "numpy": "sudo apt install python3-numpy",
+    "rich": "sudo apt install python3-rich",
+    "serial": "sudo apt install python3-serial",
+    "xacro": "sudo apt install ros-jazzy-xacro",
+    "yaml": "sudo apt install python3-yaml",
+    "yourdfpy": "ros2 run head_tracking head_setup yourdfpy",
+}
+"""What has to be installed, and how on Ubuntu with ROS."""
+
+_EPILOG = """\
+Moves nothing, writes to no servo, and leaves a port alone that another program owns.
+exit codes, as monitoring plugins have them: 0 all green; 1 something is amber; 2 something is red;
+3 nothing was checked (wrong command line). ROS's own arguments follow --ros-args.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """2 means that something is red, not that the command line is wrong."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        self.exit(_UNKNOWN, f"{self.prog}: {message}\n")
+
+
+def main(arguments: Sequence[str] | None = None, **bus: Any) -> int:
+    """Check everything and return the exit code; `bus` holds options of `check_bus`."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    ros = words.index("--ros-args") if "--ros-args" in words else len(words)
+    options = _parser().parse_args(words[:ros])
+    worst = Grade.GREEN
+    try:
+        for finding in _check(options, words[ros:], bus):
+            show(finding, sys.stdout)
+            worst = max(worst, finding.level)
+    except KeyboardInterrupt:
+        return 130
+    print(f"\n{'all is' if worst is Grade.GREEN else 'something is'} {worst.name.lower()}")
+    return worst
+
+
+def _check(
+    options: argparse.Namespace, ros: Sequence[str], bus: dict[str, Any]
+) -> Iterator[Finding]:
+    missing = {name: reason for name in _LIBRARIES if (reason := _import_error(name))}
+    for name, reason in missing.items():
+        yield Finding("libraries", Grade.RED, f"{reason}: {_LIBRARIES[name]}, or ./scripts/run")
+    if not missing:
+        yield Finding("libraries", Grade.GREEN, f"Python {sys.version.split()[0]}")
+        yield from _check_head(options, bus)
+    reason = _import_error("head_tracking.cli.doctor.network")
+    if reason:
+        text = f"{reason}: no node runs. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
+        yield Finding("network", Grade.AMBER, text)
+    elif options.listen <= 0.0:
+        yield Finding("network", Grade.SKIPPED, "not checked with --listen 0")
+    else:
+        from head_tracking.cli.doctor.network import check_network
+
+        yield from check_network(ros, options.listen)
+
+
+def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
+    from head_tracking.cli.doctor.configured import check_configured, check_model
+    from head_tracking.cli.doctor.servos import check_bus
+    from head_tracking.share import NotInstalledError, robot_parameters
+
+    try:
+        files = [*robot_parameters(options.robot), *options.params]
+    except NotInstalledError as error:
+        yield Finding("configuration", Grade.RED, str(error))
+        return
+    finding, buses = check_configured(files, options.port, options.baud)
+    yield finding
+    if buses:
+        yield check_model(options.robot, files, buses)
+    for each in buses if not options.sim else ():
+        yield from check_bus(each, **bus)
+
+
+def _import_error(module: str) -> str:
+    """Return why a module cannot be imported; empty if it can."""
+    try:
+        importlib.import_module(module)
+    except Exception as error:  # a broken library may raise anything
+        return f"{type(error).__name__}: {error}".splitlines()[0]
+    return ""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="doctor",
+        description="Checks what a head needs, and reports what is missing or wrong.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--sim", action="store_true", help="there is no hardware: leave the servos out")
+    add("--port", default="", metavar="DEV", help="serial port (as configured, or /dev/ttyUSB0)")
+    add("--baud", type=int, default=0, metavar="RATE", help="its baud rate (as configured)")
+    add(
+        "--robot", default="kinectbot", metavar="NAME|FILE",
+        help="its name, or a URDF or xacro file (%(default)s)",
+    )  # fmt: skip
+    add(
+        "--params", action="append", type=Path, default=[], metavar="FILE",
+        help="parameters in YAML, over the robot's own; can be given several times",
+    )  # fmt: skip
+    add(
+        "--listen", type=float, default=3.0, metavar="S",
+        help="how long to listen to other nodes; 0: not at all (%(default)s s)",
+    )  # fmt: skip
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,70 @@
+"""doctor checks parameter files and the robot's model, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from head_tracking.cli.doctor.findings import Finding, Grade
+from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
+from head_tracking.dynamixel import ConfigurationError
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.gaze import PanTiltHead
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+
+_SLACK: Final = 0.02  # rad
+
+
+def check_configured(
+    files: Sequence[Path], port_name: str = "", baud_rate: int = 0
+) -> tuple[Finding, tuple[ConfiguredBus, ...]]:
+    """Check that servo_bus can use the parameter files, and return the buses that it would open.
+
+    Args:
+        files: Parameter files; later ones win.
+        port_name: Replaces the configured port, unless empty.
+        baud_rate: Replaces the configured one, unless 0.
+    """
+    try:
+        buses = configured_buses(files, port_name, baud_rate)
+    except (OSError, ValueError, yaml.YAMLError, ConfigurationError) as error:
+        reason = " ".join(str(error).split())
+        text = f"{reason}; correct it in {', '.join(map(str, files))}"
+        return Finding("configuration", Grade.RED, text), ()
+    servos = "; ".join(
+        f"{joint.joint_name} {'/'.join(str(each.id) for each in joint.calibrations)}, "
+        f"{joint.model.name}"
+        for bus in buses
+        for joint in bus.joints
+    )
+    return Finding("configuration", Grade.GREEN, f"joints and ids: {servos}"), buses
+
+
+def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
+    """Check that the robot's model can be read, has a pan/tilt head, and fits the servos."""
+    pan, tilt, frame = head_names("head_tracker", files)
+    try:
+        model = load_robot_model(robot_file(robot))
+        PanTiltHead(model, pan, tilt, frame)
+    except HeadTrackingError as error:
+        return Finding("model", Grade.RED, str(error))
+    problems, level = [], Grade.GREEN
+    for joint in (joint for bus in buses for joint in bus.joints):
+        in_model = model.joints.get(joint.joint_name)
+        if in_model is None:
+            problems.append(f"it has no joint {joint.joint_name}; it has {', '.join(model.joints)}")
+            level = Grade.RED
+            continue
+        lower, upper = in_model.limits.lower, in_model.limits.upper
+        if joint.lower < lower - _SLACK or joint.upper > upper + _SLACK:
+            problems.append(
+                f"the limits of {joint.joint_name}, {lower:.2f} to {upper:.2f} rad, are narrower "
+                f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
+            )
+            level = max(level, Grade.AMBER)
+    text = "; ".join(problems) or f"{frame} can be pointed"
+    return Finding("model", level, f"{robot}: {text}")

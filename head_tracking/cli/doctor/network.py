@@ -1,0 +1,155 @@
+"""doctor listens to the running nodes: their clocks and diagnostics. It publishes nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from statistics import median
+from typing import Any, Final, NamedTuple
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from head_tracking.cli.doctor.findings import Finding, Grade
+from head_tracking.ros.kit.start import in_short
+
+_TOPICS: Final = {
+    "servo_states": JointState,
+    "joint_states": JointState,
+    "joint_commands": JointState,
+    "target_point": PointStamped,
+    "/diagnostics": DiagnosticArray,
+}
+_SKEW: Final = (0.010, 0.100)  # s: amber, red; the path of a message is part of it
+_AHEAD: Final = (0.002, 0.020)  # s that a message may seem to come before it was sent
+_OLD: Final = (0.3, 1.0)  # s; a target_timeout of 1 s is usual
+_OTHER_CLOCK: Final = 1e7  # s
+
+
+class Times(NamedTuple):
+    """When a message was sent and received, and its stamp, by the clocks of two machines, s.
+
+    The stamp is 0 where a message has none.
+    """
+
+    sent: float
+    received: float
+    stamp: float
+
+
+class Received(NamedTuple):
+    """What was received within some time.
+
+    Attributes:
+        times: The times of each message, by topic.
+        diagnostics: The latest level and message of each entry.
+        nodes: How many other nodes were there.
+    """
+
+    times: Mapping[str, Sequence[Times]]
+    diagnostics: Mapping[str, tuple[int, str]]
+    nodes: int
+
+
+def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]:
+    """Check clocks, targets and diagnostics.
+
+    Args:
+        arguments: ROS's own, such as --ros-args -r __ns:=/left.
+        seconds: How long to listen.
+    """
+    try:
+        heard = listen(arguments, seconds)
+    except RuntimeError as error:  # rclpy's
+        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/distributed.md"
+        yield Finding("network", Grade.RED, text)
+        return
+    yield Finding("network", Grade.GREEN, f"{heard.nodes} other nodes")
+    yield check_clocks(heard.times)
+    yield check_targets(heard.times.get("target_point", ()))
+    for name, (status, message) in sorted(heard.diagnostics.items()):
+        level = {0: Grade.GREEN, 2: Grade.RED}.get(status, Grade.AMBER)
+        yield Finding("diagnostics", level, f"{name}: {message}")
+
+
+def listen(arguments: Sequence[str], seconds: float) -> Received:
+    """Listen with a node that publishes nothing; raise RuntimeError if ROS does not start."""
+    times: dict[str, list[Times]] = {}
+    diagnostics: dict[str, tuple[int, str]] = {}
+
+    def receiver(topic: str) -> Callable[[Any, Any], None]:
+        def receive(message: Any, info: Any) -> None:
+            stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+            received = (info["received_timestamp"] or time.time_ns()) * 1e-9
+            times.setdefault(topic, []).append(
+                Times(info["source_timestamp"] * 1e-9, received, stamp)
+            )
+            for entry in getattr(message, "status", ()):
+                diagnostics[entry.name] = (int.from_bytes(entry.level, "little"), entry.message)
+
+        return receive
+
+    context = rclpy.Context()
+    rclpy.init(
+        args=list(arguments), context=context, signal_handler_options=SignalHandlerOptions.NO
+    )
+    try:
+        node = rclpy.create_node(
+            "doctor", context=context, start_parameter_services=False, enable_rosout=False
+        )
+        qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+        for topic, kind in _TOPICS.items():
+            node.create_subscription(kind, topic, receiver(topic), qos)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        deadline = time.monotonic() + seconds
+        while (rest := deadline - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=rest)
+        nodes = len(node.get_node_names()) - 1
+        executor.shutdown()
+        node.destroy_node()
+        return Received(times, diagnostics, nodes)
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
+    """Check the clocks of other machines: the quickest message of a topic bounds their offset."""
+    skews = {
+        topic: min(each.received - each.sent for each in found)
+        for topic, found in times.items()
+        if all(each.sent > 0.0 for each in found)
+    }
+    if not skews:
+        return Finding("clock skew", Grade.SKIPPED, "no message was received")
+    topic = max(skews, key=lambda name: abs(skews[name]))
+    skew, level = skews[topic], Grade.GREEN
+    if not -_AHEAD[1] <= skew <= _SKEW[1]:
+        level = Grade.RED
+    elif not -_AHEAD[0] <= skew <= _SKEW[0]:
+        level = Grade.AMBER
+    text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
+    cure = "" if level is Grade.GREEN else ": synchronise the clocks (docs/distributed.md)"
+    return Finding("clock skew", level, text + cure)
+
+
+def check_targets(times: Sequence[Times]) -> Finding:
+    """Check the stamps of targets, which have to be those of their images."""
+    ages = [each.received - each.stamp for each in times if each.stamp]
+    if not ages:
+        return Finding("stamps of targets", Grade.SKIPPED, "no target_point with a stamp came")
+    age, level = median(ages), Grade.GREEN
+    text = f"{1e3 * age:.0f} ms old when they are received"
+    if abs(age) > _OTHER_CLOCK:
+        level, text = Grade.AMBER, "not the wall clock's; use_sim_time must agree on all nodes"
+    elif not -_AHEAD[1] <= age <= _OLD[1]:
+        level, text = Grade.RED, f"{text}: such targets are not followed"
+    elif age > _OLD[0]:
+        level = Grade.AMBER
+    cure = "" if level is Grade.GREEN else "; stamp each target with the time of its image"
+    return Finding("stamps of targets", level, text + cure)

@@ -1,0 +1,143 @@
+"""doctor checks a port, its adapter, and the servos on it. It pings and reads, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from statistics import median
+from typing import Final
+
+from head_tracking.cli.doctor.findings import Finding, Grade
+from head_tracking.cli.servo.bench import patient_port
+from head_tracking.configuration import ConfiguredBus
+from head_tracking.dynamixel import (
+    BusSettings,
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    DynamixelPort,
+    PortBusyError,
+    PortError,
+    PortLostError,
+    ReplyTimeoutError,
+    Servo,
+    ServoError,
+    Symptom,
+    describe_errors,
+)
+from head_tracking.dynamixel.diagnosis import conditions, swapped
+from head_tracking.dynamixel.servo import run
+
+_READINGS: Final = 50
+_FEW: Final = 0.05  # of the readings that may fail
+_SPOILT: Final = (0, 255)  # firmware versions of a servo whose update was broken off
+
+
+def check_bus(
+    bus: ConfiguredBus, make_port: Callable[[str, int], DynamixelPort] = patient_port
+) -> Iterator[Finding]:
+    """Check a port and all that is on it. A port that another program owns is left alone."""
+    try:
+        port = make_port(bus.port_name, bus.baud_rate)
+        port.open()
+    except PortBusyError as error:
+        yield Finding("port", Grade.AMBER, f"{error}. It was left alone")
+        return
+    except (PortError, ConfigurationError) as error:
+        yield Finding("port", Grade.RED, str(error))
+        return
+    with closing(port):
+        yield Finding("port", Grade.GREEN, f"{bus.port_name} at {bus.baud_rate} baud")
+        try:
+            servos = [
+                Servo(port, calibration.id, calibration.model, calibration)
+                for joint in bus.joints
+                for calibration in joint.calibrations
+            ]
+            for servo in servos:
+                yield from _check_servo(servo, port, bus.settings)
+            yield from _check_limits(servos)
+            yield from _check_line(bus, port, [each for each in servos if each.identity])
+        except PortLostError as error:
+            yield Finding("port", Grade.RED, str(error))
+
+
+def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> Iterator[Finding]:
+    name, model = f"servo {servo.id}", servo.model
+    joint = servo.calibration.joint_name
+    try:
+        servo.ping(3)
+        identity = run(servo.identify(keep_torque=True))
+        servo.read_feedback(3)
+        errors = servo.read_errors()
+    except ReplyTimeoutError:
+        text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and its cable; "
+        yield Finding(name, Grade.RED, f"{text}`servo scan` tries other ids and baud rates")
+        return
+    except (CommunicationError, ServoError, ConfigurationError) as error:
+        twin = "; two servos may have this id" if isinstance(error, CorruptReplyError) else ""
+        yield Finding(name, Grade.RED, f"{joint}: {error}{twin}")
+        return
+    problems: list[tuple[Grade, str]] = []
+    if port.surplus[servo.id]:
+        cure = "connect one of them alone, `servo set-id`"
+        problems.append((Grade.RED, f"two servos have this id, or the line is disturbed: {cure}"))
+    if errors or identity.faulted:
+        state = "has shut itself down" if identity.faulted else "reports"
+        cure = "let it cool, call `recover` or cycle its power"
+        problems.append((Grade.RED, f"it {state}: {describe_errors(errors)}; {cure}"))
+    if identity.firmware_version in _SPOILT:
+        text = f"firmware {identity.firmware_version}: an update was broken off; recover it with "
+        problems.append((Grade.RED, f"{text}Dynamixel Wizard"))
+    volts, celsius = servo.voltage, servo.temperature
+    is_red = {
+        Symptom.SUPPLY: volts < identity.lowest_voltage,
+        Symptom.WARM: celsius >= min(settings.hot, identity.temperature_limit),
+    }
+    for symptom, text in conditions(servo, settings.warm, 0.9).items():  # 0.9: nothing moves
+        problems.append((Grade.RED if is_red[symptom] else Grade.AMBER, text))
+    level = max((level for level, _ in problems), default=Grade.GREEN)
+    facts = f"{joint}: {model.name}, firmware {identity.firmware_version}, {volts:.1f} V, "
+    yield Finding(name, level, "; ".join([f"{facts}{celsius:.0f} °C", *(t for _, t in problems)]))
+
+
+def _check_limits(servos: Sequence[Servo]) -> Iterator[Finding]:
+    for servo_id, other in swapped(servos).items():
+        text = f"its memory has the angle limits of servo {other.id}: are the two ids swapped?"
+        yield Finding(f"servo {servo_id}", Grade.RED, text)
+
+
+def _check_line(
+    bus: ConfiguredBus, port: DynamixelPort, servos: Sequence[Servo]
+) -> Iterator[Finding]:
+    """Check how well and how fast the servos can be read, as the bus will do it."""
+    failed, times = 0, []
+    for _ in range(_READINGS if servos else 0):
+        begin, before = port.clock(), failed
+        for servo in servos:
+            try:
+                servo.read_feedback()
+            except CommunicationError:
+                failed += 1
+        if failed == before:
+            times.append(port.clock() - begin)
+    cycle, period = median(times) if times else float("inf"), 1.0 / bus.update_rate
+    slow = bool(servos) and cycle > 0.8 * period
+    adapter, advice = str(port.adapter), port.adapter.advice
+    level = Grade.GREEN if not advice else Grade.RED if slow else Grade.AMBER
+    yield Finding("adapter", level, f"{adapter}; {advice}" if advice else adapter)
+    if not servos:
+        return
+    total = _READINGS * len(servos)
+    text = f"{failed} of {total} readings failed; a cycle takes {1e3 * cycle:.1f} of "
+    text += f"{1e3 * period:.0f} ms"
+    level = Grade.GREEN
+    if slow:
+        level, text = (
+            Grade.RED,
+            f"{text}: raise the baud rate, or lower return_delay, update_rate",
+        )
+    if failed:
+        level = Grade.RED if slow or failed > _FEW * total else Grade.AMBER
+        text += "; check plugs, cables, ground and supply, and for a second master"
+    yield Finding("line", level, text)

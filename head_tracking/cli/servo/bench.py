@@ -1,0 +1,200 @@
+"""The terminal, the port, and the servos on it, for all commands of `servo`."""
+
+from __future__ import annotations
+
+import select
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.progress import track
+
+from head_tracking.dynamixel.exceptions import (
+    CommunicationError,
+    ConfigurationError,
+    CorruptReplyError,
+    ReplyTimeoutError,
+)
+from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.servo import Servo
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+
+T = TypeVar("T")
+
+_RATE = 10.0  # Hz
+_PLAIN_WIDTH = 120  # of the output where there is no terminal
+_ATTEMPTS = 3
+_TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
+
+
+class ToolError(HeadTrackingError):
+    """The command cannot be carried out."""
+
+
+class Terminal:
+    """Standard input, standard output for results, standard error for everything else.
+
+    Args:
+        assume_yes: Answer every question with yes.
+    """
+
+    def __init__(self, *, assume_yes: bool = False) -> None:
+        width = None if sys.stdout.isatty() else _PLAIN_WIDTH
+        self._output = Console(file=sys.stdout, highlight=False, width=width)
+        self._messages = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+        self._input = sys.stdin
+        self._assume_yes = assume_yes
+
+    def show(self, content: RenderableType) -> None:
+        """Print a result."""
+        self._output.print(content, markup=False)
+
+    def say(self, text: str) -> None:
+        """Print a message."""
+        self._messages.print(text, markup=False)
+
+    def confirm(self, question: str) -> None:
+        """Ask whether to go on; raise RefusedError if not, or if there is no terminal."""
+        if self._assume_yes:
+            return
+        if not self._input.isatty():
+            raise RefusedError(f"{question} There is no terminal to ask on; run it with --yes")
+        self._messages.print(f"{question} [y/N] ", end="", markup=False)
+        if self._input.readline().strip().lower() not in ("y", "yes"):
+            raise RefusedError("nothing was changed")
+
+    def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
+        """Wait until Enter is pressed, and show what `read` returns in the meantime."""
+        self.say(prompt)
+        with Live(console=self._messages, auto_refresh=False, transient=True) as live:
+            while not select.select([self._input], [], [], 1.0 / _RATE)[0]:
+                live.update(read(), refresh=True)
+        if not self._input.readline():
+            raise RefusedError("the input has ended; nothing was written")
+
+    def track(self, items: Sequence[T], description: str) -> Iterable[T]:
+        """Iterate with a progress bar."""
+        return track(items, description, console=self._messages, transient=True)
+
+    @contextmanager
+    def screen(self) -> Iterator[Callable[[RenderableType], None]]:
+        """Return a function that replaces what is shown; without a terminal it prints."""
+        if not self._output.is_terminal:
+            yield self.show
+            return
+        with Live(console=self._output, auto_refresh=False) as live:
+            yield lambda content: live.update(content, refresh=True)
+
+
+def patient_port(port_name: str, baud_rate: int) -> DynamixelPort:
+    """Return a closed port with a long timeout, so that no answer is missed."""
+    return DynamixelPort(port_name, baud_rate, reply_timeout=_TIMEOUT)
+
+
+@dataclass(frozen=True, slots=True)
+class Workshop:
+    """The terminal and the port.
+
+    Attributes:
+        terminal: For input and output.
+        port_name: Device.
+        baud_rate: Bits per second, unless a command uses others.
+        make_port: Makes a closed port from device and baud rate.
+        pause: Waits so many seconds.
+        clock: Monotonic time, s.
+    """
+
+    terminal: Terminal
+    port_name: str
+    baud_rate: int
+    make_port: Callable[[str, int], DynamixelPort] = patient_port
+    pause: Callable[[float], object] = time.sleep
+    clock: Callable[[], float] = time.monotonic
+
+    @contextmanager
+    def port(self, baud_rate: int | None = None) -> Iterator[DynamixelPort]:
+        """Open the port, and close it at the end.
+
+        Raises:
+            PortError: It cannot be opened, or cannot do the baud rate.
+            ConfigurationError: No port can do the baud rate.
+        """
+        port = self.make_port(self.port_name, self.baud_rate if baud_rate is None else baud_rate)
+        port.open()
+        try:
+            if port.adapter.advice:
+                self.terminal.say(f"note: {port.adapter.advice}")
+            yield port
+        finally:
+            port.close()
+
+
+def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -> int | None:
+    """Return the protocol in which a servo answers pings; None if none does.
+
+    A damaged answer counts.
+    """
+    for attempt in range(attempts):
+        for protocol in (1, 2):
+            if protocol == 2 and servo_id > 252:
+                continue
+            try:
+                port.ping(servo_id, protocol)
+            except ReplyTimeoutError:
+                continue
+            except CorruptReplyError:
+                if attempt < attempts - 1:
+                    continue
+            return protocol
+    return None
+
+
+def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
+    """Return the servo with an id.
+
+    Args:
+        port: The open port.
+        servo_id: Its id.
+        model: Its model, for a servo that answers no reads.
+
+    Raises:
+        ToolError: It does not answer, or its model is unknown.
+    """
+    protocol = protocol_of(port, servo_id)
+    if protocol is None:
+        raise ToolError(
+            f"no servo with id {servo_id} answers on {port.name} at {port.baud_rate} baud; check "
+            "its power and cable, or look for it with `servo scan`"
+        )
+    try:
+        link = Servo(port, servo_id, servo_model_by_number(model_number(port, servo_id, protocol)))
+    except ConfigurationError as error:
+        raise ToolError(f"servo {servo_id}: {error}") from error
+    except CommunicationError as error:
+        if model is None:
+            raise ToolError(
+                f"servo {servo_id} answers pings but no reads: its Status Return Level is "
+                "probably 0. Set it to 2, and name its model: "
+                f"servo --model MODEL set {servo_id} 'Status Return Level' 2"
+            ) from error
+        link = Servo(port, servo_id, model)
+        link.acknowledges_writes = False
+        return link
+    link.acknowledges_writes = link.get("Status Return Level") >= 2
+    return link
+
+
+def model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int:
+    """Read the Model Number, which all models of a protocol have in the same place.
+
+    Raises:
+        CommunicationError: The servo answers no reads, or its answers are damaged.
+    """
+    any_model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
+    return Servo(port, servo_id, any_model).get("Model Number")

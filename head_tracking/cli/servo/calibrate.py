@@ -1,0 +1,148 @@
+"""servo calibrate: zero, range and sign of joints, by moving them by hand; writes the YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+from head_tracking.cli.servo.bench import ToolError, Workshop, find_servo
+from head_tracking.dynamixel.configuration import ServoCalibration
+from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
+from head_tracking.dynamixel.models import ServoModel
+from head_tracking.dynamixel.servo import Servo
+from head_tracking.exceptions import RefusedError
+
+_READINGS = 9
+_SMALLEST_RANGE = 0.1  # rad
+_PROMPTS = (
+    "Move it to its zero, where the head looks straight ahead",
+    "Move it to its lowest position (pan: right; tilt: up)",
+    "Move it to its highest position (pan: left; tilt: down)",
+)
+
+
+class Wanted(NamedTuple):
+    """A servo to calibrate.
+
+    Attributes:
+        name: As in the configuration, such as head_pan.
+        id: Servo id.
+    """
+
+    name: str
+    id: int
+
+
+def calibrate(
+    workshop: Workshop,
+    wanted: Sequence[Wanted],
+    model: ServoModel | None,
+    *,
+    output: Path | None,
+    margin: float,
+) -> int:
+    """Ask for three poses of each joint, write the configuration and return the exit code."""
+    for values in zip(*wanted, strict=True):
+        if len(set(values)) < len(values):
+            raise RefusedError(
+                f"{', '.join(map(str, values))}: each joint needs a name and a servo of its own"
+            )
+    terminal = workshop.terminal
+    if output is not None and output.exists():
+        terminal.confirm(f"Replace {output}?")
+    mounts: list[ServoCalibration] = []
+    with workshop.port() as port:
+        links = [find_servo(port, servo.id, model) for servo in wanted]
+        for link in links:
+            link.set_torque(False)
+        for servo, link in zip(wanted, links, strict=True):
+            terminal.say(
+                f"\n{servo.name}: servo {servo.id}, {link.model.name}. It is relaxed: move it by "
+                "hand."
+            )
+            zero, low, high = (_pose(workshop, link, prompt) for prompt in _PROMPTS)
+            mounts.append(mount_of(servo, link.model, zero, low, high, margin))
+    text = configuration(mounts, workshop.port_name, workshop.baud_rate)
+    if output is None:
+        terminal.show(text)
+        return 0
+    try:
+        output.write_text(text)
+    except OSError as error:
+        terminal.show(text)
+        raise ToolError(
+            f"cannot write {output}: {error.strerror}; its contents are shown instead"
+        ) from error
+    terminal.say(f"written to {output}")
+    return 0
+
+
+def mount_of(
+    servo: Wanted, model: ServoModel, zero: int, low: int, high: int, margin: float
+) -> ServoCalibration:
+    """Return how a servo is mounted, from the ticks at three poses.
+
+    Args:
+        servo: The servo.
+        model: Its model.
+        zero: Tick at position 0.
+        low: Tick at the lowest position; above `high` for a servo that is mounted reversed.
+        high: Tick at the highest position.
+        margin: How far to stay away from the ends, rad.
+
+    Raises:
+        RefusedError: The poses make no sense.
+    """
+    span = abs(high - low) * model.radians_per_tick
+    if span - 2.0 * margin < _SMALLEST_RANGE:
+        raise RefusedError(
+            f"{servo.name}: lowest and highest position are only {span:.2f} rad apart; was the "
+            "right joint moved?"
+        )
+    inward = round(margin / model.radians_per_tick) * (1 if high > low else -1)
+    try:
+        return ServoCalibration(servo.name, servo.id, zero, low + inward, high - inward, model)
+    except ConfigurationError as error:
+        raise RefusedError(
+            f"{error}. Zero was at tick {zero}, lowest at {low}, highest at {high}. Mount the horn "
+            f"so that the joint's zero is near tick {model.center}"
+        ) from error
+
+
+def configuration(mounts: Iterable[ServoCalibration], port_name: str, baud_rate: int) -> str:
+    """Return the servo bus's part of a configuration file such as config/kinectbot.yaml."""
+    mounts = tuple(mounts)
+    lines = [
+        "# Written by `servo calibrate`.",
+        "",
+        "/**/servo_bus:",
+        "  ros__parameters:",
+        f"    port_name: {port_name}",
+        f"    baud_rate: {baud_rate}",
+        f"    dynamixels: [{', '.join(mount.joint_name for mount in mounts)}]",
+    ]
+    for mount in mounts:
+        name, model = mount.joint_name, mount.model.name
+        motor = f"id: {mount.id}, model: {model}, init: {mount.init}, min: {mount.min}"
+        low, high = mount.position(mount.min), mount.position(mount.max)
+        lines += [
+            f"    {name}_controller:",
+            f"      joint_name: {name}_joint",
+            f"      motor: {{{motor}, max: {mount.max}}}    # {low:.3f} to {high:.3f} rad",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _pose(workshop: Workshop, link: Servo, prompt: str) -> int:
+    """Return the tick at which the joint is held when Enter is pressed."""
+
+    def read() -> str:
+        try:
+            return f"  tick {link.get('Present Position')}"
+        except CommunicationError:
+            return "  no answer"
+
+    workshop.terminal.wait_for_enter(f"{prompt}, and press Enter.", read)
+    return round(median(link.get("Present Position") for _ in range(_READINGS)))

@@ -1,0 +1,123 @@
+"""Parse and format register values."""
+
+from __future__ import annotations
+
+import math
+import re
+from enum import IntFlag
+from typing import Final
+
+from head_tracking.cli.servo.bench import ToolError
+from head_tracking.dynamixel.control_table import (
+    NUMBER,
+    ControlTable,
+    Register,
+    Sign,
+    encode_sign_magnitude,
+)
+from head_tracking.dynamixel.exceptions import RangeError
+from head_tracking.dynamixel.models import ServoModel
+from head_tracking.dynamixel.protocol import describe_errors
+
+_QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)
+_OTHER_UNITS: Final = {
+    "rad": {"deg": math.radians(1.0), "°": math.radians(1.0)},
+    "rad/s": {"deg/s": math.radians(1.0), "rpm": 2.0 * math.pi / 60.0},
+    "µs": {"us": 1.0, "ms": 1e3},
+    "ms": {"s": 1e3},
+    "°C": {"C": 1.0},
+    "mA": {"A": 1e3},
+    "V": {"mV": 1e-3},
+}
+"""What else a quantity may be given in, by the register's own unit."""
+
+UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
+"""Registers in which 0 is full speed, not a stop."""
+
+
+def asks_for_full_speed(text: str) -> bool:
+    """Return whether a value is the word for full speed."""
+    return text.strip().lower() in ("full", "full speed")
+
+
+def find_register(table: ControlTable, text: str) -> Register:
+    """Return the register of that name, in capitals or not, or at that address.
+
+    Raises:
+        ToolError: There is none.
+    """
+    wanted = text.strip().replace("_", " ").lower()
+    for register in table:
+        if register.name.lower() == wanted or str(register.address) == wanted:
+            return register
+    near = [register.name for register in table if wanted in register.name.lower()]
+    names = near or [r.name for r in table if not r.name.startswith("Indirect")]
+    raise ToolError(f"{table.name} has no register {text!r}; it has {', '.join(names)}")
+
+
+def parse_value(register: Register, text: str) -> int:
+    """Return the register value for a number of counts, a quantity with its unit, or "full".
+
+    Raises:
+        ToolError: It is neither, or outside the register's range.
+    """
+    if register.name in UNLIMITED and asks_for_full_speed(text):
+        return 0
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ToolError(f"{text!r} is not a value for {register.name}; {_allowed(register)}")
+    number, unit = float(match[1]), match[2]
+    own = register.unit.symbol
+    scales = {own: 1.0} | _OTHER_UNITS.get(own, {}) if own else {}
+    try:
+        if unit in scales:
+            value = register.from_unit(number * scales[unit])
+        elif unit:
+            units = ", ".join(scales) or "none"
+            raise ToolError(f"{register.name} has no unit {unit!r}; its units: {units}")
+        elif number != int(number):
+            raise ToolError(f"{register.name} counts whole numbers; {_allowed(register)}")
+        elif register.sign is Sign.MAGNITUDE and number < 0:
+            value = encode_sign_magnitude(int(number))
+        else:
+            value = int(number)
+    except (RangeError, OverflowError) as error:
+        raise ToolError(
+            f"{text} does not fit into {register.name}; {_allowed(register)}"
+        ) from error
+    if not register.writable:
+        raise ToolError(f"{register.name} can only be read")
+    if not register.admits(value):
+        raise ToolError(f"{register.name} cannot be {text}; {_allowed(register)}")
+    return value
+
+
+def in_words(model: ServoModel, register: Register, value: int) -> str:
+    """Return a value in the register's unit, or the meaning of a code; "" for plain numbers."""
+    if register.name == "Baud Rate":
+        return f"{model.baud_rates.get(value, '?')} baud"
+    if register.name in ("Shutdown", "Alarm LED", "Hardware Error Status"):
+        errors: IntFlag = model.errors(value & sum(model.errors))
+        return describe_errors(errors)
+    if register.unit == NUMBER:
+        return ""
+    if register.name in UNLIMITED and value == 0:
+        return "full speed"
+    try:
+        quantity = register.in_unit(value)
+    except RangeError:
+        return "?"
+    text = f"{quantity:.4g} {register.unit.symbol}"
+    if register.unit.symbol == "rad":
+        text += f" ({math.degrees(quantity):.1f}°)"
+    return text
+
+
+def _allowed(register: Register) -> str:
+    if not register.writable or register.minimum is None or register.maximum is None:
+        return "it can only be read"
+    text = f"allowed are {register.minimum} to {register.maximum}"
+    if register.unit.symbol and register.sign is not Sign.MAGNITUDE:
+        low, high = register.in_unit(register.minimum), register.in_unit(register.maximum)
+        text += f", that is {low:.4g} to {high:.4g} {register.unit.symbol}"
+    return text

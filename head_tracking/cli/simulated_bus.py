@@ -1,0 +1,184 @@
+"""simulated_bus: serves simulated Dynamixel servos on a port that any program can open."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from random import Random
+from typing import NamedTuple
+
+from head_tracking.command_line import between, named_id, read_by, servo_id
+from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.models import ServoModel, servo_model
+from head_tracking.simulation import (
+    Fault,
+    Faults,
+    SimulatedBus,
+    SimulatedPort,
+    SimulatedServo,
+    SimulationError,
+)
+
+_model = read_by(servo_model, ConfigurationError)
+
+
+class ServoOption(NamedTuple):
+    """A servo that the command line asks for."""
+
+    model: ServoModel
+    id: int
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the port to open and serve it until SIGINT or SIGTERM; return the exit code."""
+    options = _parser().parse_args(arguments)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    random = Random(options.seed)
+    servos = [ServoOption(options.model, number) for number in options.ids or ()]
+    servos += options.servo or ()
+    servos = servos or [ServoOption(options.model, 1), ServoOption(options.model, 2)]
+    faults = Faults(random, options.faults / 100.0, options.kinds or tuple(Fault))
+    try:
+        bus = SimulatedBus(
+            [_servo(option, options, random) for option in servos],
+            faults=faults,
+            echo=options.echo,
+        )
+        with SimulatedPort(
+            bus,
+            link=options.link,
+            paced=options.paced,
+            latency=options.latency * 1e-3,
+            match_baud_rate=options.baud is not None,
+            spinning=options.exact,
+            on_failure=stopped.set,
+        ) as port:
+            print(port.port_name, flush=True)
+            print(_summary(servos, options.baud), file=sys.stderr)
+            _serve(port, stopped, options.unplug_every, random)
+    except SimulationError as error:
+        print(f"simulated_bus: {error}", file=sys.stderr)
+        return 1
+    if port.overlaps:
+        times = ", ".join(f"{kind.value} {n}" for kind, n in port.overlaps.most_common())
+        print(f"two senders at once: {times}", file=sys.stderr)
+    if faults.counts:
+        counts = ", ".join(f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common())
+        print(f"faults: {counts}", file=sys.stderr)
+    if port.failure is not None:
+        print("simulated_bus: the simulator itself failed; the port has vanished", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="simulated_bus",
+        description="Simulates Dynamixel servos on a serial port; prints the port to open.",
+    )
+    add = parser.add_argument
+    add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
+    add("--model", type=_model, default=servo_model("AX-12"), help="their model (default: AX-12)")
+    add(
+        "--servo", type=_servo_option, action="append", metavar="MODEL:ID",
+        help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",
+    )  # fmt: skip
+    add(
+        "--firmware", type=between(1, 255, "", int), metavar="N",
+        help="version of their firmware, and so of their registers (default: a recent one)",
+    )  # fmt: skip
+    add("--link", metavar="PATH", help="also make a link to the port here")
+    add(
+        "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
+        help="set the servos to this baud rate; they hear no other (default: they hear any)",
+    )  # fmt: skip
+    add("--paced", action="store_true", help="bytes take their time at the program's baud rate")
+    add("--exact", action="store_true", help="use one core to be exact to some microseconds")
+    add(
+        "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
+        help="latency timer of the adapter; FTDI's default is 16",
+    )  # fmt: skip
+    add(
+        "--return-delay", type=between(0, 508, "us", int), default=None, metavar="US",
+        help="the servos' return delay (default: the factory's 500)",
+    )  # fmt: skip
+    add("--realistic", action="store_true", help="start delay, encoder noise, slow EEPROM")
+    add("--echo", action="store_true", help="the adapter sends back whatever it is sent")
+    add(
+        "--faults", type=between(0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
+        help="share of transactions with a fault",
+    )  # fmt: skip
+    names = ", ".join(kind.name.lower() for kind in Fault)
+    add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"kinds of faults (all): {names}")
+    add(
+        "--unplug-every", type=between(0.1, 1e6, "s"), metavar="S",
+        help="unplug the adapter about every S seconds",
+    )  # fmt: skip
+    add("--seed", type=int, default=1, metavar="N", help="of the random numbers (default: 1)")
+    return parser
+
+
+def _servo(option: ServoOption, options: argparse.Namespace, random: Random) -> SimulatedServo:
+    rates = {rate: code for code, rate in option.model.baud_rates.items()}
+    if options.baud is not None and options.baud not in rates:
+        raise SimulationError(
+            f"{option.model.name} has no baud rate {options.baud}; it has "
+            f"{', '.join(map(str, sorted(rates)))}"
+        )
+    servo = SimulatedServo(
+        option.id,
+        option.model,
+        firmware=options.firmware,
+        start_delay=0.03 if options.realistic else 0.0,
+        position_noise=0.3 if options.realistic else 0.0,
+        eeprom_time=0.006 if options.realistic else 0.0,
+        random=Random(random.random()),
+    )
+    if options.baud is not None:
+        servo.set_register("Baud Rate", rates[options.baud])
+    if options.return_delay is not None:
+        servo.set_register("Return Delay Time", options.return_delay // 2)
+    return servo
+
+
+def _serve(
+    port: SimulatedPort, stopped: threading.Event, unplug_every: float | None, random: Random
+) -> None:
+    if unplug_every is None:
+        stopped.wait()
+        return
+    while not stopped.wait(unplug_every * random.uniform(0.5, 1.5)):
+        port.close()
+        stopped.wait(random.uniform(0.1, 2.0))
+        port.open()
+        print(port.port_name, flush=True)
+
+
+def _summary(servos: Sequence[ServoOption], baud_rate: int | None) -> str:
+    ids: dict[str, list[str]] = {}
+    for model, number in servos:
+        ids.setdefault(model.name, []).append(str(number))
+    words = "; ".join(f"{name} servos with ids {', '.join(own)}" for name, own in ids.items())
+    rate = "any baud rate" if baud_rate is None else f"{baud_rate} baud"
+    return f"{words} at {rate}; Ctrl-C ends it"
+
+
+def _servo_option(text: str) -> ServoOption:
+    name, number = named_id(text)
+    return ServoOption(_model(name), number)
+
+
+def _fault(text: str) -> Fault:
+    try:
+        return Fault[text.upper()]
+    except KeyError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a kind of fault") from None
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""What every node needs: parameters, threads, services and topics of others, other heads."""

@@ -1,0 +1,83 @@
+"""Lets the heads of several machines find each other: each has one latched message.
+
+`HeadLock` does that within a machine. Of heads with the same domain and namespace one goes on: the
+one that has begun to move before one that looks for others, a real one before a simulated one, the
+older before the younger.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+import uuid
+from collections.abc import Mapping
+from typing import Final
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from head_tracking.exceptions import RefusedError
+from head_tracking.ros.kit.head_lock import CURES
+
+_LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# a depth of 1 is that of all publishers together, this one's included
+_ALL: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+LOOK_TIME: Final = 3.0
+"""So long [s] a head looks for others: they are heard after 0.5 s, after a lost packet later."""
+
+
+class HeadClaim:
+    """The claim of one head to its domain and namespace, on the latched topic `head_claim`.
+
+    Args:
+        node: publishes and listens.
+        simulated: whether the servos are.
+    """
+
+    def __init__(self, node: Node, *, simulated: bool) -> None:
+        self._log = node.get_logger()
+        self._rank = [True, simulated, time.time(), uuid.uuid4().hex]
+        self._first: str | None = None
+        self._publisher = node.create_publisher(String, "head_claim", _LATCHED)
+        node.create_subscription(String, "head_claim", self._on_claim, _ALL)
+        self._publish()
+
+    def begin(self) -> None:
+        """Go before all heads that still look for others."""
+        self._rank[0] = False
+        self._publish()
+
+    def check(self) -> None:
+        """Check that this head may go on.
+
+        Raises:
+            RefusedError: another head goes on; says which.
+        """
+        if self._first is not None:
+            raise RefusedError(f"another head is in this graph: {self._first}; {CURES}")
+
+    def _publish(self) -> None:
+        head = f"process {os.getpid()} on {socket.gethostname()}"
+        self._publisher.publish(String(data=json.dumps({"rank": self._rank, "head": head})))
+
+    def _on_claim(self, message: String) -> None:
+        try:
+            claim = json.loads(message.data)
+            rank, head = list(claim["rank"]), str(claim["head"])
+            if rank < self._rank:
+                self._first = head
+            elif rank != self._rank and not rank[0]:
+                self._log.warning(f"another head is in this graph: {head}; this one goes on")
+        except (ValueError, TypeError, KeyError, IndexError):
+            self._log.warning(f"head_claim: {message.data[:80]!r} is no claim of a head")
+
+
+def is_heard_elsewhere(environment: Mapping[str, str]) -> bool:
+    """Return whether other machines hear the nodes of a process with this environment."""
+    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
+    alone = reach in ("LOCALHOST", "OFF") or environment.get("ROS_LOCALHOST_ONLY") == "1"
+    return not alone or bool(environment.get("ROS_STATIC_PEERS"))

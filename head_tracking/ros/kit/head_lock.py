@@ -1,0 +1,171 @@
+"""One head for each ROS domain and namespace of a machine: two would turn each other's servos.
+
+Two files in /tmp are locked for as long as the processes of a head run:
+
+    real   by real heads; whoever holds it goes before simulated heads
+    head   by the head that publishes now
+
+A real head locks `real`, then waits for `head`. A simulated head locks `head`, and gives it up as
+soon as somebody has locked `real`. So there are never both.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import getpass
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+from head_tracking.exceptions import RefusedError
+from head_tracking.ros.kit.stop_signal import EndRequestedError
+
+_FOLDER: Final = Path("/tmp")  # not TMPDIR, which may be a user's own
+_PATIENCE: Final = 15.0  # s that a simulated head may take to end
+_PERIOD: Final = 0.05  # s
+_RETRIES: Final = (0.002, 0.005, 0.01, 0.02, 0.0)  # s
+CURES: Final = (
+    "give this one a ROS domain of its own (ROS_DOMAIN_ID) or names of its own "
+    "(--ros-args -r __ns:=/second), or let both command one head (--allow-others)"
+)
+
+
+class HeadLock:
+    """The lock of one domain and namespace.
+
+    Args:
+        arguments: of ROS, with the namespace among them.
+        simulated: whether the head is.
+        folder: where the files are.
+
+    Attributes:
+        descriptors: of the locked files; a process that has them holds the lock, too.
+    """
+
+    def __init__(
+        self, arguments: Sequence[str], *, simulated: bool, folder: Path = _FOLDER
+    ) -> None:
+        domain, self._namespace = os.environ.get("ROS_DOMAIN_ID") or "0", namespace(arguments)
+        name = f"head_tracking_{domain}{self._namespace.rstrip('/').replace('/', '.')}"
+        self._real = folder / f"{name}.real.lock"
+        self._head = folder / f"{name}.head.lock"
+        self._simulated = simulated
+        self.descriptors: list[int] = []
+
+    def acquire(
+        self,
+        wait: Callable[[float], bool],
+        *,
+        shared: bool = False,
+        patience: float = _PATIENCE,
+    ) -> None:
+        """Lock; a real head waits until a simulated one has ended.
+
+        Args:
+            wait: waits for a time [s]; returns whether to give up.
+            shared: beside others that share.
+            patience: how long to wait for a simulated head [s].
+
+        Raises:
+            RefusedError: another head runs; says which.
+            EndRequestedError: `wait` has returned True.
+        """
+        if self._simulated:
+            self._lock(self._head, shared)
+            if self.is_wanted:
+                self.release()
+                raise self._refusal(self._real)
+            return
+        self._lock(self._real, shared)
+        deadline = time.monotonic() + patience
+        while True:
+            try:
+                return self._lock(self._head, shared)
+            except RefusedError:
+                if time.monotonic() > deadline:
+                    raise
+            if wait(_PERIOD):
+                raise EndRequestedError
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a simulated head must end, because a real one is there or waits for it."""
+        if not (self._simulated and self.descriptors):
+            return False
+        file = _open(self._real)
+        try:
+            return not _flock(file, fcntl.LOCK_EX)
+        finally:
+            os.close(file)
+
+    @property
+    def reason(self) -> str:
+        """Why a simulated head must end."""
+        return str(self._refusal(self._real))
+
+    def release(self) -> None:
+        """Unlock."""
+        while self.descriptors:
+            os.close(self.descriptors.pop())
+
+    def _lock(self, path: Path, shared: bool) -> None:
+        file = _open(path)
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        for pause in _RETRIES:  # a simulated head that tries `real` has it for a moment
+            if _flock(file, kind):
+                break
+            time.sleep(pause)
+        else:
+            os.close(file)
+            raise self._refusal(path)
+        self.descriptors.append(file)
+        with suppress(OSError):  # another user's, that only they write
+            os.ftruncate(file, 0)
+            os.pwrite(file, _myself().encode(), 0)
+
+    def _refusal(self, path: Path) -> RefusedError:
+        holder = path.read_text(errors="replace") or "it has just started"
+        head = f"{self._namespace.rstrip('/')}/servo_bus"
+        return RefusedError(f"another head is on this machine: {head} ({holder}); {CURES}")
+
+
+def namespace(arguments: Sequence[str]) -> str:
+    """Return the namespace that ROS's arguments give to all nodes, such as /second; or /."""
+    rules = [rule for word, rule in pairwise(arguments) if word in ("-r", "--remap")]
+    given = [rule.removeprefix("__ns:=") for rule in rules if rule.startswith("__ns:=")]
+    return "/" + given[-1].strip("/") if given else "/"
+
+
+def _flock(file: int, kind: int) -> bool:
+    """Return whether a file could be locked at once."""
+    try:
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _open(path: Path) -> int:
+    """Open a file that all users of the machine lock."""
+    for flags in (os.O_RDWR, os.O_RDWR | os.O_CREAT | os.O_EXCL, os.O_RDONLY):
+        with suppress(FileNotFoundError, FileExistsError, PermissionError):
+            file = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            with suppress(PermissionError):
+                os.fchmod(file, 0o666)  # whatever the umask
+            return file
+    raise RefusedError(f"the lock of this head, {path}, cannot be opened; delete it")
+
+
+def _myself() -> str:
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):
+        user = str(os.getuid())
+    return f"process {os.getpid()} of {user}: {command}"

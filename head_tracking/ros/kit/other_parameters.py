@@ -1,0 +1,241 @@
+"""The parameters of other nodes: found, described, followed and set at run time."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.other_services import Hold, Outcome, wait_for_answer
+
+_SERVICES = {
+    "list_parameters": ListParameters,
+    "describe_parameters": DescribeParameters,
+    "get_parameters": GetParameters,
+    "set_parameters": SetParameters,
+}
+_HUGE = 1e9
+"""Bounds beyond this are none: `a or more` comes as the largest number that there is."""
+
+_SHOWN = {
+    ParameterType.PARAMETER_BOOL,
+    ParameterType.PARAMETER_INTEGER,
+    ParameterType.PARAMETER_DOUBLE,
+    ParameterType.PARAMETER_STRING,
+    ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
+_WORDS = "one of: "
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter of a node that can be changed while it runs.
+
+    Attributes:
+        node: whose.
+        name: its name.
+        value: a bool, int, float, str, or list of floats.
+        description: what it does, and its unit.
+        minimum: smallest number that its node takes; -inf if it does not say.
+        maximum: largest number.
+        choices: the words that its node takes; empty for any.
+    """
+
+    node: str
+    name: str
+    value: Any
+    description: str
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...] = ()
+
+
+class OtherParameters:
+    """What can be changed in nodes while they run.
+
+    All but `set` and `settings` must be called in the node's thread.
+
+    Args:
+        node: asks the other nodes.
+        graph: the nodes.
+        ignored: nodes to leave alone.
+        hold: keeps what a person sets back.
+    """
+
+    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str], hold: Hold) -> None:
+        self._node = node
+        self._graph = graph
+        self._ignored = ignored
+        self._hold = hold
+        self._clients: dict[str, dict[str, Any]] = {}
+        self._settings: dict[str, dict[str, Setting]] = {}
+        self._fixed: dict[str, dict[str, Any]] = {}
+        self._values: dict[str, dict[str, Any]] = {}
+        node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
+
+    def look(self) -> None:
+        """Asks nodes that came, and forgets nodes that went."""
+        base = self._graph.namespace.rstrip("/")
+        found = {
+            f"{base}/{name}"
+            for name in self._graph.nodes
+            if name not in self._ignored
+            and f"{base}/{name}/list_parameters" in self._graph.services
+        }
+        silent = {owner for owner in self._settings if not self._answers(owner)}
+        for owner in (self._clients.keys() - found) | silent:
+            for client in self._clients.pop(owner).values():
+                self._node.destroy_client(client)
+            self._settings.pop(owner, None)
+            self._fixed.pop(owner, None)
+            self._values.pop(owner, None)
+        for owner in found - self._clients.keys() - silent:
+            self._clients[owner] = {
+                name: self._node.create_client(kind, f"{owner}/{name}")
+                for name, kind in _SERVICES.items()
+            }
+        for owner in self._clients.keys() - self._settings.keys():
+            self._ask(owner)
+
+    def settings(self) -> tuple[Setting, ...]:
+        """All parameters that can be changed, by node.
+
+        Free text is left out: names of frames and topics, and whole models, are for the people who
+        set a robot up, and a wrong one can end its program.
+        """
+        owners = dict(self._settings)
+        return tuple(
+            setting for owner in sorted(owners) for setting in list(owners[owner].values())
+        )
+
+    def fixed(self, ending: str) -> dict[str, Any]:
+        """The parameters of all nodes that can't be changed and whose names end so."""
+        return {
+            name: value
+            for values in list(self._fixed.values())
+            for name, value in list(values.items())
+            if name.endswith(ending)
+        }
+
+    def values(self) -> Mapping[str, Mapping[str, Any]]:
+        """The parameters of all nodes by full name, as far as they have told them."""
+        return {owner: dict(values) for owner, values in list(self._values.items())}
+
+    def set(self, owner: str, name: str, value: Any) -> Outcome:
+        """Sets a parameter; says what its node answered."""
+        if self._hold.reason:
+            return Outcome(False, self._hold.reason)
+        clients = self._clients.get(owner)
+        if clients is None:
+            return Outcome(False, f"{owner} is not there any more")
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        answer = wait_for_answer(clients["set_parameters"], request)
+        if answer is None:
+            return Outcome(False, f"{owner} did not answer")
+        result = answer.results[0]
+        if not result.successful:
+            return Outcome(False, result.reason or f"{owner} refuses {name} = {value}")
+        return Outcome(True, f"{name} = {value}")
+
+    def _answers(self, owner: str) -> bool:
+        """Whether a node is there; what it offered is listed as long as it has clients: these."""
+        return all(client.service_is_ready() for client in self._clients[owner].values())
+
+    def _ask(self, owner: str) -> None:
+        clients = self._clients[owner]
+        if not self._answers(owner):
+            return
+        self._settings[owner] = {}
+        clients["list_parameters"].call_async(ListParameters.Request()).add_done_callback(
+            lambda future: self._on_names(owner, future.result().result.names)
+        )
+
+    def _on_names(self, owner: str, names: Sequence[str]) -> None:
+        self._ask_for(owner, [name for name in names if not _of_every_node(name)])
+
+    def _ask_for(self, owner: str, names: Sequence[str]) -> None:
+        if owner not in self._clients or not names:
+            return
+        clients = self._clients[owner]
+        described = clients["describe_parameters"].call_async(
+            DescribeParameters.Request(names=names)
+        )
+        got = clients["get_parameters"].call_async(GetParameters.Request(names=names))
+
+        def on_answer(_: Any) -> None:
+            if described.done() and got.done() and owner in self._clients:
+                self._take(owner, names, described.result().descriptors, got.result().values)
+
+        described.add_done_callback(on_answer)
+        got.add_done_callback(on_answer)
+
+    def _take(
+        self,
+        owner: str,
+        names: Sequence[str],
+        descriptors: Sequence[ParameterDescriptor],
+        values: Sequence[Any],
+    ) -> None:
+        if not len(names) == len(descriptors) == len(values):
+            # one without a value, or that has gone, makes a node leave out all: the others are
+            # asked for without it
+            half = len(names) // 2
+            if half:
+                self._ask_for(owner, names[:half])
+                self._ask_for(owner, names[half:])
+            return
+        for name, descriptor, value in zip(names, descriptors, values, strict=True):
+            plain = self._values.setdefault(owner, {})[name] = _plain(value)
+            if descriptor.read_only:
+                self._fixed.setdefault(owner, {})[name] = plain
+            elif value.type in _SHOWN:
+                setting = _setting(owner, name, plain, descriptor)
+                if not isinstance(plain, str) or setting.choices:
+                    self._settings.setdefault(owner, {})[name] = setting
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        values = self._values.get(event.node, {})
+        settings = self._settings.get(event.node, {})
+        for changed in event.changed_parameters:
+            value = values[changed.name] = _plain(changed.value)
+            if changed.name in settings:
+                settings[changed.name] = replace(settings[changed.name], value=value)
+
+
+def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor) -> Setting:
+    minimum, maximum = -math.inf, math.inf
+    for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
+        minimum, maximum = float(bounds.from_value), float(bounds.to_value)
+    constraints = descriptor.additional_constraints
+    return Setting(
+        owner,
+        name,
+        value,
+        descriptor.description,
+        minimum if minimum > -_HUGE else -math.inf,
+        maximum if maximum < _HUGE else math.inf,
+        tuple(constraints.removeprefix(_WORDS).split(", "))
+        if constraints.startswith(_WORDS) and isinstance(value, str)
+        else (),
+    )
+
+
+def _plain(value: Any) -> Any:
+    plain = parameter_value_to_python(value)
+    return list(plain) if isinstance(plain, array) else plain
+
+
+def _of_every_node(name: str) -> bool:
+    return name in ("use_sim_time", "start_type_description_service") or name.startswith(
+        "qos_overrides."
+    )

@@ -1,0 +1,276 @@
+"""Runs nodes: one executor for all, ended by a signal, by time, or by a node that dies."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.exceptions import ParameterException
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from std_msgs.msg import Empty
+
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.output import output_may_get_lost
+from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.start import in_short, start_ros
+from head_tracking.ros.kit.stop_signal import StopSignal
+
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:  # an older rclpy
+    EventsExecutor = None
+
+_POLL = 0.1  # s
+_PROBE_PERIOD, _PROBE_PATIENCE = 0.005, 1.0  # s
+_TRIED: WeakKeyDictionary[Context, bool] = WeakKeyDictionary()
+_PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
+
+EXPLAINED = (HeadTrackingError, ParameterException)
+"""Errors whose message is all that a person needs to know."""
+
+
+class NodeDied(Exception):
+    """A node ended with an error.
+
+    Attributes:
+        name: the node.
+        error: what ended it.
+    """
+
+    def __init__(self, name: str, error: Exception) -> None:
+        super().__init__(f"{name} died: {error or type(error).__name__}")
+        self.name = name
+        self.error = error
+
+
+def describe(error: Exception) -> str:
+    """The error for a person: its message; the traceback too if nobody has foreseen it."""
+    cause = error.error if isinstance(error, NodeDied) else error
+    if isinstance(cause, RefusedError):
+        return str(cause)
+    if isinstance(cause, EXPLAINED):
+        return str(error)
+    if isinstance(cause, rclpy_implementation.RCLError) and "creating node" in str(cause):
+        return in_short(cause)  # such as security that the middleware does not have
+    return "".join(traceback.format_exception(cause)) + str(error)
+
+
+class NodeThreads:
+    """Nodes that spin, all in one thread: by an EventsExecutor where that works.
+
+    Attributes:
+        problems: what went wrong at the end, such as servos that may have torque on.
+    """
+
+    def __init__(self) -> None:
+        self._nodes: list[Node] = []
+        self._executor: Executor | None = None
+        self._thread = threading.Thread(target=self._spin, name="nodes", daemon=True)
+        self._ending = threading.Event()
+        self._failure: NodeDied | None = None
+        self.problems: list[str] = []
+
+    @property
+    def executor(self) -> str:
+        """What spins the nodes."""
+        if isinstance(self._executor, SingleThreadedExecutor):
+            return (
+                "all nodes run in one SingleThreadedExecutor, which costs more: rclpy's "
+                "EventsExecutor is missing or does not work here"
+            )
+        return "all nodes run in one EventsExecutor"
+
+    @property
+    def failure(self) -> NodeDied | None:
+        """The first node that died: in a callback, or as its `failure` says."""
+        for node in self._nodes:
+            error = getattr(node, "failure", None)
+            if self._failure is None and error is not None:
+                self._failure = NodeDied(node.get_name(), error)
+        return self._failure
+
+    def start(self, node: Node) -> None:
+        """Spin a node from now on."""
+        if self._executor is None:
+            kind = EventsExecutor if events_executor_works(node.context) else SingleThreadedExecutor
+            self._executor = kind(context=node.context)
+            self._thread.start()
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def wait(
+        self,
+        stop: StopSignal,
+        duration: float | None = None,
+        look: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Wait until somebody asks to stop, `duration` [s] is over, or a node dies.
+
+        Args:
+            stop: asks to stop.
+            duration: how long to wait [s]; None: for ever.
+            look: called ten times a second.
+
+        Raises:
+            NodeDied: a node ended with an error.
+        """
+        end = math.inf if duration is None else time.monotonic() + duration
+        while not stop() and (left := end - time.monotonic()) > 0.0:
+            if self.failure is not None:
+                raise self.failure
+            look()
+            stop.wait(min(_POLL, left))
+
+    def close(self) -> None:
+        """Make safe what moves, end the thread, then destroy the nodes, the last one first.
+
+        A node with a method `make_safe` comes first, whatever its callbacks or another node's do;
+        the method returns what went wrong.
+        """
+        if self._ending.is_set():
+            return
+        self._ending.set()
+        nodes, self._nodes = self._nodes, []
+        for node in nodes:
+            make_safe = getattr(node, "make_safe", None)
+            if make_safe is not None:
+                self.problems += make_safe()
+        if self._thread.is_alive():
+            self._thread.join(_PATIENCE)
+        if self._thread.is_alive():
+            self.problems.append("a callback does not return")
+            return
+        for node in reversed(nodes):
+            node.destroy_node()
+
+    def exit_code(self) -> int:
+        """Print what went wrong at the end; return 1 if something did, else 0."""
+        for problem in self.problems:
+            print(problem, file=sys.stderr)
+        return 1 if self.problems else 0
+
+    def _spin(self) -> None:
+        assert self._executor is not None
+        try:
+            while not self._ending.is_set():
+                self._executor.spin_once(timeout_sec=_POLL)
+        except Exception as error:
+            self._failure = self._failure or NodeDied(_node_of(error), error)
+        finally:
+            self._executor.shutdown()
+
+
+def _node_of(error: Exception) -> str:
+    """The name of the node in whose callback an error was raised."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        owner = frame.f_locals.get("self")
+        node = owner if isinstance(owner, Node) else getattr(owner, "_node", None)
+        if isinstance(node, Node):
+            return str(node.get_name())
+    return "a node"
+
+
+def events_executor_works(context: Context) -> bool:
+    """Whether rclpy has an EventsExecutor that brings timers and messages here; tried once."""
+    if EventsExecutor is None:
+        return False
+    if context not in _TRIED:
+        _TRIED[context] = _probe(context)
+    return _TRIED[context]
+
+
+def _probe(context: Context) -> bool:
+    node = Node(
+        "executor_probe",
+        context=context,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    heard: list[Empty] = []
+    publisher = node.create_publisher(Empty, "~/probe", 1)
+    node.create_subscription(Empty, "~/probe", heard.append, 1)
+    steady_timer(node, _PROBE_PERIOD, lambda: publisher.publish(Empty()))
+    deadline = time.monotonic() + _PROBE_PATIENCE
+    try:
+        executor = EventsExecutor(context=context)
+        executor.add_node(node)
+        while not heard and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=_PROBE_PERIOD)
+        executor.shutdown()
+    except Exception:
+        return False  # whatever it is, the other executor is there
+    finally:
+        node.destroy_node()
+    return bool(heard)
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> None:
+    """Calls back after each period [s] of a clock that runs whatever happens to the node's.
+
+    A timer on the node's own clock waits for hours when that is set back by hours, and for ever
+    while nobody publishes /clock.
+    """
+    node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def run_node(make: Callable[[], Node]) -> int:
+    """Runs one node as a program until somebody asks it to end; see `StopSignal`.
+
+    Returns:
+        The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
+        were not confirmed relaxed); the reason is printed.
+    """
+    with output_may_get_lost(), StopSignal() as stop:
+        return run_until(stop, make)
+
+
+def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Runs one node as a program until `stop`; see `run_node`."""
+    threads = NodeThreads()
+
+    def begin() -> None:
+        node = make()
+        parameter_sources.check([node])
+        threads.start(node)
+
+    return run_threads(stop, threads, begin, args)
+
+
+def run_threads(
+    stop: StopSignal,
+    threads: NodeThreads,
+    begin: Callable[[], object],
+    args: Sequence[str] | None = None,
+    look: Callable[[], object] = lambda: None,
+) -> int:
+    """Run ROS and nodes until `stop`, and end both; return the exit code, see `run_node`.
+
+    Args:
+        stop: asks to end.
+        threads: of the nodes.
+        begin: starts the first nodes, when ROS runs.
+        args: ROS's.
+        look: called ten times a second.
+    """
+    try:
+        start_ros(args)
+        begin()
+        threads.wait(stop, look=look)
+    except Exception as error:
+        print(describe(error), file=sys.stderr)
+        return 1
+    finally:
+        threads.close()
+        rclpy.try_shutdown()
+    return threads.exit_code()

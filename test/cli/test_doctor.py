@@ -1,0 +1,306 @@
+"""doctor: each of its checks in a case in which it is red, and what it must not do."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+import pytest
+from simulated_device import Bench, SimulatedDevice
+
+from head_tracking.cli.doctor import network
+from head_tracking.cli.doctor.__main__ import main
+from head_tracking.cli.doctor.findings import Grade
+from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
+from head_tracking.dynamixel import (
+    Adapter,
+    DynamixelPort,
+    PortBusyError,
+    PortMissingError,
+    PortPermissionError,
+    servo_model,
+)
+from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
+
+SOURCE = Path(__file__).resolve().parents[2]
+XM = servo_model("XM430-W350")
+X_HEAD = """
+/**/servo_bus:
+  ros__parameters:
+    head_pan_controller:
+      motor: {model: XM430-W350, id: 1, init: 2048, min: 1024, max: 3072}
+    head_tilt_controller:
+      motor: {model: XM430-W350, id: 2, init: 2048, min: 1500, max: 2600}
+"""
+
+
+class Head:
+    """Two simulated servos on a port, and the doctor who checks them."""
+
+    def __init__(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        self.tmp_path, self._capsys = tmp_path, capsys
+        self.bench = Bench([SimulatedServo(1), SimulatedServo(2)])
+        self.adapter = Adapter("ftdi_sio", 0.001)
+        self.latency = 0.0  # s
+        self.opening: Callable[[], object] = lambda: None
+        self.arguments = ["--listen", "0"]
+        self.baud_rate = 0  # the only one that servos hear; 0: any
+        self.sent: list[bytes] = []
+
+    def servos(self, *servos: SimulatedServo, faults: Faults | None = None) -> None:
+        self.bench = Bench(SimulatedBus(servos, faults=faults))
+
+    def __getitem__(self, servo_id: int) -> SimulatedServo:
+        return self.bench.bus[servo_id]
+
+    def params(self, text: str) -> None:
+        file = self.tmp_path / "params.yaml"
+        file.write_text(text)
+        self.arguments += ["--params", str(file)]
+
+    def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
+        def open_device(*_: object) -> SimulatedDevice:
+            self.opening()
+            line = SimulatedLine(self.bench.bus, self.bench.clock, baud_rate, latency=self.latency)
+            device = SimulatedDevice(line)
+            device.adapter = self.adapter
+            write = line.write
+
+            def note(data: bytes, timeout: float) -> None:
+                self.sent.append(data)
+                if self.baud_rate in (0, baud_rate):
+                    write(data, timeout)
+
+            line.write = note  # type: ignore[method-assign]
+            return device
+
+        return DynamixelPort(
+            name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.bench.clock
+        )
+
+    def check(self) -> int:
+        code = main(self.arguments, make_port=self._make_port)
+        self.output = self._capsys.readouterr().out
+        return code
+
+    @property
+    def levels(self) -> dict[str, str]:
+        """Check and colour of what was printed; the worst of those of one name."""
+        found: dict[str, str] = {}
+        order = ["-", "green", "amber", "red"]
+        for line in self.output.splitlines():
+            if line.startswith(tuple(f"{word:5}  " for word in order)):
+                word, check = line[:5].strip(), line[7:24].strip()
+                found[check] = max(word, found.get(check, "-"), key=order.index)
+        return found
+
+
+@pytest.fixture
+def head(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Head:
+    return Head(tmp_path, capsys)
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def _opening(error: Exception) -> Callable[[Head], None]:
+    return lambda head: setattr(head, "opening", lambda: _raise(error))
+
+
+def _register(name: str, value: int) -> Callable[[Head], None]:
+    return lambda head: head[1].set_register(name, value)
+
+
+def _slow_adapter(head: Head) -> None:
+    head.latency = 0.016
+    head.adapter = Adapter("ftdi_sio", 0.016, "its latency timer is 16 ms")
+
+
+def _spoilt(head: Head) -> None:
+    head.params(X_HEAD)
+    head.servos(SimulatedServo(1, XM, firmware=255), SimulatedServo(2, XM))
+
+
+def _disturbed(head: Head) -> None:
+    faults = Faults(Random(1), 0.0, [Fault.CORRUPT])
+    head.servos(SimulatedServo(1), SimulatedServo(2), faults=faults)
+    head.opening = lambda: setattr(faults, "rate", 0.3)
+
+
+def _swapped(head: Head) -> None:
+    head.params(
+        "servo_bus: {ros__parameters: {head_pan_controller: {motor: {min: 100, max: 900}}}}"
+    )
+    for servo, limits in ((head[1], (300, 800)), (head[2], (100, 900))):
+        servo.set_register("CW Angle Limit", limits[0])
+        servo.set_register("CCW Angle Limit", limits[1])
+
+
+def _of_first(name: str, value: float) -> Callable[[Head], None]:
+    return lambda head: setattr(head[1], name, value)
+
+
+CONFIGURED = "servo_bus: {ros__parameters: "
+WIDE = "{head_tilt_controller: {motor: {min: 0, max: 1023}}}}"
+RED: list[tuple[str, Callable[[Head], None]]] = [
+    ("configuration", lambda h: h.params(CONFIGURED + "{head_pan_controller.motor.id: x}}")),
+    ("configuration", lambda h: h.params("- 1")),
+    ("configuration", lambda h: h.params("{")),
+    ("configuration", lambda h: h.arguments.extend(["--params", "/nowhere.yaml"])),
+    ("model", lambda head: head.arguments.extend(["--robot", "nobody"])),
+    ("model", lambda h: h.params(CONFIGURED + "{head_pan_controller.joint_name: nose}}")),
+    ("model", lambda h: h.params("head_tracker: {ros__parameters: {camera_link: nose}}")),
+    ("port", _opening(PortMissingError("/dev/ttyUSB0", ()))),
+    ("port", _opening(PortPermissionError("/dev/ttyUSB0", "dialout"))),
+    ("port", lambda head: head.arguments.extend(["--baud", "12345"])),
+    ("servo 1", lambda head: setattr(head, "baud_rate", 57_600)),
+    ("servo 1", lambda h: h.servos(SimulatedServo(1, servo_model("AX-18")), SimulatedServo(2))),
+    (
+        "servo 1",
+        lambda h: h.servos(SimulatedServo(1), SimulatedServo(1, position=100), SimulatedServo(2)),
+    ),
+    ("servo 1", _register("CCW Angle Limit", 0)),
+    ("servo 1", _register("Status Return Level", 0)),
+    ("servo 1", _spoilt),
+    ("servo 1", _of_first("supply_voltage", 5.5)),
+    ("servo 1", _of_first("temperature", 66.0)),
+    ("servo 1", lambda head: head[1].overload()),
+    ("servo 1", _swapped),
+    ("adapter", _slow_adapter),
+    ("line", _disturbed),
+]
+
+
+@pytest.mark.parametrize(("check", "spoil"), RED)
+def test_each_check_is_red_where_it_should_be(
+    check: str, spoil: Callable[[Head], None], head: Head
+) -> None:
+    spoil(head)
+    assert head.check() == 2
+    assert head.levels.get(check) == "red", head.output
+
+
+def test_a_head_in_order_is_green(head: Head) -> None:
+    assert head.check() == 0
+    assert {check for check, _ in RED} < head.levels.keys()
+    assert {check for check, level in head.levels.items() if level != "green"} == {"network"}
+
+
+@pytest.mark.parametrize(
+    ("check", "spoil"),
+    [
+        ("servo 1", _of_first("supply_voltage", 10.0)),
+        ("servo 1", _of_first("temperature", 62.0)),
+        ("adapter", lambda head: setattr(head, "adapter", Adapter("ftdi_sio", 0.016, "slow"))),
+        ("model", lambda h: h.params(CONFIGURED + WIDE)),
+        ("port", _opening(PortBusyError("/dev/ttyUSB0"))),
+    ],
+)
+def test_what_is_worth_a_look_is_amber(
+    check: str, spoil: Callable[[Head], None], head: Head
+) -> None:
+    spoil(head)
+    assert head.check() == 1, head.output
+    assert head.levels[check] == "amber"
+    assert head.sent or check == "port"  # a port that another program owns is left alone
+
+
+def test_servos_are_pinged_and_read_and_nothing_else(head: Head) -> None:
+    """Also servos with torque on keep it, and stand where they stood."""
+    for servo in head.bench.bus:
+        servo.set_register("Torque Enable", 1)
+    before = [servo.true_position for servo in head.bench.bus]
+    head.check()
+    assert len(head.sent) > 100
+    assert {data[4] for data in head.sent} == {1, 2}  # PING, READ
+    assert [servo.register("Torque Enable") for servo in head.bench.bus] == [1, 1]
+    assert [servo.true_position for servo in head.bench.bus] == before
+
+
+def test_without_hardware_no_port_is_opened(head: Head) -> None:
+    head.arguments.append("--sim")
+    assert head.check() == 0
+    assert not head.sent
+
+
+def test_an_ax_error_bit_is_reported_by_name(head: Head) -> None:
+    head[1].alarms.forced = int(ErrorBits.INPUT_VOLTAGE)
+    assert head.check() == 2
+    assert "input voltage" in head.output
+
+
+# Other nodes
+
+
+def _later(seconds: float) -> list[Times]:
+    return [Times(n, n + seconds, n) for n in range(10, 18)]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "clocks", "targets"),
+    [
+        (0.0003, Grade.GREEN, Grade.GREEN),
+        (0.05, Grade.AMBER, Grade.GREEN),
+        (-0.005, Grade.AMBER, Grade.GREEN),
+        (0.5, Grade.RED, Grade.AMBER),
+        (3.0, Grade.RED, Grade.RED),
+        (-0.05, Grade.RED, Grade.RED),
+        (1e8, Grade.RED, Grade.AMBER),
+    ],
+)
+def test_clocks_and_stamps_that_differ_are_reported(
+    seconds: float, clocks: Grade, targets: Grade
+) -> None:
+    assert check_clocks({"joint_states": _later(0.0), "t": _later(seconds)}).level is clocks
+    assert check_targets(_later(seconds)).level is targets
+
+
+def test_without_messages_nothing_is_known_of_clocks() -> None:
+    assert check_clocks({}).level is check_targets([]).level is Grade.SKIPPED
+
+
+def test_diagnostics_are_repeated(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+    diagnostics = {"servo_bus: head_pan_joint": (2, "lost: it does not answer")}
+    monkeypatch.setattr(network, "listen", lambda *_: Received({}, diagnostics, 3))
+    head.arguments = []
+    assert head.check() == 2
+    assert head.levels["network"] == "green"
+    assert head.levels["diagnostics"] == "red"
+
+
+def test_a_middleware_that_makes_no_node_is_red(
+    head: Head, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    head.arguments = ["--listen", "0.1"]
+    assert head.check() == 2
+    assert head.levels["network"] == "red"
+
+
+# What it needs itself
+
+
+@pytest.mark.parametrize("options", [("-I", "-S"), ("-I",)])
+def test_it_starts_without_libraries_and_without_ros(options: tuple[str, ...]) -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(SOURCE)!r}); sys.modules['rclpy'] = None\n"
+        "from head_tracking.cli.doctor.__main__ import main\n"
+        "sys.exit(main(['--sim', '--listen', '0']))\n"
+    )
+    command = [sys.executable, *options, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    missing = {line.split()[3] for line in done.stdout.splitlines() if line.startswith("red")}
+    assert done.returncode == (2 if "-S" in options else 1), done.stderr
+    assert not done.stderr
+    assert len(missing) == (1 if "-S" in options else 0)
+
+
+def test_a_wrong_command_line_is_no_verdict() -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(["--nonsense"])
+    assert ending.value.code == 3

@@ -1,0 +1,687 @@
+"""The tool `servo` on simulated servos, in simulated time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from head_tracking.cli.servo import main as tool
+from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop
+from head_tracking.cli.servo.calibrate import Wanted, mount_of
+from head_tracking.cli.servo.main import DONE, FAILED, REFUSED
+from head_tracking.cli.servo.register_values import find_register, in_words, parse_value
+from head_tracking.dynamixel.adapter import Adapter
+from head_tracking.dynamixel.exceptions import PortMissingError
+from head_tracking.dynamixel.models import all_models, servo_model
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.protocol import NO_ERROR, describe_errors
+from head_tracking.dynamixel.serial_port import port_error
+from head_tracking.dynamixel.state import Symptom
+from head_tracking.exceptions import RefusedError
+from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+
+AX_12 = servo_model("AX-12")
+XL430 = servo_model("XL430-W250")
+XL_320 = servo_model("XL-320")
+
+
+class Keyboard(io.StringIO):
+    """Somebody at a keyboard."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+class Device:
+    def __init__(self, line: SimulatedLine) -> None:
+        self.line = line
+        self.adapter = Adapter()
+
+    def close(self) -> None:
+        pass
+
+
+class Bench:
+    """Simulated servos, and the tool that is used on them."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+        self.clock = SimulatedClock()
+        self.bus = SimulatedBus(
+            [
+                SimulatedServo(1, AX_12, eeprom_time=0.006),
+                SimulatedServo(2, AX_12, eeprom_time=0.006, position=300),
+                SimulatedServo(7, XL430, eeprom_time=0.006, position=1000),
+                SimulatedServo(8, XL_320, eeprom_time=0.006),
+            ]
+        )
+        for servo in self.bus:
+            code = {rate: code for code, rate in servo.model.baud_rates.items()}[1_000_000]
+            servo.set_register("Baud Rate", code)
+        self.answers = ""
+        self.impossible = 0
+        self.deaf_to_baud = False
+        self.on_enter: list[Callable[[], None]] = []
+        self._capsys, self._monkeypatch = capsys, monkeypatch
+        self.output = self.messages = ""
+
+    def __getitem__(self, servo_id: int) -> SimulatedServo:
+        return self.bus[servo_id]
+
+    def pause(self, seconds: float) -> None:
+        self.clock.pass_until(self.clock() + seconds)
+
+    def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
+        def open_device(name: str, baud_rate: int) -> Device:
+            if name == "/dev/none":
+                raise PortMissingError(name, ())
+            if baud_rate == self.impossible:
+                raise port_error(name, ValueError("Failed to set custom baud rate"))
+            line = SimulatedLine(
+                self.bus, self.clock, baud_rate, match_baud_rate=not self.deaf_to_baud
+            )
+            return Device(line)
+
+        return DynamixelPort(
+            name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.clock
+        )
+
+    def run(self, *arguments: str) -> int:
+        """Run the tool; what it says is in `output` and `messages` afterwards."""
+        bench = self
+
+        def workshop(terminal: Terminal, port_name: str, baud_rate: int) -> Workshop:
+            self._monkeypatch.setattr(
+                Terminal, "wait_for_enter", lambda *_: bench.on_enter.pop(0)()
+            )
+            return Workshop(
+                terminal, port_name, baud_rate, bench._make_port, bench.pause, bench.clock
+            )
+
+        self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
+        code = tool.main(["--port", "/dev/sim", *arguments], workshop)
+        captured = self._capsys.readouterr()
+        self.output, self.messages = captured.out, captured.err
+        return code
+
+
+@pytest.fixture
+def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(capsys, monkeypatch)
+
+
+# scan
+
+
+@pytest.mark.parametrize("ids", [["--ids", "0-10"], []], ids=["few", "all"])
+def test_scan_finds_all_servos_at_their_baud_rates(bench: Bench, ids: list[str]) -> None:
+    bench[2].set_register("Baud Rate", 34)
+    assert bench.run("scan", "--bauds", "1000000", "57600", *ids) == DONE
+    rows = [line.split() for line in bench.output.splitlines()[1:]]
+    assert rows == [
+        ["1000000", "1", "AX-12", "(12)", "1.0"],
+        ["1000000", "7", "XL430-W250", "(1060)", "2.0"],
+        ["1000000", "8", "XL-320", "(350)", "2.0"],
+        ["57600", "2", "AX-12", "(12)", "1.0"],
+    ]
+
+
+def test_scan_that_finds_nothing_fails_and_says_what_to_do(bench: Bench) -> None:
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "30-33") == FAILED
+    assert bench.output == ""
+
+
+@pytest.mark.parametrize("rate", ["117600", "57600"])
+def test_scan_leaves_out_what_adapter_or_port_cannot_do(bench: Bench, rate: str) -> None:
+    bench.impossible = 57_600
+    assert bench.run("scan", "--bauds", rate, "1000000", "--ids", "1") == DONE
+    assert rate in bench.messages
+    assert "AX-12" in bench.output
+    assert bench.run("scan", "--bauds", "0", "--ids", "1") == FAILED
+
+
+def test_scan_finds_a_servo_that_answers_no_reads(bench: Bench) -> None:
+    bench[1].set_register("Status Return Level", 0)
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "1") == DONE
+    assert "answers no reads" in bench.output
+
+
+def test_scan_warns_of_an_id_taken_twice(bench: Bench) -> None:
+    bench[7].set_register("ID", 1)
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-5") == DONE
+    assert "id 1 is taken 2 times" in bench.messages
+
+
+@pytest.mark.parametrize("ids", [["--ids", "0-10"], []], ids=["few", "all"])
+def test_scan_over_an_adapter_that_ignores_the_rate_shows_each_servo_once(
+    bench: Bench, ids: list[str]
+) -> None:
+    bench.deaf_to_baud = True
+    bench[2].set_register("Baud Rate", 34)
+    assert bench.run("scan", "--bauds", "1000000", "57600", "115200", *ids) == DONE
+    rows = [line.split()[:3] for line in bench.output.splitlines()[1:]]
+    assert rows == [
+        ["1000000", "1", "AX-12"],
+        ["1000000", "7", "XL430-W250"],
+        ["1000000", "8", "XL-320"],
+        ["57600", "2", "AX-12"],
+    ]
+    assert "taken" not in bench.messages
+
+
+def test_scan_at_the_rate_of_the_port_only(bench: Bench) -> None:
+    bench[2].set_register("Baud Rate", 34)
+    for arguments in (("--baud", "57600", "scan"), ("scan", "--baud", "57600")):
+        assert bench.run(*arguments, "--ids", "0-10") == DONE
+        assert [line.split()[1] for line in bench.output.splitlines()[1:]] == ["2"]
+
+
+@pytest.mark.parametrize("ids", [["--ids", "0-5"], []], ids=["few", "all"])
+@pytest.mark.parametrize("models", [("AX-12", "AX-12"), ("XL430-W250",) * 2, ("AX-12", "MX-28")])
+def test_scan_suspects_two_servos_with_one_id(
+    bench: Bench, models: tuple[str, str], ids: list[str]
+) -> None:
+    first, second = map(servo_model, models)
+    bench.bus = SimulatedBus([SimulatedServo(1, first), SimulatedServo(1, second, position=300)])
+    bench.deaf_to_baud = True
+    assert bench.run("scan", "--bauds", "1000000", *ids) == DONE
+    assert "id 1 is probably taken twice" in bench.messages
+
+
+# info
+
+
+def test_info_shows_all_registers_in_units(bench: Bench) -> None:
+    assert bench.run("info", "7") == DONE
+    assert "servo 7: XL430-W250, protocol 2.0" in bench.output
+    for register in XL430.control_table:
+        assert (register.name in bench.output) == (not register.name.startswith("Indirect"))
+    assert "-1.608 rad (-92.1°)" in bench.output
+    assert "1000000 baud" in bench.output
+    assert bench.run("info", "7", "--all") == DONE
+    assert "Indirect Address 28" in bench.output
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("info", "44"), ("info", "1"), ("--port", "/dev/none", "info", "7"), ("relax", "44")],
+)
+def test_what_cannot_be_reached_fails(bench: Bench, command: tuple[str, ...]) -> None:
+    bench[1].set_register("Status Return Level", 0)
+    assert bench.run(*command) == FAILED
+    assert bench.messages and not bench.output
+
+
+# set
+
+
+def test_set_writes_ram_without_a_question(bench: Bench) -> None:
+    assert bench.run("set", "1", "LED", "1") == DONE
+    assert bench[1].register("LED") == 1
+
+
+@pytest.mark.parametrize(("answer", "code"), [("y\n", DONE), ("n\n", REFUSED), ("\n", REFUSED)])
+def test_set_asks_before_it_writes_eeprom(bench: Bench, answer: str, code: int) -> None:
+    bench.answers = answer
+    assert bench.run("set", "7", "temperature limit", "60") == code
+    assert bench[7].register("Temperature Limit") == (60 if code == DONE else 72)
+
+
+def test_set_takes_units_and_addresses(bench: Bench) -> None:
+    assert bench.run("--yes", "set", "7", "Max Position Limit", "90deg") == DONE
+    assert bench[7].register("Max Position Limit") == 3072
+    assert bench.run("--yes", "set", "1", "12", "7.5V") == DONE
+    assert bench[1].register("Min Voltage Limit") == 75
+
+
+def test_nobody_to_ask_is_a_no(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Keyboard, "isatty", lambda _: False)
+    assert bench.run("set", "7", "Temperature Limit", "60") == REFUSED
+    assert bench[7].register("Temperature Limit") == 72
+
+
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_set_refuses_eeprom_while_torque_is_on(bench: Bench, servo_id: int) -> None:
+    bench[servo_id].set_register("Torque Enable", 1)
+    before = bench[servo_id].register("Temperature Limit")
+    assert bench.run("--yes", "set", str(servo_id), "Temperature Limit", "60") == REFUSED
+    assert bench[servo_id].register("Temperature Limit") == before
+
+
+def test_set_refuses_locked_memory(bench: Bench) -> None:
+    bench[1].set_register("Lock", 1)
+    assert bench.run("--yes", "set", "1", "Temperature Limit", "60") == REFUSED
+    assert bench[1].register("Temperature Limit") == 70
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [
+        ("Colour", "1"),
+        ("profile", "1"),
+        ("Present Position", "1"),
+        ("LED", "2"),
+        ("LED", "one"),
+        ("LED", "0.5"),
+        ("Max Voltage Limit", "20V"),
+        ("Max Voltage Limit", "7rpm"),
+        ("Goal Position", "1e99"),
+    ],
+)
+def test_set_of_what_is_not_possible_fails(bench: Bench, register: str, value: str) -> None:
+    assert bench.run("--yes", "set", "7", register, value) == FAILED
+
+
+def test_set_refuses_goals_beyond_the_servos_limits(bench: Bench) -> None:
+    bench[7].set_register("Max Position Limit", 2000)
+    assert bench.run("set", "7", "Goal Position", "2001") == REFUSED
+    assert bench.bus.write_log.goals(7) == []
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register"), [(1, "Goal Position"), (1, "Moving Speed"), (7, "Goal Position")]
+)
+def test_a_goal_for_a_relaxed_servo_is_refused(bench: Bench, servo_id: int, register: str) -> None:
+    command = ("set", str(servo_id), register, "300")
+    assert bench.run(*command) == REFUSED
+    assert bench[servo_id].register("Torque Enable") == 0
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run(*command) == DONE
+    assert bench[servo_id].register(register) == 300
+
+
+def test_a_goal_in_another_mode_than_position_is_refused(bench: Bench) -> None:
+    bench[7].set_register("Operating Mode", 4)
+    bench[7].set_register("Torque Enable", 1)
+    assert bench.run("set", "7", "Goal Position", "300") == REFUSED
+    assert bench.bus.write_log.goals(7) == []
+
+
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_torque_comes_on_where_the_servo_stands(bench: Bench, servo_id: int) -> None:
+    servo = bench[servo_id]
+    servo.set_register("Goal Position", 900)
+    stands = servo.true_ticks
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    bench.pause(1.0)
+    servo.advance(bench.clock.now)
+    assert servo.register("Torque Enable") == 1
+    assert servo.true_ticks == pytest.approx(stands, abs=2)
+
+
+def test_torque_is_not_switched_on_in_a_turning_mode(bench: Bench) -> None:
+    bench[7].set_register("Operating Mode", 1)
+    assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
+    bench[1].set_register("CCW Angle Limit", 0)
+    assert bench.run("set", "1", "Torque Enable", "1") == REFUSED
+    assert bench[7].register("Torque Enable") == bench[1].register("Torque Enable") == 0
+
+
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_status_return_level_can_be_set_and_brought_back(
+    bench: Bench, servo_id: int, level: int
+) -> None:
+    assert bench.run("--yes", "set", str(servo_id), "Status Return Level", str(level)) == DONE
+    assert bench[servo_id].register("Status Return Level") == level
+    model = bench[servo_id].model.name
+    back = ("--yes", "--model", model, "set", str(servo_id), "Status Return Level", "2")
+    bench.pause(0.1)
+    assert bench.run(*back) == DONE
+    assert bench[servo_id].register("Status Return Level") == 2
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register"), [(1, "Moving Speed"), (8, "Moving Speed"), (7, "Profile Velocity")]
+)
+@pytest.mark.parametrize("zero", ["0", "0rad/s", "0.001 rad/s", "0deg/s", "-0"])
+def test_a_speed_that_means_full_speed_is_refused(
+    bench: Bench, servo_id: int, register: str, zero: str
+) -> None:
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("--yes", "set", str(servo_id), register, zero) == REFUSED
+    assert bench[servo_id].register(register) == 1
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register"), [(1, "Moving Speed"), (8, "Moving Speed"), (7, "Profile Velocity")]
+)
+def test_full_speed_is_set_by_its_name_and_shown_by_it(
+    bench: Bench, servo_id: int, register: str
+) -> None:
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("set", str(servo_id), register, "full") == DONE
+    assert bench.output.strip() == f"servo {servo_id}: {register} = 0 full speed"
+    assert bench[servo_id].register(register) == 0
+    assert bench.run("info", str(servo_id)) == DONE
+    assert "full speed" in bench.output and "0 rad/s  " not in bench.output.split(register)[1][:60]
+    assert bench.run("set", str(servo_id), "LED", "full") == FAILED
+
+
+@pytest.mark.parametrize("answer", ["y\n", "n\n"])
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_a_goal_at_full_speed_is_asked_about(bench: Bench, servo_id: int, answer: str) -> None:
+    register = "Profile Velocity" if servo_id == 7 else "Moving Speed"
+    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("set", str(servo_id), "Goal Position", "600") == DONE
+    assert bench.run("set", str(servo_id), register, "full") == DONE
+    bench.answers = answer
+    yes = answer == "y\n"
+    code = bench.run("set", str(servo_id), "Goal Position", "500")
+    assert code == (DONE if yes else REFUSED)
+    assert "full speed" in bench.messages
+    assert bench[servo_id].register("Goal Position") == (500 if yes else 600)
+
+
+@pytest.mark.parametrize("value", ["-30deg", "-0.5rad", "-.5rad", "-5e-1 rad"])
+def test_set_takes_negative_quantities(bench: Bench, value: str) -> None:
+    assert bench.run("--yes", "set", "7", "Homing Offset", "-100") == DONE
+    assert bench[7].register("Homing Offset") == -100
+    assert bench.run("--yes", "set", "7", "Homing Offset", value) == DONE
+    assert bench[7].register("Homing Offset") == pytest.approx(-342, abs=20)
+
+
+@pytest.mark.parametrize("answer", ["y\n", "n\n"])
+@pytest.mark.parametrize("servo_id", [1, 7])
+def test_torque_on_outside_the_limits_is_asked_about(
+    bench: Bench, servo_id: int, answer: str
+) -> None:
+    servo, low = bench[servo_id], servo_id == 1
+    servo.set_register("CCW Angle Limit" if low else "Min Position Limit", 400 if low else 1500)
+    stands = round(servo.true_ticks)
+    bench.answers = answer
+    code = bench.run("set", str(servo_id), "Torque Enable", "1")
+    assert str(stands) in bench.messages and str(400 if low else 1500) in bench.messages
+    assert code == (DONE if answer == "y\n" else REFUSED)
+    assert servo.register("Torque Enable") == (code == DONE)
+
+
+def test_torque_on_is_refused_for_a_servo_that_was_turned_round_by_hand(bench: Bench) -> None:
+    bench[7].advance(bench.clock.now)
+    bench[7].lead(5000, 0.5, 2.0)
+    bench.pause(2.0)
+    bench[7].advance(bench.clock.now)
+    assert bench[7].register("Present Position") == pytest.approx(5000, abs=5)
+    assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
+    assert bench[7].register("Torque Enable") == 0
+    bench[7].power_off()
+    bench[7].power_on()
+    bench.pause(1.0)
+    assert bench.run("set", "7", "Torque Enable", "1") == DONE
+    bench.pause(1.0)
+    bench[7].advance(bench.clock.now)
+    assert bench[7].true_ticks == pytest.approx(5000 - 4096, abs=8)
+
+
+def test_common_options_may_come_after_the_command(bench: Bench) -> None:
+    assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
+    assert bench[7].register("Temperature Limit") == 60
+    assert bench.run("info", "1", "--port", "/dev/none") == FAILED
+    assert "/dev/none" in bench.messages
+    bench[2].set_register("Baud Rate", 34)
+    assert bench.run("info", "2", "--baud", "57600") == DONE
+    bench[1].set_register("Status Return Level", 0)
+    command = ("set", "1", "Status Return Level", "2", "--model", "AX-12", "--yes")
+    assert bench.run(*command) == DONE
+
+
+@pytest.mark.parametrize("ids", [("--ids", "0-20"), ()], ids=["few", "all"])
+def test_over_an_adapter_that_echoes_nothing_is_different(
+    bench: Bench, ids: tuple[str, ...]
+) -> None:
+    bench.bus = SimulatedBus(list(bench.bus), echo=True)
+    assert bench.run("scan", "--bauds", "1000000", *ids) == DONE
+    assert [line.split()[1] for line in bench.output.splitlines()[1:]] == ["1", "2", "7", "8"]
+    assert bench.messages.strip() == ""
+    assert bench.run("info", "7") == DONE
+    assert bench.run("set", "1", "LED", "1") == DONE
+    assert bench[1].register("LED") == 1
+
+
+# set-id, set-baud
+
+
+def test_set_id_gives_a_free_id(bench: Bench) -> None:
+    bench.answers = "n\n"
+    assert bench.run("set-id", "1", "5") == REFUSED
+    assert bench.run("--yes", "set-id", "7", "253") == FAILED  # of protocol 1 only
+    bench[2].set_register("Torque Enable", 1)
+    assert bench.run("--yes", "set-id", "2", "5") == REFUSED
+    assert bench.run("--yes", "set-id", "1", "5") == DONE
+    assert [servo.id for servo in bench.bus] == [5, 2, 7, 8]
+
+
+@pytest.mark.parametrize("new_id", ["2", "7", "8"])
+def test_set_id_refuses_a_taken_id(bench: Bench, new_id: str) -> None:
+    assert bench.run("--yes", "set-id", "1", new_id) == REFUSED
+    assert bench[1].id == 1
+    assert bench.run("--yes", "set", "1", "ID", new_id) == REFUSED
+
+
+@pytest.mark.parametrize("servo_id", [1, 7, 8])
+def test_set_baud_changes_it_and_makes_sure(bench: Bench, servo_id: int) -> None:
+    assert bench.run("--yes", "set-baud", str(servo_id), "57600") == DONE
+    assert bench[servo_id].baud_rate == 57_600
+    assert bench.run("--baud", "57600", "--yes", "set-baud", str(servo_id), "1000000") == DONE
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "rate"), [("1", "250000"), ("7", "4500000"), ("1", "1234"), ("1", "2000000")]
+)
+def test_set_baud_refuses_what_servo_or_adapter_cannot_do(
+    bench: Bench, servo_id: str, rate: str
+) -> None:
+    bench.impossible = int(rate)
+    assert bench.run("--yes", "set-baud", servo_id, rate) == FAILED
+    assert bench[int(servo_id)].baud_rate == 1_000_000
+
+
+def test_set_of_the_baud_rate_register_is_as_careful(bench: Bench) -> None:
+    bench.impossible = 250_000
+    assert bench.run("--yes", "set", "1", "Baud Rate", "7") == FAILED
+    assert bench.run("--yes", "set", "1", "Baud Rate", "99") == FAILED  # a code of no rate
+    assert bench[1].baud_rate == 1_000_000
+    assert bench.run("--yes", "set", "1", "Baud Rate", "34") == DONE
+    assert bench[1].baud_rate == 57_600
+
+
+# relax, monitor
+
+
+def test_relax_switches_off_who_is_named_or_all(bench: Bench) -> None:
+    for servo in bench.bus:
+        servo.set_register("Torque Enable", 1)
+    assert bench.run("relax", "2", "7") == DONE
+    assert [servo.register("Torque Enable") for servo in bench.bus] == [1, 0, 0, 1]
+    assert bench.run("relax") == DONE
+    assert [servo.register("Torque Enable") for servo in bench.bus] == [0, 0, 0, 0]
+
+
+def test_relax_of_all_changes_no_other_register(bench: Bench) -> None:
+    written: list[tuple[int, int]] = []
+    write = DynamixelPort.write
+
+    def record(port: DynamixelPort, servo_id: int, address: int, data: bytes, **how: Any) -> int:
+        if servo_id == 254:  # all
+            written.append((how.get("protocol", 1), address))
+        return write(port, servo_id, address, data, **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DynamixelPort, "write", record)
+        assert bench.run("relax") == DONE
+    assert set(written) == {(1, 24), (2, 64)}  # 24 is the Moving Threshold of an X servo
+
+
+def test_monitor_shows_what_servos_measure(bench: Bench) -> None:
+    bench[8].supply_voltage = 9.5
+    assert bench.run("monitor", "--count", "2", "--rate", "5") == DONE
+    rows = {line.split()[0]: line for line in bench.output.splitlines()[-4:]}
+    assert set(rows) == {"1", "2", "7", "8"}
+    assert "off" in rows["1"] and "512" in rows["1"] and "+0.000" in rows["1"]
+    assert "-1.084 -62.1" in rows["2"]
+    assert "1000" in rows["7"] and " 11.1 " in rows["7"]
+    assert "input voltage" in rows["8"]
+    assert bench.clock() > 0.2
+    assert max(map(len, bench.output.splitlines())) <= 80
+
+
+def test_monitor_names_what_the_bus_would_report(bench: Bench) -> None:
+    bench[1].supply_voltage = 9.0
+    bench[2].temperature = 64.0
+    assert bench.run("monitor", "1", "2", "7", "--count", "1") == DONE
+    low, warm, fine = (line.rstrip() for line in bench.output.splitlines()[-3:])
+    assert low.endswith(Symptom.SUPPLY.value) and warm.endswith(Symptom.WARM.value)
+    assert fine.endswith(describe_errors(NO_ERROR))
+
+
+def test_monitor_shows_who_has_gone_silent(bench: Bench) -> None:
+    looks = []
+
+    def leave(seconds: float) -> None:
+        looks.append(seconds)
+        bench[2].power_off()
+        bench.clock.pass_until(bench.clock() + seconds)
+
+    bench.pause = leave  # type: ignore[method-assign]
+    assert bench.run("monitor", "1", "2", "--count", "2") == DONE
+    last = bench.output.splitlines()[-1]
+    assert last.split()[0] == "2" and "no answer" in last and "300" in last
+
+
+# calibrate
+
+
+def hand(bench: Bench, servo_id: int, *ticks: int) -> list[Callable[[], None]]:
+    def lead(tick: int) -> None:
+        bench.bus.advance(bench.clock.now)
+        bench[servo_id].lead(tick, 0.5, 2.0)
+        bench.pause(2.0)
+        bench.bus.advance(bench.clock.now)
+
+    return [lambda tick=tick: lead(tick) for tick in ticks]
+
+
+def test_calibrate_writes_zero_range_and_sign(bench: Bench, tmp_path: Path) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    bench.on_enter = hand(bench, 1, 520, 200, 850) + hand(bench, 7, 2100, 3000, 1500)
+    file = tmp_path / "head.yaml"
+    command = ("calibrate", "head_pan:1", "head_tilt:7", "--output", str(file), "--margin", "0.05")
+    assert bench.run(*command) == DONE
+    assert bench[1].register("Torque Enable") == 0
+    parameters = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    assert parameters["baud_rate"] == 1_000_000
+    assert parameters["port_name"] == "/dev/sim"
+    assert parameters["dynamixels"] == ["head_pan", "head_tilt"]
+    pan = parameters["head_pan_controller"]
+    assert pan["joint_name"] == "head_pan_joint"
+    assert pan["motor"]["model"] == "AX-12" and pan["motor"]["id"] == 1
+    assert pan["motor"]["init"] == pytest.approx(520, abs=3)
+    assert pan["motor"]["min"] == pytest.approx(210, abs=4)
+    assert pan["motor"]["max"] == pytest.approx(840, abs=4)
+    tilt = parameters["head_tilt_controller"]["motor"]
+    assert tilt["min"] == pytest.approx(2967, abs=12)
+    assert tilt["max"] == pytest.approx(1533, abs=12)
+
+
+def test_calibrate_asks_before_it_replaces_a_file(bench: Bench, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    file.write_text("precious")
+    bench.answers = "n\n"
+    assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == REFUSED
+    assert file.read_text() == "precious"
+
+
+@pytest.mark.parametrize("poses", [(512, 512, 520), (100, 300, 800), (2048, 3500, 4500)])
+def test_poses_that_make_no_sense_are_refused(poses: tuple[int, int, int]) -> None:
+    model = AX_12 if max(poses) < 1024 else XL430
+    with pytest.raises(RefusedError):
+        mount_of(Wanted("head_pan", 1), model, *poses, margin=0.0)
+
+
+@pytest.mark.parametrize(
+    "servos", [("head_pan:1", "head_tilt:1"), ("head_pan:1", "head_pan:2")], ids=["id", "name"]
+)
+def test_calibrate_refuses_the_same_motor_twice(bench: Bench, servos: tuple[str, str]) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    assert bench.run("calibrate", *servos) == REFUSED
+    assert bench[1].register("Torque Enable") == 1
+
+
+@pytest.mark.parametrize("place", ["none/head.yaml", "."])
+def test_calibrate_into_nowhere_fails_before_the_first_pose(
+    bench: Bench, tmp_path: Path, place: str
+) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    with pytest.raises(SystemExit) as end:
+        bench.run("calibrate", "head_pan:1", "--output", str(tmp_path / place))
+    assert end.value.code == 2
+    assert bench[1].register("Torque Enable") == 1  # nothing was asked or done
+
+
+def test_calibrate_shows_what_it_cannot_write_in_the_end(bench: Bench, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    bench.on_enter = [*hand(bench, 1, 512, 200, 850), folder.rmdir]
+    last = bench.on_enter.pop()
+    end = bench.on_enter.pop()
+    bench.on_enter.append(lambda: (end(), last())[0])
+    assert bench.run("calibrate", "head_pan:1", "--output", str(folder / "head.yaml")) == FAILED
+    assert yaml.safe_load(bench.output)["/**/servo_bus"]
+
+
+# Registers as text
+
+
+@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
+def test_every_register_of_every_model_is_read_and_written_as_text(model) -> None:
+    for register in model.control_table:
+        assert find_register(model.control_table, register.name.upper()) is register
+        assert find_register(model.control_table, str(register.address)) is register
+        in_words(model, register, register.initial or 0)
+        if not register.writable:
+            continue
+        assert register.minimum is not None and register.maximum is not None
+        for value in (register.minimum, register.maximum):
+            assert parse_value(register, str(value)) == value
+            with pytest.raises(ToolError, match="allowed"):
+                parse_value(register, str(2 * abs(register.maximum) + 10_000_000))
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "text", "value"),
+    [
+        ("AX-12", "Goal Position", "0rad", 512),
+        ("AX-12", "Goal Position", "30 deg", 614),
+        ("AX-12", "Moving Speed", "1 rad/s", 86),
+        ("AX-12", "Moving Speed", "-100", 1124),
+        ("AX-12", "Return Delay Time", "500us", 250),
+        ("XL430-W250", "Profile Velocity", "22.9rpm", 100),
+        ("XL430-W250", "Homing Offset", "-90°", -1024),
+        ("XM430-W350", "Current Limit", "1A", 372),
+        ("XL430-W250", "Bus Watchdog", "1s", 50),
+    ],
+)
+def test_quantities_become_counts(model: str, name: str, text: str, value: int) -> None:
+    assert parse_value(servo_model(model).control_table[name], text) == value
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["info"],
+        ["info", "300"],
+        ["scan", "--ids", "9-3"],
+        ["calibrate", "head_pan"],
+        ["monitor", "--rate", "0"],
+        ["--model", "AX-99", "info", "1"],
+    ],
+)
+def test_wrong_command_lines_end_with_code_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        tool.main(arguments)
+    assert end.value.code == 2
