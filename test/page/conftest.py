@@ -1,3 +1,6 @@
 import pytest
 
-pytest.importorskip("nicegui", reason="nicegui is missing: pip install 'nicegui>=3.18,<4'")
+for library in ("nicegui", "mcap_ros2"):
+    pytest.importorskip(
+        library, reason=f"{library} is missing: pip install -r requirements/viewer.txt"
+    )

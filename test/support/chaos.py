@@ -295,7 +295,7 @@ class Chaos:
                 yield program(name, f"head_tracking.nodes.{name}", *ros)
         else:
             yield program("run", "head_tracking", "--port", str(link), "--params", files[1])
-        if importlib.util.find_spec("viser"):
+        if importlib.util.find_spec("nicegui"):
             yield program("page", "head_tracking.nodes.viewer", "--ros-args", "-p", "port:=0")
 
     def _spin(self) -> None:

@@ -1,5 +1,5 @@
 // A strip chart of the last 30 seconds, drawn ten times a second while it is seen.
-const SECONDS = 30, LEFT = 44, BOTTOM = 24;
+const SECONDS = 30, LEFT = 44, BOTTOM = 24, STEP = 0.07; // s, pixels
 
 export class Chart {
   constructor(canvas) {
@@ -8,10 +8,13 @@ export class Chart {
     this.due = 0;
   }
 
-  /** Add values [degrees] at a time [s]. */
+  clear() { this.points = []; }
+
+  /** Add head and wanted values [degrees] at a time [s]. */
   add(stamp, values) {
     if (!Number.isFinite(stamp)) return;
     if (this.points.length && stamp < this.points.at(-1).stamp) this.points = [];
+    if (this.points.length && stamp < this.points.at(-1).stamp + STEP) return;
     this.points.push({ stamp, values });
     while (this.points[0].stamp < stamp - SECONDS) this.points.shift();
     if (performance.now() < this.due || !this.canvas.clientWidth) return;
@@ -49,9 +52,10 @@ export class Chart {
       pen.textAlign = ago === 30 ? "left" : ago ? "center" : "right";
       pen.fillText(text, x(now - ago), height - 8);
     }
-    ["--blue", "--teal"].forEach((name, number) => {
+    ["--blue", "--teal", "--blue", "--teal"].forEach((name, number) => {
       pen.strokeStyle = colour(name);
-      pen.lineWidth = 2;
+      pen.lineWidth = number < 2 ? 2 : 1.2;
+      pen.setLineDash(number < 2 ? [] : [4, 4]);
       pen.beginPath();
       let down = false;
       for (const { stamp, values } of this.points) {
@@ -61,5 +65,6 @@ export class Chart {
       }
       pen.stroke();
     });
+    pen.setLineDash([]);
   }
 }

@@ -1,7 +1,23 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
 import { THREE, OrbitControls, STLLoader } from "nicegui-scene";
 
-const TRAIL = 150, AHEAD = 0.36, HALF = 0.546;
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
+const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
+
+function lineOf(colour, points, kind = THREE.Line) {
+  const line = new kind(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+  line.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * points), 3));
+  line.geometry.setDrawRange(0, 0);
+  line.frustumCulled = false;
+  return line;
+}
+
+function draw(line, points) {
+  const attribute = line.geometry.attributes.position;
+  points.forEach((point, number) => attribute.setXYZ(number, ...point));
+  attribute.needsUpdate = true;
+  line.geometry.setDrawRange(0, points.length);
+}
 
 function put(node, [x, y, z, qx, qy, qz, qw]) {
   node.position.set(x, y, z);
@@ -15,7 +31,8 @@ function geometryOf({ kind, size }) {
 }
 
 export class RobotScene {
-  constructor(place) {
+  /** @param {(point: number[]) => void} onFloor receives a point of the floor [m]. */
+  constructor(place, onFloor) {
     this.place = place;
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
@@ -34,14 +51,39 @@ export class RobotScene {
     grid.material.opacity = 0.18;
     this.scene.add(grid);
     this.root = this.scene.add(new THREE.Group()).children.at(-1);
-    this.target = new THREE.Mesh(new THREE.SphereGeometry(0.035, 24, 16), new THREE.MeshStandardMaterial({ color: 0xd22699, emissive: 0x700c50 }));
+    this.target = new THREE.Mesh(new THREE.SphereGeometry(0.035, 24, 16), new THREE.MeshStandardMaterial({ color: COLOURS.target, emissive: 0x700c50 }));
     this.target.visible = false;
-    this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xe060b8 }));
-    this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * TRAIL), 3));
-    this.trail.frustumCulled = false;
+    this.trail = lineOf(COLOURS.trail, MOST_TRAIL);
+    this.prediction = lineOf(COLOURS.prediction, 64);
     this.points = [];
-    this.scene.add(this.target, this.trail);
+    this.parts = { trail: this.trail, prediction: this.prediction };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false };
+    this.scene.add(this.target, this.trail, this.prediction);
+    this.listen(onFloor);
     new ResizeObserver(() => this.resize()).observe(place);
+  }
+
+  /** A click on the floor that is no drag of the view. */
+  listen(onFloor) {
+    const canvas = this.renderer.domElement;
+    let pressed = null;
+    canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+    canvas.addEventListener("pointerup", (event) => {
+      if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > CLICK) return;
+      const { left, top, width, height } = canvas.getBoundingClientRect();
+      const at = new THREE.Vector2((2 * (event.clientX - left)) / width - 1, 1 - (2 * (event.clientY - top)) / height);
+      const ray = new THREE.Raycaster();
+      ray.setFromCamera(at, this.camera);
+      const point = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), new THREE.Vector3());
+      if (point && point.distanceTo(this.camera.position) < FARTHEST) onFloor(point.toArray());
+    });
+  }
+
+  /** Draw a part, or leave it out. */
+  want(part, isWanted) {
+    this.wanted[part] = isWanted;
+    if (this.parts[part]) this.parts[part].visible = isWanted;
+    this.request();
   }
 
   resize() {
@@ -87,29 +129,48 @@ export class RobotScene {
         link(shape.link).add(mesh);
         this.request();
       };
-      if (shape.kind === "mesh") loader.load(`/head/mesh/${shape.mesh}`, add);
+      if (shape.kind === "mesh") loader.load(shape.mesh, add);
       else add(geometryOf(shape));
     }
-    if (robot.camera) this.addFrustum(link(robot.camera), robot.axis);
+    this.screen = null;
+    if (robot.camera) this.addGaze(robot, link(robot.camera));
+    for (const [part, node] of Object.entries(this.parts)) node.visible = this.wanted[part];
+    this.shown = "";
     this.framed = false;
   }
 
-  addFrustum(camera, axis) {
-    const view = camera.add(new THREE.Group()).children.at(-1);
-    if (axis[2] < 0.999) { // a body frame: x forward; make z forward, y down
-      const forward = new THREE.Vector3(...axis), right = forward.clone().cross(new THREE.Vector3(0, 0, 1)).normalize();
+  addGaze(robot, camera) {
+    const [across, aspect, sight] = robot.view ?? this.view ?? [1, 4 / 3, 3];
+    this.view = [across, aspect, sight];
+    const view = camera.add(new THREE.Group()).children.at(-1), { axis } = robot;
+    if (axis[2] < 0.999) { // a body frame: make z forward, y down
+      const forward = new THREE.Vector3(...axis), up = new THREE.Vector3(0, 0, 1);
+      const right = forward.clone().cross(up);
+      if (right.length() < 1e-9) right.set(0, -1, 0);
+      right.normalize();
       view.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(right, forward.clone().cross(right), forward));
     }
-    const right = AHEAD * HALF, down = right * 0.75;
+    const line = lineOf(COLOURS["line of sight"], 2);
+    draw(line, [[0, 0, 0], [0, 0, sight]]);
+    const field = lineOf(COLOURS["reachable field"], robot.field.length / 3, THREE.LineSegments);
+    draw(field, Array.from({ length: robot.field.length / 3 }, (_, number) => robot.field.slice(3 * number, 3 * number + 3)));
+    const cone = new THREE.Group();
+    view.add(line, cone);
+    this.root.add(field);
+    Object.assign(this.parts, { "line of sight": line, "view cone": cone, "reachable field": field });
+    this.addFrustum(cone, AHEAD * Math.tan(across / 2), aspect);
+  }
+
+  addFrustum(view, right, aspect) {
+    const down = right / aspect;
     const corners = [[-right, -down], [right, -down], [right, down], [-right, down]].map(([x, y]) => [x, y, AHEAD]);
     const edges = corners.flatMap((corner, number) => [0, 0, 0, ...corner, ...corner, ...corners[(number + 1) % 4]]);
     const lines = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(edges, 3));
-    view.add(new THREE.LineSegments(lines, new THREE.LineBasicMaterial({ color: 0x5b8cff })));
+    view.add(new THREE.LineSegments(lines, new THREE.LineBasicMaterial({ color: COLOURS["view cone"] })));
     this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2 * right, 2 * down).rotateX(Math.PI), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this.screen.position.z = AHEAD;
     this.screen.visible = false;
     view.add(this.screen);
-    this.view = view;
   }
 
   showPicture(image) {
@@ -128,9 +189,9 @@ export class RobotScene {
     this.request();
   }
 
-  show(positions, target) {
+  show(positions, target, predicted = [], stamp = 0) {
     if (!this.robot) return;
-    const shown = JSON.stringify([positions, target]);
+    const shown = JSON.stringify([positions, target, predicted]);
     if (shown === this.shown) return;
     this.shown = shown;
     for (const joint of this.joints) {
@@ -141,22 +202,23 @@ export class RobotScene {
       else joint.node.quaternion.setFromAxisAngle(joint.axis, position);
     }
     this.target.visible = Boolean(target);
+    const before = this.points.at(-1);
+    if (!target || (before && (stamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) this.points = [];
     if (target) {
       this.target.position.set(...target);
-      this.points.push(target);
-      this.points.splice(0, this.points.length - TRAIL);
-    } else this.points.length = 0;
-    const attribute = this.trail.geometry.attributes.position;
-    this.points.forEach((point, number) => attribute.setXYZ(number, ...point));
-    attribute.needsUpdate = true;
-    this.trail.geometry.setDrawRange(0, this.points.length);
+      this.points.push({ stamp, at: target });
+      while (this.points[0].stamp < stamp - (this.robot.trail ?? 5) || this.points.length > MOST_TRAIL) this.points.shift();
+    }
+    draw(this.trail, this.points.map(({ at }) => at));
+    draw(this.prediction, target ? predicted.slice(0, 64) : []);
     if (!this.framed) this.frame();
     this.request();
   }
 
   /** Show robot and frustum as a whole, once. */
   frame() {
-    const box = new THREE.Box3().setFromObject(this.root);
+    const box = new THREE.Box3();
+    this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
     if (box.isEmpty()) return;
     this.framed = true;
     const ball = box.getBoundingSphere(new THREE.Sphere());
@@ -164,15 +226,5 @@ export class RobotScene {
     this.controls.target.copy(ball.center);
     this.camera.position.copy(ball.center).add(new THREE.Vector3(0.35, -0.85, 0.38).normalize().multiplyScalar(away));
     this.controls.update();
-  }
-
-  /** Return yaw and elevation of the target as the head's base sees it [rad]; null without one. */
-  targetDirection() {
-    if (!this.target.visible || !this.view) return null;
-    const pan = this.joints.find((joint) => joint.name === this.robot.pan);
-    const camera = this.view.getWorldPosition(new THREE.Vector3());
-    const turn = pan.origin.getWorldQuaternion(new THREE.Quaternion()).invert();
-    const ray = this.target.position.clone().sub(camera).applyQuaternion(turn);
-    return [Math.atan2(ray.y, ray.x), Math.atan2(ray.z, Math.hypot(ray.x, ray.y))];
   }
 }

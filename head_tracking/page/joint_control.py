@@ -10,14 +10,14 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
+from head_tracking.page.head_modes import HeadModes, Mode
+from head_tracking.page.other_topics import OtherTopics
+from head_tracking.page.stop import Stop
 from head_tracking.ros.diagnostics import Health
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
 from head_tracking.transforms import JointState, JointStates, TransformBuffer
-from head_tracking.viewer.head_modes import HeadModes, Mode
-from head_tracking.viewer.other_topics import OtherTopics
-from head_tracking.viewer.stop import Stop
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
@@ -121,7 +121,7 @@ class JointControl:
             for name, joint in self._parameters.fixed("_controller.joint_name").items()
         }
         torque = {
-            _joint_of(one): Torque(one.values["torque"])
+            joint_of(one): Torque(one.values["torque"])
             for one in self._topics.health()
             if one.values.get("torque") in _TORQUES
         }
@@ -138,8 +138,6 @@ class JointControl:
 
         All go into one message: of several, whoever drives the servos takes the newest.
         """
-        if self._services.hold.reason:
-            return Outcome(False, self._services.hold.reason)
         if self.free:
             self._positions.update(positions)
             if self._timer.is_canceled():  # another reset would put off the next message
@@ -191,6 +189,6 @@ class JointControl:
         self._states.publish(message)
 
 
-def _joint_of(health: Health) -> str:
-    """The joint that a servo's diagnostics are about."""
+def joint_of(health: Health) -> str:
+    """Return the joint that the diagnostics of a servo are about."""
     return health.name.removeprefix("servo_bus: ").partition(" (servo ")[0]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from head_tracking.viewer.shapes import Box, Cylinder, Mesh, Missing, Sphere, mesh_file, robot_look
+from head_tracking.page.shapes import Box, Cylinder, Mesh, Missing, Sphere, mesh_file, robot_look
 
 
 def urdf(geometry: str, material: str = "") -> str:

@@ -14,15 +14,15 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.page.other_topics import OtherTopics
+from head_tracking.page.path import Path
+from head_tracking.page.stop import Stop
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
 from head_tracking.ros.messages import target_message
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
-from head_tracking.viewer.other_topics import OtherTopics
-from head_tracking.viewer.path import Path
-from head_tracking.viewer.stop import Stop
 
 TRACKER, POINTER = "head_tracker", "point_head"
 FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
@@ -226,7 +226,6 @@ class HeadModes:
             point: the target [m].
             wait: for a moment, for a refusal by the node that turns the head.
         """
-        _refuse_if(self._services.hold.reason)
         if not all(map(math.isfinite, point)):
             raise _Refused("the target is refused: x, y and z must be numbers in metres")
         if frame not in self._buffer.frames():
@@ -252,7 +251,6 @@ class HeadModes:
     @_answered
     def centre(self) -> str:
         """Recentres with the node that turns the head now."""
-        _refuse_if(self._services.hold.reason)
         with self._changing:
             mode, _ = self._take_over()
             self.stop_sending()
@@ -272,7 +270,6 @@ class HeadModes:
         the head before is switched off first. While the head is stopped only OFF can be chosen.
         For any thread: a later choice ends a change that is under way; STOP ends it, too.
         """
-        _refuse_if(self._services.hold.reason)
         _refuse_if(self._stop.refusal if mode is not Mode.OFF else "")
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             raise _Refused(f"there is no frame {frame!r} to follow")

@@ -13,6 +13,11 @@ from rclpy.node import Node
 
 from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.badge import Badge, badge
+from head_tracking.page.head_modes import POINTER, TRACKER, HeadModes, Mode
+from head_tracking.page.joint_control import JointControl
+from head_tracking.page.other_topics import OtherTopics
+from head_tracking.page.stop import Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
 from head_tracking.ros.diagnostics import Health
@@ -27,11 +32,6 @@ from head_tracking.transforms import (
     RobotModelError,
     TransformException,
 )
-from head_tracking.viewer.badge import Badge, badge
-from head_tracking.viewer.head_modes import POINTER, TRACKER, HeadModes, Mode
-from head_tracking.viewer.joint_control import JointControl
-from head_tracking.viewer.other_topics import OtherTopics
-from head_tracking.viewer.stop import Stop
 
 _LOOK_PERIOD = 1.0  # s
 _TARGET_AGE = 2.0  # s
@@ -58,7 +58,6 @@ class Robot:
         parameters: what can be tuned.
         modes: what decides where the head looks.
         joints: joints by hand.
-        hold: keeps back what a person commands.
         recorder: writes everything that the robot says into files.
     """
 
@@ -85,9 +84,8 @@ class Robot:
         self._targets = NewestTarget(node, self.buffer)
         self.topics = OtherTopics(node, self._graph)
         services = OtherServices(requests)
-        self.hold = services.hold
         self.parameters = OtherParameters(
-            requests, self._graph, (node.get_name(), "run_monitor", "node_starter"), self.hold
+            requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
         )
         self.recorder = Recorder(
             node,
@@ -130,14 +128,20 @@ class Robot:
         """The robot's model; its head is made anew with it."""
         model = self.buffer.model
         if model is not self._model and model is not None:
-            try:
-                self._head = self._head_parameters.head(model, self._pointing_frame)
-                self._no_head = ""
-            except (RobotModelError, TransformException) as error:
-                self._head, self._no_head = None, f"no head is shown: {error}"
+            self._head = self.head_of(model)
             self._targets.place_in(model.root)
             self._model = model
         return model
+
+    def head_of(self, model: RobotModel) -> PanTiltHead | None:
+        """Return the head of a model; None if it has none."""
+        try:
+            head = self._head_parameters.head(model, self._pointing_frame)
+        except (RobotModelError, TransformException) as error:
+            self._no_head = f"no head is shown: {error}"
+            return None
+        self._no_head = ""
+        return head
 
     def head(self) -> PanTiltHead | None:
         """The head that is turned; None if the model has none."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.diagnostics import Health, Level
 
-_CLEAR = "press Clear faults (tab Health) and switch torque on again (tab Joints)."
+_CLEAR = "press Clear faults and switch torque on again (place Joints)."
 _ADVICE = (
     ("nothing heard", "Is {source} still running? Look at its terminal."),
     ("port has gone", "Check the adapter's plug and its USB cable; it comes back by itself."),
@@ -23,7 +23,7 @@ _ADVICE = (
 )
 """By the words in which the servo bus names them (nodes/diagnostics.py); the first that fit."""
 
-_OTHERWISE = "Press STOP if the head does what it should not; the tab Health has the details."
+_OTHERWISE = "Press STOP if the head does what it should not; the place Health has the details."
 
 
 class Trouble(NamedTuple):
@@ -32,10 +32,12 @@ class Trouble(NamedTuple):
     Attributes:
         what: what it is.
         advice: what to do.
+        mend: the page's command that may end it; empty: there is none.
     """
 
     what: str
     advice: str
+    mend: str = ""
 
 
 def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
@@ -48,7 +50,7 @@ def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
     found = [
         Trouble(
             f"{node} has gone: nothing turns the head or gives it targets as the mode says",
-            f"Start {node} again, or choose another mode (tab Steer).",
+            f"Start {node} again, or choose another mode (place Live).",
         )
         for node in live.missing_nodes
     ]
@@ -65,7 +67,8 @@ def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
         source = one.name.partition(":")[0]
         if one.level >= Level.ERROR and source not in live.missing_nodes and not _passing(one):
             what = f"{one.name.removeprefix('servo_bus: ')}: {one.message}"
-            found.append(Trouble(what, advice(one.message, source)))
+            text = advice(one.message, source)
+            found.append(Trouble(what, text, "recover" if text.endswith(_CLEAR) else ""))
     return found
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.viewer.path import SHAPES, Path, shaped
+from head_tracking.page.path import SHAPES, Path, shaped
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)

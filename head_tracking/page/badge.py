@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
+from head_tracking.page.joint_control import Servo
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
-from head_tracking.viewer.joint_control import Servo
 
 _ON_TARGET = math.radians(2.0)
 _REFUSED = "refused: "
@@ -91,7 +91,7 @@ def badge(
         refuses = any(servo.refuses for servo in servos)
         return Badge(
             Word.RELAXED,
-            "torque is off until it is switched on (tab Joints)" if refuses else "until a command",
+            "torque is off until switched on (place Joints)" if refuses else "until a command",
         )
     if not on:
         return Badge(Word.HOLDING, "nothing turns the head")

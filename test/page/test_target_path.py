@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from head_tracking.viewer.target_path import TargetPath
+from head_tracking.page.target_path import TargetPath
 
 SECOND = 1_000_000_000
 
