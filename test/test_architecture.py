@@ -1,4 +1,4 @@
-"""The rooms of the package and the arrows between them; see docs/architecture.md."""
+"""The rooms of the package and the arrows between them; see docs/explain/architecture.md."""
 
 import ast
 import importlib
@@ -106,6 +106,21 @@ def test_a_library_is_known_to_one_file_only(library):
         if any(module.split(".")[0] == library for module in imported(path))
     }
     assert users == ONLY_IN[library]
+
+
+def test_timers_of_nodes_run_on_the_steady_clock():
+    """A timer on a node's own clock waits for hours when that is set back by hours."""
+    calls = {
+        str(path.relative_to(PACKAGE)): {word.arg for word in call.keywords}
+        for path in modules()
+        for call in ast.walk(ast.parse(path.read_text()))
+        if isinstance(call, ast.Call)
+        and isinstance(call.func, ast.Attribute)
+        and call.func.attr == "create_timer"
+        and room(path) != "viewer"
+        and path.stem != "viewer"
+    }
+    assert calls == {"ros/kit/spinning.py": {"clock"}, "tf/listener.py": {"clock"}}
 
 
 def test_the_simulator_shares_nothing_with_the_driver():

@@ -46,7 +46,6 @@ from head_tracking.dynamixel.protocol import (
     describe_errors,
 )
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
-from head_tracking.dynamixel.relaxing import relax_servos
 from head_tracking.dynamixel.requests import Epoch
 from head_tracking.dynamixel.serial_port import serial_ports
 from head_tracking.dynamixel.servo import Servo, ServoIdentity
@@ -64,6 +63,7 @@ from head_tracking.dynamixel.state import (
     Torque,
 )
 from head_tracking.dynamixel.thread import BusThread, BusTiming
+from head_tracking.dynamixel.torque import relax_servos
 
 __all__ = [
     "Adapter",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Final
 
@@ -14,27 +14,25 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     check_configuration,
 )
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.cycle import Cycle, advice
-from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
+    CommunicationError,
     CorruptReplyError,
     DynamixelError,
     GoalError,
     NotConnectedError,
+    ServoError,
     ServoNotFoundError,
+    TorqueError,
 )
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
 from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run, summary
-from head_tracking.dynamixel.state import (
-    BusReading,
-    BusStatistics,
-    CommandResult,
-    Goal,
-)
+from head_tracking.dynamixel.state import BusReading, BusStatistics, CommandResult, Goal
 
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
@@ -85,31 +83,19 @@ class ServoBus:
         pause: Callable[[float], object] = time.sleep,
         epoch: Epoch | None = None,
     ) -> None:
-        self._settings = settings = settings or BusSettings()
-        self._port = port
-        self._monotonic = monotonic
-        self._pause = pause
-        changes, events = Changes(), Events(monotonic)
+        settings, changes = settings or BusSettings(), Changes()
         self._joints = {
             joint.joint_name: Joint(joint, port, settings.watchdog, changes)
             for joint in check_configuration(joints)
         }
         self._all = tuple(self._joints.values())
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
-        self._procedures = Procedures(
-            port, self._all, self.requests, events, settings, monotonic, pause
+        self._bus = BusContext(
+            port, self._joints, self.requests, settings, changes, clock, monotonic, pause
         )
-        self.cycle = Cycle(
-            port,
-            self._joints,
-            changes,
-            self.requests,
-            self._procedures,
-            events,
-            settings,
-            clock,
-            monotonic,
-        )
+        self._port, self._pause, self._each_servo = port, pause, self._bus.each_servo
+        self._procedures = Procedures(self._bus)
+        self.cycle = Cycle(self._bus, self._procedures)
         self._connected = False
         self._refused = self._clamped = 0
 
@@ -323,7 +309,12 @@ class ServoBus:
         self._require_connection()
         self.requests.drop_goals()
         for joint in self._all:
-            joint.hold(self._settings.retries)
+            if joint.on:
+                for servo in joint.servos:  # one that is silent gets the position read last
+                    with suppress(CommunicationError):
+                        if servo.answers:
+                            servo.read_feedback(1 + self._bus.settings.retries)
+                joint.hold()
         self.cycle.write_goals(also_silent=True)
 
     def step(self) -> BusReading:
@@ -339,10 +330,11 @@ class ServoBus:
         events = self.cycle.write()
         return reading._replace(events=(*reading.events, *events)) if events else reading
 
-    # Owner's thread: what takes longer than one transaction, as steps
+    # Owner's thread: what takes longer than one transaction, as steps. All raise GoalError for an
+    # unknown joint, and NotConnectedError before `connect`; then nothing was done.
 
     def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
-        """Return the steps that switch the torque of some joints, or of all (None).
+        """Switch the torque of some joints, or of all (None).
 
         Torque on holds the present position. Torque off drops the goal; commands are refused until
         torque is switched on again. The first step switches torque off, the others confirm. Of the
@@ -350,14 +342,20 @@ class ServoBus:
         stopped joint `starting`, before and after.
 
         Raises:
-            GoalError: A joint is unknown; nothing was switched.
             TorqueError: Some joints did not confirm; the others were switched.
-            NotConnectedError: `connect` has not been called.
         """
         chosen = self._require_connection(joints)
-        if on:
-            return self._procedures.switching_on(chosen)
-        return self._procedures.relaxing(chosen, on_request=True)
+        for joint in chosen:  # all in the first step: who relaxes one later is heard
+            if not on:
+                joint.relaxed = True
+            elif not (joint.stopped or joint.faulted or joint.resting):
+                joint.relaxed = False
+        if not on:
+            yield from self._procedures.relaxing(chosen)
+            return
+        problems = yield from self._procedures.for_each(chosen, self._procedures.switching_on)
+        if problems:
+            raise TorqueError(True, problems)
 
     def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
         """STOP: relax all joints, whatever else is under way, and go on trying where that fails.
@@ -372,7 +370,18 @@ class ServoBus:
         Returns:
             For each joint what went wrong; empty where its servos have confirmed.
         """
-        problems = self._procedures.stop(timeout, self.epoch.advance() if epoch is None else epoch)
+        self._procedures.obeyed = self.epoch.advance() if epoch is None else epoch
+        deadline = self._bus.monotonic() + round(timeout * 1e9)
+        self.requests.discard_older()
+        steps = self._procedures.relax(self._all)
+        try:
+            while self._bus.monotonic() <= deadline:
+                self._pause(next(steps))
+            steps.close()
+            late = "it has not confirmed in time"
+            problems = {joint.name: "" if joint.confirmed else late for joint in self._all}
+        except StopIteration as end:
+            problems = end.value
         troubled = [self._joints[name] for name, problem in problems.items() if problem]
         if self._connected and troubled:
             self.requests.start(self._procedures.relaxing(troubled), despite_stop=True)
@@ -381,51 +390,51 @@ class ServoBus:
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0
     ) -> Steps[tuple[str, ...]]:
-        """Return the steps that clear the faults of joints, and leave them relaxed.
+        """Clear the faults of joints, or of all (None), and leave them relaxed.
 
         Protocol 1.0 servos are ready at once; others restart and are found again some cycles
         later, which `torque` tells.
 
         Args:
-            joints: The joints; None for all.
+            joints: The joints.
             patience: How long to wait for servos that restart, s.
 
         Returns:
             The joints that had a fault.
 
         Raises:
-            GoalError: A joint is unknown; nothing was done.
             ServoError: A servo does not recover.
-            NotConnectedError: `connect` has not been called.
         """
-        return self._procedures.recovering(self._require_connection(joints), patience)
+        faulted = [joint for joint in self._require_connection(joints) if joint.faulted]
+        _raise((yield from self._procedures.for_each(faulted, self._procedures.recovering)))
+        deadline = self._bus.monotonic() + round(patience * 1e9)
+        while patience and (waiting := [joint.name for joint in faulted if joint.faulted]):
+            if self._bus.monotonic() > deadline:
+                raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
+            yield 0.02
+        return tuple([joint.name for joint in faulted])
 
     def stopping(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Return the steps that relax joints, or all (None), out of the cycle until `starting`.
+        """Relax joints, or all (None), and take them out of the cycle until `starting`.
 
         Raises:
-            GoalError: A joint is unknown; nothing was done.
             TorqueError: Some did not confirm that they are relaxed; they are stopped all the same.
-            NotConnectedError: `connect` has not been called.
         """
         return self._procedures.relaxing(self._require_connection(joints), stop=True)
 
     def starting(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Return the steps that take stopped joints, or all (None), back, relaxed and found anew.
+        """Take stopped joints, or all (None), back, relaxed and found anew.
 
         Raises:
-            GoalError: A joint is unknown; nothing was done.
             ServoError: A servo is missing, or cannot be used; it is looked for from now on.
-            NotConnectedError: `connect` has not been called.
         """
-        return self._procedures.starting(self._require_connection(joints))
+        chosen = self._require_connection(joints)
+        _raise((yield from self._procedures.for_each(chosen, self._procedures.starting)))
 
     def writing_eeprom(
         self, joint: str, settings: EepromSettings
     ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
-        """Return the steps that write settings into the memory of a relaxed joint's servos.
-
-        They take some 0.1 s for each.
+        """Write settings into the memory of a relaxed joint's servos, in some 0.1 s for each.
 
         Args:
             joint: The joint.
@@ -435,20 +444,34 @@ class ServoBus:
             Old and new values of what was changed, by servo id and register name.
 
         Raises:
-            GoalError: The joint is unknown.
             ConfigurationError: A model has no such setting; nothing was written.
             ServoError: A servo has its torque on, or does not keep a value.
             CommunicationError: A servo does not answer.
-            NotConnectedError: `connect` has not been called.
         """
         (chosen,) = self._require_connection((joint,))
-        steps = self._procedures.writing_eeprom(chosen, settings)
-        return self._procedures.exclusively(chosen, steps)
+        return self._procedures.exclusively(chosen, self._writing_eeprom(chosen, settings))
+
+    def _writing_eeprom(
+        self, joint: Joint, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        wanted = {
+            servo: settings.registers(servo.model, servo.calibration.tick_range)
+            for servo in joint.servos
+        }
+        changed = {}
+        self.requests.drop_goals(joint.name)
+        joint.writing = True
+        try:
+            for servo, registers in wanted.items():
+                changed[servo.id] = yield from servo.write_eeprom(registers)
+            for servo in joint.servos:
+                if not joint.stopped and not servo.lost:
+                    yield from servo.identify()
+        finally:
+            joint.writing = False
+        return changed
 
     # Helpers
-
-    def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
-        return ((joint, servo) for joint in self._all for servo in joint.servos)
 
     def _require_connection(self, joints: Iterable[str] | None = ()) -> list[Joint]:
         """Return some joints, or all (None), of a bus that is connected."""
@@ -457,3 +480,8 @@ class ServoBus:
         if joints is None:
             return list(self._all)
         return [self.joint(name) for name in dict.fromkeys(joints)]
+
+
+def _raise(problems: Mapping[str, DynamixelError]) -> None:
+    if problems:
+        raise ServoError("; ".join(f"{joint}: {problem}" for joint, problem in problems.items()))

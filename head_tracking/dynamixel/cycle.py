@@ -14,22 +14,18 @@ deals with trouble.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.diagnosis import Diagnosis
-from head_tracking.dynamixel.events import Events
 from head_tracking.dynamixel.exceptions import CommunicationError, PortError, PortLostError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
-from head_tracking.dynamixel.requests import RequestQueue
-from head_tracking.dynamixel.servo import Changes, LinkState, Servo
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
 _SHARE: Final = 10
@@ -46,22 +42,14 @@ class _Part(NamedTuple):
 
     group: ReadGroup
     members: list[tuple[Joint, Servo]]
-    retries: int
 
 
 class Cycle:
     """Reads and writes the servos of a port, and looks after those that are not as usual.
 
     Args:
-        port: Where the servos are.
-        joints: The joints, by name.
-        changes: Of who is read.
-        requests: What is to be done besides.
-        procedures: Carries it out.
-        events: Takes what happens.
-        settings: How to deal with silence, faults and heat.
-        clock: Time for the stamps of measurements, ns.
-        monotonic: Time that never jumps, ns.
+        bus: What the parts of the bus share.
+        procedures: Carries out what takes several transactions.
 
     Attributes:
         cycles: Cycles run.
@@ -69,25 +57,14 @@ class Cycle:
         diagnosis: What is wrong with each servo.
     """
 
-    def __init__(
-        self,
-        port: DynamixelPort,
-        joints: Mapping[str, Joint],
-        changes: Changes,
-        requests: RequestQueue,
-        procedures: Procedures,
-        events: Events,
-        settings: BusSettings,
-        clock: Callable[[], int],
-        monotonic: Callable[[], int],
-    ) -> None:
+    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
         self.cycles = self.port_losses = 0
-        self._port, self._joints, self._changes = port, joints, changes
-        self._requests, self._procedures, self._events = requests, procedures, events
-        self._settings, self._clock, self._monotonic = settings, clock, monotonic
-        self._all = tuple(joints.values())
-        self._protection = Protection(events, procedures, settings)
-        self.diagnosis = Diagnosis(self._all, events, procedures, settings)
+        self._bus, self._port, self._joints, self._changes = bus, bus.port, bus.joints, bus.changes
+        self._requests, self._procedures, self._settings = bus.requests, procedures, bus.settings
+        self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
+        self._all, settings = tuple(bus.joints.values()), bus.settings
+        self._protection = Protection(bus, procedures)
+        self.diagnosis = Diagnosis(bus, procedures)
         self._rest = settings.rest
         self._watchdog = round(settings.watchdog * 1e9)
         self._look_again_at: int | None = None  # the port has gone; ns
@@ -164,7 +141,7 @@ class Cycle:
         except PortLostError as cause:
             self._lose_port(cause)
         self._took = self._monotonic() - start - self._spent
-        events = self._events.take() if self._events.waiting else ()
+        events = self._bus.take_events() if self._bus.events else ()
         return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
 
     def write(self) -> tuple[BusEvent, ...]:
@@ -192,7 +169,7 @@ class Cycle:
             self.write_goals()
         except PortLostError as cause:
             self._lose_port(cause)
-        return self._events.take() if self._events.waiting else ()
+        return self._bus.take_events() if self._bus.events else ()
 
     # Reading
 
@@ -204,9 +181,9 @@ class Cycle:
         begin = port.clock()
         for part in self._plan:
             asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
-            replies = port.read_group(part.group, part.retries)
+            replies = port.read_group(part.group)
             for (joint, servo), reply in zip(part.members, replies, strict=True):
-                if type(reply) is Reply and servo.link is LinkState.PRESENT and not reply.causes:
+                if type(reply) is Reply and servo.link is LinkState.PRESENT:
                     servo.counters.replies += 1
                     servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
                     states[joint.name] = state = joint.state()
@@ -226,26 +203,28 @@ class Cycle:
     def _take_unusual(
         self,
         servo: Servo,
-        outcome: Reply | Failed,
+        outcome: Reply | CommunicationError,
         stamp: int,
         begin: float,
         asked_at: float,
     ) -> None:
-        """Take note of a reply that took several tries, or did not come, or came at last."""
-        counters = servo.counters
-        causes = outcome.causes
-        for cause in causes:
-            servo.count(cause)
-        if isinstance(outcome, Failed):
-            counters.retries += len(causes) - 1
+        """Take note of a reply that did not come, and ask again; or of one that came at last."""
+        try:
+            if isinstance(outcome, CommunicationError):
+                servo.count(outcome)
+                if servo.failed_cycles or not self._settings.retries:
+                    raise outcome
+                servo.counters.retries += 1
+                outcome = servo.ask_feedback(self._settings.retries)
+            else:
+                servo.counters.replies += 1
+        except CommunicationError as cause:
             ask_at = 0
             if servo.failed_cycles:
                 cost = min(max(0, round((self._port.clock() - asked_at) * 1e9)), _LONGEST_WAIT)
                 ask_at = self._monotonic() + cost * (_SHARE - 1)
-            servo.note_failure(causes[-1], ask_at)
+            servo.note_failure(cause, ask_at)
             return
-        counters.retries += len(causes)
-        counters.replies += 1
         servo.take(outcome, stamp + int((outcome.stamp - begin) * 1e9))
         servo.note_answer()
 
@@ -280,34 +259,21 @@ class Cycle:
         turn to pass. While there is one, the plan is made anew in each cycle.
         """
         now, planned = self._monotonic(), self._changes.count
-        together: dict[tuple[object, ...], list[tuple[Joint, Servo]]] = {}
+        together: dict[tuple[ReadMethod, *tuple[object, ...]], list[tuple[Joint, Servo]]] = {}
         alone: list[_Part] = []
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
                 continue
             if servo.link is not LinkState.PRESENT:
                 planned = -1
+            method = _method(servo)
             if not servo.failed_cycles:
-                together.setdefault((_method(servo), *servo.layout), []).append((joint, servo))
+                own = servo.id if method is ReadMethod.EACH else None
+                together.setdefault((method, own, *servo.layout), []).append((joint, servo))
             elif servo.ask_at <= now:
-                alone.append(self._part([(joint, servo)], 0))
-        retries = self._settings.retries
-        self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
+                alone.append(_part(ReadMethod.EACH, [(joint, servo)]))
+        self._plan = [*[_part(key[0], members) for key, members in together.items()], *alone]
         self._planned = planned
-
-    def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
-        """Return the request that reads some servos, which are alike."""
-        servo = members[0][1]
-        block, model = servo.model.feedback, servo.model
-        group = ReadGroup(
-            _method(servo) if len(members) > 1 else ReadMethod.EACH,
-            model.protocol,
-            block.address,
-            block.length,
-            tuple([servo.id for _, servo in members]),
-            servo.plausible if model.sign_magnitude else None,
-        )
-        return _Part(group, members, retries)
 
     # Writing
 
@@ -321,7 +287,7 @@ class Cycle:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
             if joint.writable and not joint.busy:  # torque needs to know where it stands
-                self._procedures.switch_on_for_goal(joint)
+                self._procedures.begin(joint, self._procedures.switching_on_for_goal(joint))
 
     def write_goals(self, also_silent: bool = False) -> None:
         """Write the goals of all joints with torque on.
@@ -413,7 +379,7 @@ class Cycle:
         if servo.damaged_cycles >= self._settings.lost_after:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
         servo.lose(now + round(self._settings.poll_interval * 1e9))
-        self._events.note(EventKind.LOST, joint, text)
+        self._bus.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
 
@@ -432,7 +398,7 @@ class Cycle:
                         servo.damaged_cycles = 0
                     else:
                         servo.ping()
-                    self._procedures.return_servo(joint, servo)
+                    self._procedures.begin(joint, self._procedures.returning(joint, servo))
                 return self._monotonic() - now
         return 0
 
@@ -454,7 +420,8 @@ class Cycle:
             return False
         self._look_again_at = None
         self._last = now
-        self._events.note_port(EventKind.PORT_RETURNED, f"{self._port.name} is there again")
+        text = f"{self._port.name} is there again"
+        self._bus.events.append(BusEvent(EventKind.PORT_RETURNED, "", text))
         stopped = [joint for joint in self._all if joint.stopped]
         if stopped:  # perhaps while nobody could tell them
             steps = self._procedures.relaxing(stopped, stop=True)
@@ -487,10 +454,7 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
-        self._events.note_port(EventKind.PORT_LOST, str(cause))
-
-    def _each_servo(self) -> Iterator[tuple[Joint, Servo]]:
-        return ((joint, servo) for joint in self._all for servo in joint.servos)
+        self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
 
 
 def advice(servo: Servo) -> str:
@@ -498,6 +462,17 @@ def advice(servo: Servo) -> str:
     return (
         f"two servos answer as id {servo.id} (connect one alone and give it another id with "
         "`servo set-id`), or something disturbs the line"
+    )
+
+
+def _part(method: ReadMethod, members: list[tuple[Joint, Servo]]) -> _Part:
+    """Return the request that reads some servos, which are alike."""
+    servo = members[0][1]
+    block, model = servo.model.feedback, servo.model
+    ids = tuple([servo.id for _, servo in members])
+    plausible = servo.plausible if model.sign_magnitude else None
+    return _Part(
+        ReadGroup(method, model.protocol, block.address, block.length, ids, plausible), members
     )
 
 

@@ -12,8 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.events import Events
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.models import ServoModel
@@ -347,24 +346,15 @@ class Diagnosis:
     """Examines all servos once a cycle, after they were read.
 
     Args:
-        joints: All joints of the bus.
-        events: Takes what is found.
-        procedures: Asks servos why, relaxes joints, clears watchdogs.
-        settings: Temperatures.
+        bus: What the parts of the bus share.
+        procedures: Relaxes joints, clears watchdogs.
     """
 
-    def __init__(
-        self,
-        joints: Iterable[Joint],
-        events: Events,
-        procedures: Procedures,
-        settings: BusSettings,
-    ) -> None:
-        self._note, self._procedures = events.note, procedures
-        self._warm = settings.warm
+    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
+        self._bus, self._procedures = bus, procedures
         self._joints = [
             (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
-            for joint in joints
+            for joint in bus.joints.values()
         ]
         self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
 
@@ -441,7 +431,7 @@ class Diagnosis:
         watch.step = 0.0
         if identity is not None:
             watch.lowest = lowest_supply(servo.model, identity.lowest_voltage)
-            watch.warm = warm_from(self._warm, identity.temperature_limit)
+            watch.warm = warm_from(self._bus.settings.warm, identity.temperature_limit)
 
     def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
         """Ask a servo why, unless that is known and it is still the same."""
@@ -453,7 +443,7 @@ class Diagnosis:
         watch.examined = watch.now
         if suspicion is Symptom.BLOCKED and abs(watch.servo.load) < _DRIVES:
             suspicion = Symptom.IDLE
-        self._procedures.begin(self._examining(watch, suspicion, text))
+        self._bus.requests.start(self._examining(watch, suspicion, text))
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
@@ -498,7 +488,7 @@ class Diagnosis:
         joint, servo = watch.joint, watch.servo
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
         text = f"servo {servo.id}: {symptom.value}: {text}"
-        self._note(kind, joint, text, symptom.stuck, about=symptom)
+        self._bus.note(kind, joint, text, symptom.stuck, about=symptom)
         if watch.outcome == _UNDER_WAY and symptom is not Symptom.WARM:
             off = abs(joint.goal_position - servo.position)
             watch.outcome = f"missed by {off:.3f} rad: {symptom.value}"
@@ -508,7 +498,7 @@ class Diagnosis:
             if watch.now - watch.seen[symptom] > _GONE * 1e9:
                 del watch.symptoms[symptom]
                 text = f"servo {watch.servo.id}: no longer {symptom.value}"
-                self._note(EventKind.CLEARED, watch.joint, text, about=symptom)
+                self._bus.note(EventKind.CLEARED, watch.joint, text, about=symptom)
 
     def _end(self, watch: _Watch, why: str) -> None:
         """A goal has been dropped."""

@@ -6,24 +6,14 @@ independent: whoever sets or clears one does not touch the others. `torque` sums
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntFlag
 from functools import reduce
 
 from head_tracking.dynamixel.configuration import JointConfiguration
-from head_tracking.dynamixel.exceptions import (
-    CommunicationError,
-    ConfigurationError,
-    DynamixelError,
-    GoalError,
-    ServoError,
-)
-from head_tracking.dynamixel.holding import pin
-from head_tracking.dynamixel.maintenance import recover
+from head_tracking.dynamixel.exceptions import ConfigurationError, GoalError
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.relaxing import relaxing, release
-from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Changes, LinkState, Servo
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
@@ -54,6 +44,8 @@ class Joint:
         stale: Whether they are to be made anew.
         busy: Whether steps are being taken that others must wait for.
         writing: Whether the memory of its servos is being written.
+        overtaken: Counts who has relaxed it.
+        resumes: Whether it was on when its servo was lost, and may be so again.
     """
 
     def __init__(
@@ -80,9 +72,8 @@ class Joint:
         self.stale = False
         self.busy = self.writing = False
         self._limit_speed()
-        self._port = port
-        self._overtaken = 0  # counts who relaxed or stopped it
-        self._resumes = False  # it was on when its servo was lost, and may be so again
+        self.overtaken = 0
+        self.resumes = False
 
     # What is known
 
@@ -138,12 +129,7 @@ class Joint:
             lower, upper = max(lower, servo.limits[0]), min(upper, servo.limits[1])
         return lower, upper
 
-    def _inside(self, servo: Servo, ticks: int) -> int:
-        """Return the tick moved into the limits of the joint."""
-        lowest, highest = self._range(servo)
-        return max(lowest, min(highest, ticks))
-
-    def _range(self, servo: Servo) -> tuple[int, int]:
+    def range(self, servo: Servo) -> tuple[int, int]:
         """Return lowest and highest tick of a servo that the limits of the joint allow."""
         first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
@@ -215,19 +201,14 @@ class Joint:
         self.stopped = stopped
         self._changes.count += 1
 
-    # Owner's thread. Everything that talks to servos raises PortLostError when the port has gone.
+    # Owner's thread
 
     def aim(self, position: float, speed: float | None, now: int) -> None:
         """Make this the goal that is written from now on; `now` is monotonic, ns."""
         lower, upper = self.limits  # limits may have been narrowed since it was accepted
         position = min(max(position, lower), upper)
         ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
-        self._set_goal(ticks, speed, now)
-
-    def _set_goal(self, ticks: tuple[int, ...], speed: float | None, since: int | None) -> None:
-        self.goal_ticks = ticks
-        self.commanded_at = since
-        self.goal_speed = speed
+        self.goal_ticks, self.goal_speed, self.commanded_at = ticks, speed, now
         self.encode()
 
     def encode(self) -> None:
@@ -258,157 +239,34 @@ class Joint:
         self.goal_ticks = ()
         self.commanded_at = None
 
-    def keep_goal(self) -> None:
-        """Hold the goal from now on, because it has been reached."""
-        self.commanded_at = None
-
-    def hold(self, retries: int) -> None:
-        """Make the present position the goal, if it is on, at the speed of the previous one.
-
-        A servo that does not answer gets the position that was read last.
-        """
-        if not self.on:
-            return
-        for servo in self.servos:
-            with suppress(CommunicationError):
-                if servo.answers:
-                    servo.read_feedback(1 + retries)
-        self.hold_last()
-
-    def hold_last(self) -> None:
+    def hold(self) -> None:
         """Make the position that was read last the goal, at the speed of the previous one."""
-        ticks = tuple([self._inside(servo, servo.ticks) for servo in self.servos])
-        self._set_goal(ticks, self.goal_speed, None)
+        self._aim_at([servo.ticks for servo in self.servos], self.goal_speed)
+
+    def pinned(self, ticks: Sequence[int]) -> None:
+        """Take note that its torque is on, and that these are the goals of its servos."""
+        self._aim_at(ticks, 0.0)  # limits may have been narrowed meanwhile
+        self.on, self.resumes = True, False
+
+    def _aim_at(self, ticks: Sequence[int], speed: float | None, since: int | None = None) -> None:
+        """Make ticks, moved into the limits of the joint, the goal that is written from now on."""
+        goal = []
+        for servo, each in zip(self.servos, ticks, strict=True):
+            lowest, highest = self.range(servo)
+            goal.append(max(lowest, min(highest, each)))
+        self.goal_ticks, self.goal_speed, self.commanded_at = tuple(goal), speed, since
+        self.encode()
 
     def lose(self) -> None:
         """Drop the goal, because nobody answers any more."""
-        self._resumes = self._resumes or self.on
+        self.resumes = self.resumes or self.on
         self.forget_goal()
 
     def relax(self) -> None:
         """Drop its goal and whatever would switch its torque on; the servos are not told."""
-        self._overtaken += 1
-        self._resumes = False
+        self.overtaken += 1
+        self.resumes = False
         self.forget_goal()
-
-    def cut(self) -> None:
-        """Switch the torque of all its servos off, at once and without waiting for an answer."""
-        self.relax()
-        release(self._port, self.servos)
-
-    def switch_on(self) -> Steps[str]:
-        """Hold the present position with torque on; return what went wrong, or nothing."""
-        if self.on:
-            return ""
-        if self.stopped or self.faulted or self.resting or self.relaxed:
-            return str(self.torque.value)
-        if not self.complete:
-            return "the servo does not answer"
-        return (yield from self.pin())
-
-    def pin(self, powered: bool = False) -> Steps[str]:
-        """Make torque on and the present position the goal; return what went wrong, or nothing.
-
-        Args:
-            powered: Whether the torque of its servos is on already.
-        """
-        ticks: list[int] = []
-        overtaken = self._overtaken
-        try:
-            for servo in self.servos:
-                steps = pin(servo, self._range(servo), powered)
-                ticks.append((yield from self._unless_overtaken(steps, overtaken)))
-        except GeneratorExit:  # given up; the goal alone may have switched torque on
-            with suppress(DynamixelError):
-                self.cut()
-            raise
-        except (CommunicationError, ServoError) as cause:
-            # The goal alone may have switched torque on.
-            self.cut()
-            with suppress(DynamixelError):
-                yield from relaxing(self._port, self.servos)
-            return str(cause)
-        pairs = zip(self.servos, ticks, strict=True)  # limits may have been narrowed meanwhile
-        self._set_goal(tuple([self._inside(servo, tick) for servo, tick in pairs]), 0.0, None)
-        self.on = True
-        self._resumes = False
-        return ""
-
-    def _unless_overtaken(self, steps: Steps[int], overtaken: int) -> Steps[int]:
-        """Take steps as long as nobody relaxes the joint."""
-        while True:
-            try:
-                yield next(steps)
-            except StopIteration as end:
-                ticks: int = end.value
-                return ticks
-            if self._overtaken != overtaken:
-                raise ServoError("somebody has relaxed it meanwhile")
-
-    def identify(self) -> Steps[None]:
-        """Find its servos and relax them; raises as `Servo.identify` does."""
-        for servo in self.servos:
-            servo.ping(3)
-            yield 0.0
-            yield from servo.identify()
-
-    def come_back(self, servo: Servo) -> Steps[str]:
-        """Take a servo that answers again back; return what became of the torque.
-
-        A servo that kept its torque while it was silent holds where it stands, if the joint was
-        on; else it is relaxed.
-
-        Raises:
-            CommunicationError: It does not answer.
-            ServoError: It is not what the configuration says, or cannot be used.
-            ConfigurationError: Its own angle limits leave the joint no range.
-        """
-        others = self.on
-        overtaken = self._overtaken
-        keep = others or (self._resumes and not (self.relaxed or self.resting))
-        identity = yield from servo.identify(keep_torque=keep)
-        if self._overtaken != overtaken:
-            release(self._port, (servo,))
-            return self.torque.value
-        if keep and identity.faulted:
-            self.cut()
-        elif keep and not self.complete:
-            return "its other servo does not answer"
-        elif keep and (identity.powered or others):
-            problem = yield from self.pin(powered=identity.powered)
-            if problem:
-                return f"relaxed, because it does not hold: {problem}"
-            return "it kept its torque and holds where it stands"
-        elif keep and len(self.servos) > 1:
-            self.cut()  # the other one may hold
-        self._resumes = False
-        return self.torque.value
-
-    def recover(self, now: int) -> Steps[str]:
-        """Clear the fault of its servos; return what went wrong, or nothing.
-
-        Servos that restart are lost until the bus finds them again.
-
-        Args:
-            now: Monotonic time, ns.
-        """
-        if self.lost:
-            return "the servo does not answer"
-        self.cut()
-        try:
-            for servo in self.servos:
-                if not servo.faulted or servo.lost:
-                    continue
-                yield from recover(servo)
-                if servo.model.protocol == 2:
-                    servo.lose(now)
-        except (CommunicationError, ServoError) as cause:
-            return str(cause)
-        return ""
-
-    def check(self, lowest: int, highest: int) -> None:
-        """Refuse limits that cannot be set; raises as `reconfigure` does. Changes nothing."""
-        self._reconfigured(lowest, highest, None)
 
     def reconfigure(
         self,
@@ -426,18 +284,17 @@ class Joint:
         Raises:
             ConfigurationError: The servo cannot do that; nothing has changed.
         """
-        new = self._reconfigured(lowest, highest, max_speed)
+        new = self.reconfigured(lowest, highest, max_speed)
         self.servos[0].calibrate(new)
         self.configuration = new
         self._limit_speed()
         if self.goal_ticks:
-            pairs = zip(self.servos, self.goal_ticks, strict=True)
-            ticks = tuple([self._inside(servo, each) for servo, each in pairs])
-            self._set_goal(ticks, self.goal_speed, self.commanded_at)
+            self._aim_at(self.goal_ticks, self.goal_speed, self.commanded_at)
 
-    def _reconfigured(
-        self, lowest: int | None, highest: int | None, max_speed: float | None
+    def reconfigured(
+        self, lowest: int | None, highest: int | None, max_speed: float | None = None
     ) -> JointConfiguration:
+        """Return the configuration with other limits; takes and raises what `reconfigure` does."""
         old = self.configuration
         new = replace(
             old,

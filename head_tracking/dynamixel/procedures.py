@@ -6,80 +6,48 @@ that relax it: they overtake the others.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, Final, TypeVar
 
-from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
-from head_tracking.dynamixel.events import Events
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     DynamixelError,
-    NotConnectedError,
-    PortLostError,
     ServoError,
     TorqueError,
 )
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.maintenance import write_eeprom
-from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.relaxing import relaxing
-from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import EventKind
+from head_tracking.dynamixel.torque import pin, relaxing, release
 
 _T = TypeVar("_T")
 _CONVINCED: Final = 3  # times that a servo must seem unusable
 _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
-_GONE: Final = (PortLostError, NotConnectedError)
 
 
 class Procedures:
     """Carries out what takes several transactions.
 
     Args:
-        port: Where the servos are.
-        joints: All joints of the bus.
-        requests: Takes steps for later cycles.
-        events: Takes what happens.
-        settings: How to deal with silence.
-        monotonic: Time that never jumps, ns.
-        pause: Waits so many seconds.
+        bus: What the parts of the bus share.
 
     Attributes:
         obeyed: The last epoch whose STOP has been carried out.
     """
 
-    def __init__(
-        self,
-        port: DynamixelPort,
-        joints: Sequence[Joint],
-        requests: RequestQueue,
-        events: Events,
-        settings: BusSettings,
-        monotonic: Callable[[], int],
-        pause: Callable[[float], object],
-    ) -> None:
-        self.obeyed = requests.epoch.value
-        self._port, self._joints, self._requests = port, joints, requests
-        self._note = events.note
-        self._watchdog = bool(settings.watchdog)
-        self._poll_interval = round(settings.poll_interval * 1e9)
-        self._monotonic, self._pause = monotonic, pause
+    def __init__(self, bus: BusContext) -> None:
+        self.obeyed = bus.requests.epoch.value
+        self._bus, self._requests, self._note = bus, bus.requests, bus.note
         self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
-    def begin(self, steps: Steps[Any], joint: Joint | None = None) -> None:
-        """Take steps between the work of the next cycles, unless STOP comes before.
-
-        Args:
-            steps: The steps.
-            joint: That is busy from now on until they end.
-        """
-        if joint is None:
-            self._requests.start(steps)
-        else:
-            self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
+    def begin(self, joint: Joint, steps: Steps[Any]) -> None:
+        """Take the first step now, the others in the next cycles; meanwhile the joint is busy."""
+        self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
 
     def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while nobody else takes any for this joint."""
@@ -92,24 +60,29 @@ class Procedures:
         finally:
             joint.busy = False
 
-    def braking(self) -> Steps[None]:
-        """Wait until the joints that hold where they are stand."""
-        moving = [servo for joint in self._joints if joint.on for servo in joint.servos]
-        deadline = self._monotonic() + round(_BRAKING * 1e9)
-        for _ in range(round(_BRAKING / 0.002)):  # should the clock stand still
-            moving = [servo for servo in moving if not (servo.lost or self._stands(servo))]
-            if not moving or self._monotonic() > deadline:
-                return
-            yield 0.002
-
-    def _stands(self, servo: Servo) -> bool:
-        try:
-            servo.read_feedback()
-        except CommunicationError:
-            return False
-        return abs(servo.velocity) <= _STANDS
+    def for_each(
+        self, joints: Sequence[Joint], steps: Callable[[Joint], Steps[None]]
+    ) -> Steps[dict[str, DynamixelError]]:
+        """Take steps for each of some joints; return what went wrong, by joint."""
+        problems: dict[str, DynamixelError] = {}
+        for joint in joints:
+            try:
+                yield from self.exclusively(joint, steps(joint))
+            except DynamixelError as cause:
+                problems[joint.name] = cause
+        return problems
 
     # Torque off
+
+    def braking(self) -> Steps[None]:
+        """Wait until the joints that hold where they are stand."""
+        moving = [servo for joint, servo in self._bus.each_servo() if joint.on]
+        deadline = self._bus.monotonic() + round(_BRAKING * 1e9)
+        for _ in range(round(_BRAKING / 0.002)):  # should the clock stand still
+            moving = [servo for servo in moving if not (servo.lost or _stands(servo))]
+            if not moving or self._bus.monotonic() > deadline:
+                return
+            yield 0.002
 
     def relax(
         self, joints: Sequence[Joint], *, stop: bool = False, disarm: bool = False
@@ -132,7 +105,7 @@ class Procedures:
             if stop:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]
-        found = yield from relaxing(self._port, servos, disarm=disarm)
+        found = yield from relaxing(self._bus.port, servos, disarm=disarm)
         for joint in sure:
             for servo in joint.servos:
                 found[servo.id], servo.confirmed = "", True
@@ -141,12 +114,12 @@ class Procedures:
             for joint in joints
         }
 
-    def relaxing(
-        self, joints: Sequence[Joint], *, stop: bool = False, on_request: bool = False
-    ) -> Steps[None]:
-        """Relax joints and report it; see `ServoBus.switching_torque` and `ServoBus.stopping`."""
-        for joint in joints:
-            joint.relaxed |= on_request
+    def relaxing(self, joints: Sequence[Joint], *, stop: bool = False) -> Steps[None]:
+        """Relax joints and report it; `stop`: take them out of the cycle, too.
+
+        Raises:
+            TorqueError: Some did not confirm.
+        """
         found = yield from self.relax(joints, stop=stop, disarm=stop)
         for joint in joints:
             if not found[joint.name]:
@@ -165,145 +138,120 @@ class Procedures:
         if problem:
             self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
 
-    def stop(self, timeout: float, epoch: int) -> Mapping[str, str]:
-        """Relax all joints, whatever else is under way; see `ServoBus.relax_at_once`."""
-        deadline = self._monotonic() + round(timeout * 1e9)
-        self.obeyed = epoch
-        self._requests.discard_older()
-        steps = self.relax(self._joints)
-        try:
-            while self._monotonic() <= deadline:
-                self._pause(next(steps))
-        except StopIteration as end:
-            problems: dict[str, str] = end.value
-            return problems
-        steps.close()
-        late = "it has not confirmed in time"
-        return {joint.name: "" if joint.confirmed else late for joint in self._joints}
+    def _release(self, joint: Joint) -> None:
+        joint.relax()
+        release(self._bus.port, joint.servos)
 
     def obey_stop(self) -> None:
         """Carry out a STOP that could not wait until the owner's thread had left the port."""
         self.obeyed = self._requests.epoch.value
         self._requests.discard_older()
-        self._requests.start(self.relaxing(self._joints), despite_stop=True)
+        joints = tuple(self._bus.joints.values())
+        self._requests.start(self.relaxing(joints), despite_stop=True)
 
-    # Torque on
+    # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
-    def switching_on(self, joints: Sequence[Joint]) -> Steps[None]:
-        """Hold joints where they stand; see `ServoBus.switching_torque`."""
-        problems: dict[str, object] = {}
-        for joint in joints:  # all in the first step: who relaxes one later is heard
-            if not (joint.stopped or joint.faulted or joint.resting):
-                joint.relaxed = False
-        for joint in joints:
-            try:
-                problem = yield from self.exclusively(joint, joint.switch_on())
-            except _GONE as cause:
-                problem = str(cause)
-            if problem:
-                problems[joint.name] = problem
-            else:
-                self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
-        if problems:
-            raise TorqueError(True, problems)
+    def switching_on(self, joint: Joint) -> Steps[None]:
+        """Hold a joint where it stands, if nothing speaks against it."""
+        if not joint.on:
+            if joint.stopped or joint.faulted or joint.resting or joint.relaxed:
+                raise ServoError(joint.torque.value)
+            if not joint.complete:
+                raise ServoError("the servo does not answer")
+            yield from self._pinning(joint)
+        self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
-    def switch_on_for_goal(self, joint: Joint) -> None:
+    def switching_on_for_goal(self, joint: Joint) -> Steps[None]:
         """Switch the torque of a joint on, because there is a goal for it; or drop the goal."""
-        self.begin(self._switching_on_for_goal(joint), joint)
-
-    def _switching_on_for_goal(self, joint: Joint) -> Steps[None]:
-        problem = yield from joint.switch_on()
-        if problem:
+        try:
+            yield from self.switching_on(joint)
+        except (CommunicationError, ServoError) as cause:
             self._requests.drop_goals(joint.name)
-            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {problem}")
-        else:
-            self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
 
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint where it is, with the watchdogs of its servos armed anew."""
         if not joint.busy:
-            self.begin(self._holding(joint, why), joint)
+            self.begin(joint, self._holding(joint, why))
 
     def _holding(self, joint: Joint, why: str) -> Steps[None]:
-        problem = yield from joint.pin(powered=True)
-        self._note(EventKind.HELD, joint, f"{why}; {problem or 'it holds where it is'}")
+        result = "it holds where it is"
+        try:
+            yield from self._pinning(joint, powered=True)
+        except (CommunicationError, ServoError) as cause:
+            result = str(cause)
+        self._note(EventKind.HELD, joint, f"{why}; {result}")
 
-    # Faults, joints that are taken out and back, memory
+    def _pinning(self, joint: Joint, powered: bool = False) -> Steps[None]:
+        """Make torque on, or expect it to be (`powered`), and the present position the goal."""
+        ticks: list[int] = []
+        overtaken = joint.overtaken
+        try:
+            for servo in joint.servos:
+                steps = pin(servo, joint.range(servo), powered)
+                ticks.append((yield from _unless_overtaken(joint, overtaken, steps)))
+        except GeneratorExit:  # given up; the goal alone may have switched torque on
+            with suppress(DynamixelError):
+                self._release(joint)
+            raise
+        except (CommunicationError, ServoError):
+            self._release(joint)
+            with suppress(DynamixelError):
+                yield from relaxing(self._bus.port, joint.servos)
+            raise
+        joint.pinned(ticks)
 
-    def recovering(self, joints: Sequence[Joint], patience: float) -> Steps[tuple[str, ...]]:
-        """Clear the faults of joints; see `ServoBus.recovering`."""
-        faulted = [joint for joint in joints if joint.faulted]
-        problems: dict[str, object] = {}
-        for joint in faulted:
-            self._requests.drop_goals(joint.name)
-            try:
-                problem = yield from self.exclusively(joint, joint.recover(self._monotonic()))
-            except _GONE as cause:
-                problem = str(cause)
-            if problem:
-                problems[joint.name] = problem
-            else:
-                result = "it restarts" if joint.lost else joint.torque.value
-                self._note(EventKind.RECOVERED, joint, result)
-        _raise(problems)
-        deadline = self._monotonic() + round(patience * 1e9)
-        while patience and (waiting := [joint.name for joint in faulted if joint.faulted]):
-            if self._monotonic() > deadline:
-                raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
-            yield 0.02
-        return tuple([joint.name for joint in faulted])
+    # Faults, and servos that come and go
 
-    def starting(self, joints: Sequence[Joint]) -> Steps[None]:
-        """Take stopped joints back; see `ServoBus.starting`."""
-        problems: dict[str, object] = {}
-        for joint in joints:
-            if not joint.stopped:
-                continue
-            try:
-                yield from self.exclusively(joint, joint.identify())
-            except DynamixelError as cause:
-                for servo in joint.servos:
-                    servo.lose(0)
-                problems[joint.name] = cause
-            else:
-                self._note(EventKind.STARTED, joint, joint.torque.value)
-                for servo in joint.servos:
-                    self.note_shortcomings(joint, servo)
-            joint.set_stopped(False)
-        _raise(problems)
+    def recovering(self, joint: Joint) -> Steps[None]:
+        """Clear the fault of a joint.
 
-    def writing_eeprom(
-        self, joint: Joint, settings: EepromSettings
-    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
-        """Write settings into the memory of servos; see `ServoBus.writing_eeprom`."""
-        wanted = {
-            servo.id: settings.registers(servo.model, servo.calibration.tick_range)
-            for servo in joint.servos
-        }
-        changed = {}
+        A protocol 1.0 servo has set its Torque Limit to 0 and gets it back; others restart, and are
+        lost until the bus finds them again.
+        """
         self._requests.drop_goals(joint.name)
-        joint.writing = True
+        if joint.lost:
+            raise ServoError("the servo does not answer")
+        self._release(joint)
+        for servo in joint.servos:
+            if servo.faulted and not servo.lost:
+                if servo.model.protocol == 2:
+                    servo.reboot()
+                    servo.lose(self._bus.monotonic())
+                    continue
+                limit = servo.get("Max Torque")
+                yield 0.0
+                yield from servo.verify(servo.model.control_table.block("Torque Limit"), limit)
+                servo.faulted = False
+        result = "it restarts" if joint.lost else joint.torque.value
+        self._note(EventKind.RECOVERED, joint, result)
+
+    def starting(self, joint: Joint) -> Steps[None]:
+        """Take a stopped joint back, relaxed and found anew."""
+        if not joint.stopped:
+            return
         try:
             for servo in joint.servos:
-                changed[servo.id] = yield from write_eeprom(servo, wanted[servo.id])
+                servo.ping(3)
+                yield 0.0
+                yield from servo.identify()
+        except DynamixelError:
             for servo in joint.servos:
-                if not joint.stopped and not servo.lost:
-                    yield from servo.identify()
-        finally:
-            joint.writing = False
-        return changed
+                servo.lose(0)
+            joint.set_stopped(False)
+            raise
+        joint.set_stopped(False)
+        self._note(EventKind.STARTED, joint, joint.torque.value)
+        for servo in joint.servos:
+            self.note_shortcomings(joint, servo)
 
-    # A servo that answers again
-
-    def return_servo(self, joint: Joint, servo: Servo) -> None:
-        """Take a servo that answers again back, in the next cycles."""
-        self.begin(self._returning(joint, servo), joint)
-
-    def _returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+    def returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+        """Take a servo that answers again back."""
         try:
-            torque = yield from joint.come_back(servo)
+            result = yield from self._take_back(joint, servo)
         except (CommunicationError, ServoError, ConfigurationError) as cause:
-            servo.lose(self._monotonic() + self._poll_interval)
+            poll_interval = round(self._bus.settings.poll_interval * 1e9)
+            servo.lose(self._bus.monotonic() + poll_interval)
             if not isinstance(cause, CommunicationError):
                 text, times = self._unusable.get(servo.id, ("", 0))
                 times = times + 1 if text == str(cause) else 1
@@ -312,8 +260,36 @@ class Procedures:
                     self._note(EventKind.UNUSABLE, joint, str(cause))
             return
         self._unusable.pop(servo.id, None)
-        self._note(EventKind.RETURNED, joint, f"answers again; {torque}")
+        self._note(EventKind.RETURNED, joint, f"answers again; {result}")
         self.note_shortcomings(joint, servo)
+
+    def _take_back(self, joint: Joint, servo: Servo) -> Steps[str]:
+        """Identify a servo that answers again; return what became of the torque.
+
+        A servo that kept its torque while it was silent holds where it stands, if the joint was
+        on; else it is relaxed.
+        """
+        others = joint.on
+        overtaken = joint.overtaken
+        keep = others or (joint.resumes and not (joint.relaxed or joint.resting))
+        identity = yield from servo.identify(keep_torque=keep)
+        if joint.overtaken != overtaken:
+            release(self._bus.port, (servo,))
+            return joint.torque.value
+        if keep and identity.faulted:
+            self._release(joint)
+        elif keep and not joint.complete:
+            return "its other servo does not answer"
+        elif keep and (identity.powered or others):
+            try:
+                yield from self._pinning(joint, powered=identity.powered)
+            except (CommunicationError, ServoError) as cause:
+                return f"relaxed, because it does not hold: {cause}"
+            return "it kept its torque and holds where it stands"
+        elif keep and len(joint.servos) > 1:
+            self._release(joint)  # the other one may hold
+        joint.resumes = False
+        return joint.torque.value
 
     def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
         """Note what a servo that was found lacks."""
@@ -327,7 +303,7 @@ class Procedures:
                 f"servo {servo.id} has shut itself down before; it takes no commands until "
                 "somebody calls recover",
             )
-        if first is not None and self._watchdog and not servo.watched:
+        if first is not None and self._bus.settings.watchdog and not servo.watched:
             self._note(
                 EventKind.ALARM,
                 joint,
@@ -337,6 +313,21 @@ class Procedures:
             )
 
 
-def _raise(problems: Mapping[str, object]) -> None:
-    if problems:
-        raise ServoError("; ".join(f"{joint}: {problem}" for joint, problem in problems.items()))
+def _stands(servo: Servo) -> bool:
+    try:
+        servo.read_feedback()
+    except CommunicationError:
+        return False
+    return abs(servo.velocity) <= _STANDS
+
+
+def _unless_overtaken(joint: Joint, overtaken: int, steps: Steps[int]) -> Steps[int]:
+    """Take steps as long as nobody relaxes the joint."""
+    while True:
+        try:
+            yield next(steps)
+        except StopIteration as end:
+            ticks: int = end.value
+            return ticks
+        if joint.overtaken != overtaken:
+            raise ServoError("somebody has relaxed it meanwhile")

@@ -8,8 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Final
 
-from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.events import Events
+from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import Procedures
@@ -27,20 +26,13 @@ class Protection:
     """Judges what a cycle has read, and relaxes what must not go on.
 
     Args:
-        events: Takes what happens.
+        bus: What the parts of the bus share.
         procedures: Relaxes joints.
-        settings: Temperatures and times.
     """
 
-    def __init__(
-        self,
-        events: Events,
-        procedures: Procedures,
-        settings: BusSettings,
-    ) -> None:
-        self._note, self._cut = events.note, procedures.cut
-        self._settings = settings
-        self._command_timeout = round(settings.command_timeout * 1e9)
+    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
+        self._note, self._cut, self._settings = bus.note, procedures.cut, bus.settings
+        self._command_timeout = round(bus.settings.command_timeout * 1e9)
         self._looked_at: dict[int, int] = {}
         self._reported: dict[int, object] = {}  # errors, by servo id
 
@@ -125,9 +117,9 @@ class Protection:
         if since is None or now - since < self._command_timeout:
             return
         if abs(state.position_error or 0.0) <= _ARRIVED * joint.configuration.resolution:
-            joint.keep_goal()
+            joint.commanded_at = None  # it has been reached, and is held
             return
-        joint.hold_last()
+        joint.hold()
         self._note(
             EventKind.HELD,
             joint,

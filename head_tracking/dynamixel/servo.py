@@ -45,6 +45,10 @@ _T = TypeVar("_T")
 SLOWEST: Final = 1
 """Lowest goal speed; 0 would be full speed."""
 
+EEPROM_PAUSE: Final = 0.025
+"""Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
+some 6 ms per byte afterwards (fact sheet, section 9)."""
+
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _WATCHDOG_UNIT: Final = 0.02  # s
 _MAGNITUDES: Final = 2 << SIGN_BIT
@@ -254,6 +258,10 @@ class Servo:
 
     def read_feedback(self, tries: int = 1) -> None:
         """Read position, speed, load, voltage and temperature, and record them."""
+        self.take(self.ask_feedback(tries), self.stamp)
+
+    def ask_feedback(self, tries: int) -> Reply:
+        """Return the reply with position, speed, load, voltage and temperature."""
         block = self.model.feedback
 
         def attempt() -> Reply:
@@ -262,7 +270,7 @@ class Servo:
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
             return reply
 
-        self.take(self._try(tries, attempt), self.stamp)
+        return self._try(tries, attempt)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
@@ -412,6 +420,51 @@ class Servo:
         if problem is not None:
             raise problem
         return identity
+
+    def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
+        """Write settings that differ, with the pauses that servos need, and read them back.
+
+        The memory wears out: what is there already is not written again.
+
+        Args:
+            wanted: Register values by name.
+
+        Returns:
+            Old and new value of what was changed, by register name.
+
+        Raises:
+            ServoError: Its torque is on, its memory is locked, or it does not keep a value.
+        """
+        table = self.model.control_table
+        if self.get("Torque Enable"):
+            raise ServoError(
+                f"servo {self.id} has its torque on; relax it before changing its memory"
+            )
+        yield 0.0
+        if "Lock" in table and self.get("Lock"):
+            raise ServoError(
+                f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
+                "its power"
+            )
+        changed: dict[str, tuple[int, int]] = {}
+        for name, value in wanted.items():
+            yield 0.0
+            before = self.get(name)
+            if before == value:
+                continue
+            yield 0.0
+            block = table.block(name)
+            self.write(block, value)
+            if name == "Status Return Level":
+                self.acknowledges_writes = value >= 2
+            yield EEPROM_PAUSE * block.length
+            after = self.get(name)
+            if after != value:
+                raise RegisterRefusedError(
+                    f"servo {self.id} keeps {after} in {name} instead of {value}"
+                )
+            changed[name] = (before, value)
+        return changed
 
     def arm(self) -> Steps[None]:
         """Switch its watchdog on, if it has one."""

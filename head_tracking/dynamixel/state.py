@@ -116,8 +116,8 @@ class ServoState(NamedTuple):
 
     @property
     def effort(self) -> float:
-        """The load, under ROS's name for it."""
-        return self.load
+        """NaN: servos measure a share of their full load, and no torque."""
+        return math.nan
 
     @property
     def position_error(self) -> float | None:

@@ -15,6 +15,7 @@ from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.kit.topic_output import Output
 from head_tracking.ros.messages import target_message
+from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:
@@ -43,7 +44,9 @@ class FictitiousTargetNode(Node):
         self._target = FictitiousTarget(
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
-        self._targets = self.create_publisher(PointStamped, "target_point", 10)
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
         self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._sent: Time | None = None
         self._switch = Switch(self)

@@ -15,6 +15,7 @@ from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.messages import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import TransformException
 
@@ -41,7 +42,9 @@ class FrameTargetNode(Node):
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
         self._switch = Switch(self)
-        self._targets = self.create_publisher(PointStamped, "target_point", 10)
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
         steady_timer(self, 1.0 / rate, self._publish)
 
     def _on_parameters(self, parameters: FrameTargetParameters) -> None:

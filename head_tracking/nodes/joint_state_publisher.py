@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain, repeat
@@ -147,7 +148,7 @@ class JointStatePublisherNode(Node):
                 message.name,
                 message.position,
                 chain(message.velocity, repeat(0.0)),
-                chain(message.effort, repeat(0.0)),
+                chain(message.effort, repeat(math.nan)),
                 strict=False,
             )
             if name and abs(position) <= LARGEST_POSITION
@@ -190,7 +191,8 @@ class JointStatePublisherNode(Node):
         message.name = list(states)
         message.position = [state.position for state in states.values()]
         message.velocity = [state.velocity for state in states.values()]
-        message.effort = [state.effort for state in states.values()]
+        efforts = [state.effort for state in states.values()]
+        message.effort = [] if all(map(math.isnan, efforts)) else efforts
         self._output.publish(message)
 
 

@@ -48,6 +48,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.topic_output import Output
+from head_tracking.tf.qos import OVERRIDABLE
 
 _BAD_NEWS = (
     EventKind.LOST,
@@ -191,7 +192,13 @@ class ServoBusNode(Node):
                 log.warning(f"{bus.port_name}: {bus.adapter.advice}")
 
     def _create_topics(self) -> None:
-        self.create_subscription(JointState, "joint_commands", self._on_joint_commands, 1)
+        self.create_subscription(
+            JointState,
+            "joint_commands",
+            self._on_joint_commands,
+            1,
+            qos_overriding_options=OVERRIDABLE,
+        )
         self.create_subscription(JointState, "joint_claims", self._on_joint_claims, 10)
         for joint in self.backend.joints:
             name, controller = joint.joint_name, joint.controller
@@ -307,7 +314,7 @@ class ServoBusNode(Node):
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
         """Called when somebody wants to set a limit; raises if the servo does not allow it."""
-        self.backend.joint(joint).check(changed.min, changed.max)
+        self.backend.joint(joint).reconfigured(changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:
@@ -344,8 +351,8 @@ class ServoBusNode(Node):
 class StatesMessage:
     """A servo_states message that is filled anew each cycle; a new one costs nine times as much.
 
-    The servos were read a fraction of a millisecond apart: the stamp is the middle of it. Effort is
-    the share of full torque, -1 to 1.
+    The servos were read a fraction of a millisecond apart: the stamp is the middle of it. There is
+    no effort: servos measure a share of their full load, which is in the diagnostics.
 
     Args:
         states: the joints that it tells of.
@@ -361,16 +368,14 @@ class StatesMessage:
         stamp = message.header.stamp
         each = [states[name] for name in message.name]  # whichever answered first
         total = 0
-        positions, velocities, efforts = [], [], []
+        positions, velocities = [], []
         for state in each:
             total += state.stamp
             positions.append(state.position)
             velocities.append(state.velocity)
-            efforts.append(state.load)
         stamp.sec, stamp.nanosec = divmod(total // len(positions), _SECOND)
         message.position = array.array("d", positions)
         message.velocity = array.array("d", velocities)
-        message.effort = array.array("d", efforts)
         return message
 
 

@@ -21,6 +21,7 @@ from head_tracking.ros.placed_target import NewestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
+from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.transforms import RobotModel, Transform, TransformException, Vector3
 from head_tracking.vision.camera import camera_with_view
 from head_tracking.vision.opencv import require_opencv
@@ -124,9 +125,11 @@ class SimulatedCameraNode(Node):
         self._target: NewestTarget | None = None
         self._listen_for(p.scene)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
-        self._image = self.create_publisher(Image, "image", 5)
-        self._depth = self.create_publisher(Image, "depth", 5)
-        self._info = self.create_publisher(CameraInfo, "camera_info", 5)
+        self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
+        self._depth = self.create_publisher(Image, "depth", 5, qos_overriding_options=OVERRIDABLE)
+        self._info = self.create_publisher(
+            CameraInfo, "camera_info", 5, qos_overriding_options=OVERRIDABLE
+        )
         self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
         steady_timer(self, 1.0 / p.rate, self._take)
 

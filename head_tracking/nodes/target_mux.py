@@ -19,7 +19,7 @@ from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.messages import target_from_message, target_message
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import LATCHED, OVERRIDABLE
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException, Vector3
 
@@ -112,7 +112,9 @@ class TargetMuxNode(Node):
         self._selected: str | None = None
         self._looked_at: tuple[Vector3, float] | None = None
         self._switch = Switch(self, "targets are", "passed on")
-        self._targets = self.create_publisher(PointStamped, "target_point", 10)
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
         self.create_subscription(String, "~/pin", self._on_pin, 10)

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.joint_owners import control_from_message, sender
-from head_tracking.tf.qos import LATCHED
+from head_tracking.tf.qos import LATCHED, OVERRIDABLE
 
 
 class JointTopics:
@@ -31,7 +31,9 @@ class JointTopics:
         self._name = name
         self._joints = tuple(joints)
         self._loop = loop
-        self._commands = node.create_publisher(JointState, "joint_commands", 1)
+        self._commands = node.create_publisher(
+            JointState, "joint_commands", 1, qos_overriding_options=OVERRIDABLE
+        )
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
 
     def start(self) -> None:

@@ -18,6 +18,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.messages import target_message
+from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.vision import (
@@ -83,7 +84,9 @@ class SightedTarget:
         self._camera: tuple[Camera, str] | None = None
         self._placed = False
         self.switch = Switch(node)
-        self._targets = node.create_publisher(PointStamped, "target_point", 10)
+        self._targets = node.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
         node.create_service(Trigger, "~/reset", self._on_reset)

@@ -1,6 +1,6 @@
 """A multiple-model filter of the two bearings: Kalman filters mixed by how well each predicts.
 
-The models stand in `MODELS`; docs/estimator.md has the equations. Random walk and white
+The models stand in `MODELS`; docs/explain/estimator.md has the equations. Random walk and white
 acceleration: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and
 Navigation, section 6.2.2. A harmonic model of rate 0 is the model of section 6.2.3.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -23,7 +24,7 @@ class JointSample(Protocol):
 
     @property
     def effort(self) -> float:
-        """In whatever unit its source gives."""
+        """[N m or N]; NaN: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +34,12 @@ class JointState:
     Attributes:
         position: [rad or m].
         velocity: [rad/s or m/s].
-        effort: in whatever unit its source gives.
+        effort: [N m or N]; NaN: not known.
     """
 
     position: float
     velocity: float = 0.0
-    effort: float = 0.0
+    effort: float = math.nan
 
 
 class JointStates:

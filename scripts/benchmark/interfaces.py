@@ -24,7 +24,7 @@ PREEMPTIONS = 50
 
 
 def interfaces() -> str:
-    """The tables of docs/results.md."""
+    """The tables of docs/benchmarks.md."""
     return f"{point_head()}\n\n{preemption()}"
 
 

@@ -1,4 +1,4 @@
-"""Benchmarks of head_tracking; each makes one table of docs/results.md."""
+"""Benchmarks of head_tracking; each makes one table of docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from pkgutil import resolve_name
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
+RESULTS = Path(__file__).parents[2] / "docs" / "benchmarks.md"
 
 # Loaded when it is asked for: not all of them have all libraries.
 BENCHMARKS = {
@@ -26,7 +26,7 @@ BENCHMARKS = {
 
 
 def write(name: str, table: str) -> None:
-    """Puts the table between its marks in docs/results.md."""
+    """Puts the table between its marks in docs/benchmarks.md."""
     text = RESULTS.read_text()
     marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
     assert marks.search(text), f"{RESULTS} has no place for {name}"

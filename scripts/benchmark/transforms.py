@@ -91,7 +91,7 @@ class Row:
 
 
 def transforms() -> str:
-    """The table of docs/results.md."""
+    """The table of docs/benchmarks.md."""
     small = load_robot_model(robot_file("kinectbot"))
     large = sixty_links(small)
     workers = {name: Tf2(model) for name, model in (("15", small), ("60", large))}

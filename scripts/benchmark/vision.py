@@ -44,9 +44,9 @@ EMPTY_FRAMES = 10_000
 
 
 def vision() -> str:
-    """All tables; also draws docs/camera.jpg."""
+    """All tables; also draws docs/pictures/camera.jpg."""
     require_opencv()
-    draw_camera(ROOT / "docs" / "camera.jpg")
+    draw_camera(ROOT / "docs" / "pictures" / "camera.jpg")
     parts = (speed, errors, encodings, closed_loop, empty_scene)
     return "\n\n".join(part() for part in parts)
 

@@ -1,4 +1,4 @@
-"""Films the page while the head follows a face: docs/viewer.webp, as it moves and as fast."""
+"""Record docs/pictures/viewer.webp: the page while the head follows a face, in real time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws docs/head.png, the head following its target, and docs/nodes.svg, who talks to whom."""
+"""Draw head.png (the head follows its target) and nodes.svg (who talks to whom)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takes the pictures of the page for docs/, in Debian's chromium: viewer*.png."""
+"""Takes the pictures of the page for docs/pictures/, in Debian's chromium: viewer*.png."""
 
 from __future__ import annotations
 

@@ -42,6 +42,8 @@ def test_who_owns_a_joint_keeps_it(owners):
         owners.claim("somebody", [TILT], LEASE)
     assert (refusal.value.joint, refusal.value.owner) == (TILT, "/head_tracker")
     assert not refusal.value.leased
+    with pytest.raises(OwnershipError):
+        owners.check("somebody", [TILT])
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
 
 

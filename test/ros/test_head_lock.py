@@ -207,9 +207,10 @@ def test_a_simulated_head_ends_for_a_real_one_that_comes_later(node):
     simulated = HeadClaim(node(), simulated=True)
     simulated.begin()
     real = HeadClaim(node(), simulated=False)
-    real.begin()
     assert eventually(lambda: refused(simulated))
+    time.sleep(0.1)
     real.check()
+    real.begin()
 
 
 @pytest.mark.parametrize("data", ["", "7", "{}", json.dumps({"rank": [None], "head": 3}), "\x00"])

@@ -7,9 +7,13 @@ import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
+from std_msgs.msg import Float64
 
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.listening import TopicListener
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.topic_output import Output
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,9 @@ class Example:
     def __post_init__(self) -> None:
         if len(self.axis) != 3:
             raise ValueError("axis needs three numbers")
+
+
+ONCE = {"depth": 1, "reliability": "best_effort"}
 
 
 @pytest.fixture
@@ -110,3 +117,16 @@ def test_meaning_unit_and_range_can_be_asked_for(make):
     assert descriptor.floating_point_range[0].to_value == 2.0
     assert "speed, position" in node.describe_parameter("law").additional_constraints
     assert node.describe_parameter("port").read_only
+
+
+def test_parameters_change_the_delivery_of_topics(make):
+    publisher = {f"qos_overrides./angle.publisher.{k}": v for k, v in ONCE.items()}
+    subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}
+    node = make(**publisher, **subscription)
+    Output(node, Float64, "angle")
+    TopicListener(node, Float64, "angle", print)
+    (offered,) = node.get_publishers_info_by_topic("/angle")
+    (wanted,) = node.get_subscriptions_info_by_topic("/angle")
+    for endpoint in (offered, wanted):
+        assert endpoint.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+    assert node.get_parameter("qos_overrides./angle.publisher.depth").value == 1

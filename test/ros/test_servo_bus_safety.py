@@ -32,13 +32,14 @@ def bus_thread(robot):
     return robot.composition.nodes["servo_bus"].backend.threads[0]
 
 
-def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot):
-    """X servos take two seconds to restart here, and somebody waits for that."""
+def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot, monkeypatch):
+    """Somebody waits for a servo that restarts, and loses its power while it does."""
     from rclpy.parameter import Parameter
 
+    monkeypatch.setattr(bus_services, "_RESTART", 60.0)
     robot = make_robot("--mode", "point")
     xm = servo_model("XM430-W350")
-    servos = [SimulatedServo(i, xm, boot_time=2.0) for i in (1, 2)]
+    servos = [SimulatedServo(i, xm, boot_time=1.0) for i in (1, 2)]
     with SimulatedPort(servos) as simulated:
         motor = {"model": "XM430-W350", "init": 2048, "min": 1024, "max": 3072}
         overrides = [
@@ -67,11 +68,13 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot)
         wait_for(lambda: node.backend.joint(PAN).faulted)
         recovering = recover.call_async(Trigger.Request())
         wait_for(lambda: node.backend.joint(PAN).lost)  # it restarts
+        simulated.use(lambda bus: bus[1].power_off())
         relaxing = [client.call_async(Trigger.Request()) for client in relaxers]
         wait_for(lambda: torque(2) == 0)
         assert not recovering.done()
         wait_for(lambda: all(future.done() for future in relaxing))
         assert not recovering.done()
+        simulated.use(lambda bus: bus[1].power_on())
         wait_for(recovering.done)
         assert recovering.result().success, recovering.result().message
 

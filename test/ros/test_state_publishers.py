@@ -280,7 +280,16 @@ def test_velocities_may_be_missing_or_too_few(program, complete):
     wait_for(lambda: hands.publish(message) or found)
     assert positions(found[0]) == {"shoulder": 0.4, "elbow": 0.8}
     assert list(found[0].velocity) == [0.2, 0.0]
-    assert list(found[0].effort) == [0.0, 0.0]
+    assert not found[0].effort
+
+
+def test_efforts_that_are_not_known_are_nan(program, complete):
+    found = complete("hands", rate=1.0)
+    hands = program.talk(JointState, "hands")
+    message = joints(3.0, shoulder=0.4, elbow=0.8)
+    message.effort = [1.5]
+    wait_for(lambda: hands.publish(message) or found)
+    assert list(found[0].effort) == pytest.approx([1.5, math.nan], nan_ok=True)
 
 
 @pytest.mark.parametrize(

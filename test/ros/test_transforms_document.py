@@ -1,11 +1,11 @@
-"""The programs in docs/transforms.md work as they stand there."""
+"""The programs in docs/explain/transforms.md work as they stand there."""
 
 import re
 from pathlib import Path
 
 from head_tracking.share import robot_file
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "transforms.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "explain" / "transforms.md"
 FOR_ROS, WITHOUT_ROS = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
 
 

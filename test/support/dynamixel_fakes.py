@@ -22,7 +22,6 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.reading import Failed
 from head_tracking.dynamixel.requests import Steps
 
 T = TypeVar("T")
@@ -140,22 +139,18 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return Reply(bytes(servo.bytes[address : address + length]), servo.error)
 
-    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Failed]:
+    def read_group(self, group: ReadGroup) -> list[Reply | CommunicationError]:
         self.methods.append((group.method, group.ids))
-        return [self._ask(group, each, retries) for each in group.ids]
+        return [self._ask(group, each) for each in group.ids]
 
-    def _ask(self, group: ReadGroup, servo_id: int, retries: int) -> Reply | Failed:
-        causes: list[CommunicationError] = []
-        while len(causes) <= retries:
-            try:
-                reply = self.read(servo_id, group.address, group.length, group.protocol)
-                if group.plausible is not None and not group.plausible(reply.data):
-                    raise CorruptReplyError("impossible")
-            except CommunicationError as failure:
-                causes.append(failure)
-            else:
-                return reply._replace(causes=tuple(causes))
-        return Failed(tuple(causes))
+    def _ask(self, group: ReadGroup, servo_id: int) -> Reply | CommunicationError:
+        try:
+            reply = self.read(servo_id, group.address, group.length, group.protocol)
+        except CommunicationError as failure:
+            return failure
+        if group.plausible is not None and not group.plausible(reply.data):
+            return CorruptReplyError("impossible")
+        return reply
 
     def write(
         self,

@@ -273,3 +273,23 @@ def test_what_is_older_than_the_cache_takes_no_memory():
         history.insert(index * SECOND // 100, float(index))
     assert len(history) == 1002  # 10 s, and one sample more
     assert len(history.stamps) == len(history.values) <= 2 * len(history)
+
+
+STILL = Transform.identity()
+CONSTANTS = (STILL, moved(1.0), Transform.from_xyz_rpy((1, -2, 3), (0.3, -0.4, 2.0)))
+
+
+@pytest.mark.parametrize("before", CONSTANTS)
+@pytest.mark.parametrize("after", CONSTANTS)
+def test_a_measured_frame_stands_between_static_ones(before, after):
+    measured = Transform.from_xyz_rpy((-0.5, 1.5, 0.7), (-1.0, 0.2, 0.9))
+    buffer = TransformBuffer()
+    buffer.set_transform(0, "a", "b", before, static=True)
+    buffer.set_transform(SECOND, "b", "c", measured)
+    buffer.set_transform(0, "c", "d", after, static=True)
+    expected = (before @ measured @ after).as_matrix()
+    for stamp in (0, SECOND):
+        there = buffer.lookup_transform("a", "d", stamp).transform.as_matrix()
+        back = buffer.lookup_transform("d", "a", stamp).transform.as_matrix()
+        assert np.allclose(there, expected, atol=1e-14)
+        assert np.allclose(back @ expected, np.eye(4), atol=1e-14)

@@ -66,7 +66,7 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
     try:
         heard = listen(arguments, seconds)
     except RuntimeError as error:  # rclpy's
-        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/distributed.md"
+        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
         yield Finding("network", Grade.RED, text)
         return
     yield Finding("network", Grade.GREEN, f"{heard.nodes} other nodes")
@@ -134,7 +134,7 @@ def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
     elif not -_AHEAD[0] <= skew <= _SKEW[0]:
         level = Grade.AMBER
     text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
-    cure = "" if level is Grade.GREEN else ": synchronise the clocks (docs/distributed.md)"
+    cure = "" if level is Grade.GREEN else ": synchronise the clocks (docs/guide/network.md)"
     return Finding("clock skew", level, text + cure)
 
 

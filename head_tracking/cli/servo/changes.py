@@ -27,12 +27,11 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
     ServoSetupError,
 )
-from head_tracking.dynamixel.holding import pin, require_straight_path
-from head_tracking.dynamixel.maintenance import EEPROM_PAUSE, write_eeprom
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
-from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
+from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
 
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
@@ -82,7 +81,7 @@ def _write(
         _set_return_level(workshop, link, register, value)
     elif register.eeprom:
         _ask(workshop, link, f"{shown} (now {link.get(name)})")
-        run(write_eeprom(link, {name: value}), workshop.pause)
+        run(link.write_eeprom({name: value}), workshop.pause)
     elif name == "Torque Enable" and value:
         _hold(workshop, link)
     else:

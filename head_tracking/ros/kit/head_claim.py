@@ -1,7 +1,7 @@
 """Lets the heads of several machines find each other: each has one latched message.
 
-`HeadLock` does that within a machine. Of heads with the same domain and namespace one goes on: the
-one that has begun to move before one that looks for others, a real one before a simulated one, the
+`HeadLock` does that within a machine. Of heads with the same domain and namespace one goes on: a
+real one before a simulated one, one that has begun to move before one that looks for others, the
 older before the younger.
 """
 
@@ -40,15 +40,15 @@ class HeadClaim:
 
     def __init__(self, node: Node, *, simulated: bool) -> None:
         self._log = node.get_logger()
-        self._rank = [True, simulated, time.time(), uuid.uuid4().hex]
+        self._rank = [simulated, True, time.time(), uuid.uuid4().hex]
         self._first: str | None = None
         self._publisher = node.create_publisher(String, "head_claim", _LATCHED)
         node.create_subscription(String, "head_claim", self._on_claim, _ALL)
         self._publish()
 
     def begin(self) -> None:
-        """Go before all heads that still look for others."""
-        self._rank[0] = False
+        """Go before all heads of the same kind that still look for others."""
+        self._rank[1] = False
         self._publish()
 
     def check(self) -> None:
@@ -70,7 +70,7 @@ class HeadClaim:
             rank, head = list(claim["rank"]), str(claim["head"])
             if rank < self._rank:
                 self._first = head
-            elif rank != self._rank and not rank[0]:
+            elif rank != self._rank and not rank[1]:
                 self._log.warning(f"another head is in this graph: {head}; this one goes on")
         except (ValueError, TypeError, KeyError, IndexError):
             self._log.warning(f"head_claim: {message.data[:80]!r} is no claim of a head")

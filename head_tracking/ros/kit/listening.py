@@ -7,11 +7,9 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from head_tracking.tf.qos import MEASUREMENT
-
-_RELIABLE = QoSProfile(depth=10)
+from head_tracking.tf.qos import MEASUREMENT, OVERRIDABLE
 
 
 class TopicListener:
@@ -35,7 +33,7 @@ class TopicListener:
         self._what = kind, topic, callback
         events = SubscriptionEventCallbacks(incompatible_qos=lambda _: self._ask_for_less())
         self._subscription = node.create_subscription(
-            *self._what, _RELIABLE, event_callbacks=events
+            *self._what, 10, event_callbacks=events, qos_overriding_options=OVERRIDABLE
         )
 
     def _ask_for_less(self) -> None:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+
+from head_tracking.tf.qos import OVERRIDABLE
 
 
 class Output:
@@ -16,14 +17,12 @@ class Output:
         node: publishes.
         kind: of the messages.
         topic: its name.
-        qos: as rclpy takes it.
+        qos: its depth; see `OVERRIDABLE`.
         own: how many subscriptions this process has on it, for what others may say there.
     """
 
-    def __init__(
-        self, node: Node, kind: type, topic: str, qos: QoSProfile | int = 10, own: int = 0
-    ) -> None:
-        publisher = node.create_publisher(kind, topic, qos)
+    def __init__(self, node: Node, kind: type, topic: str, qos: int = 10, own: int = 0) -> None:
+        publisher = node.create_publisher(kind, topic, qos, qos_overriding_options=OVERRIDABLE)
         self.publish: Callable[[Any], object] = publisher.publish
         self._listeners: Callable[[], int] = publisher.get_subscription_count
         self._own = own

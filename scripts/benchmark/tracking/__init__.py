@@ -23,7 +23,7 @@ from tracking.judging import HEAD, OPPONENTS, Job, Score, judge, judge_all, trac
 from tracking.motions import PATHS
 from tracking.situations import FAMILIES, SITUATIONS
 
-DOCS = File(__file__).parents[3] / "docs"
+DOCS = File(__file__).parents[3] / "docs" / "pictures"
 SEEDS = {"mixed": 16, "near": 18, "turns": 8, "servos": 400, "table": 1, "ordinary": 20}
 """How many seeds a family has by default; others: 5."""
 

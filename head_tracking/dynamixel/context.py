@@ -1,0 +1,80 @@
+"""What the parts of one bus share, and its events, of which the log shows each twice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.requests import RequestQueue
+from head_tracking.dynamixel.servo import Changes, Servo
+from head_tracking.dynamixel.state import BusEvent, EventKind
+
+_REPEATS: Final = 30_000_000_000  # ns; an event that comes back sooner repeats
+_STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
+
+
+@dataclass(slots=True)
+class BusContext:
+    """What the parts of one bus share.
+
+    Attributes:
+        port: Where the servos are.
+        joints: All joints of the bus, by name.
+        requests: What is to be done, and the goals that have not been written.
+        settings: How to deal with silence, faults and heat.
+        changes: Counts the changes of who is read.
+        clock: Time for the stamps of measurements, ns.
+        monotonic: Time that never jumps, ns.
+        pause: Waits so many seconds, outside the cycle.
+        events: What has happened and has not been reported.
+    """
+
+    port: DynamixelPort
+    joints: dict[str, Joint]
+    requests: RequestQueue
+    settings: BusSettings
+    changes: Changes
+    clock: Callable[[], int]
+    monotonic: Callable[[], int]
+    pause: Callable[[float], object]
+    events: list[BusEvent] = field(default_factory=list)
+    _recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = field(default_factory=dict)
+
+    def each_servo(self) -> Iterator[tuple[Joint, Servo]]:
+        """Yield all servos, each with its joint."""
+        return ((joint, servo) for joint in self.joints.values() for servo in joint.servos)
+
+    def note(
+        self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
+    ) -> None:
+        """Note what happened to a joint.
+
+        A loose cable, or two servos with one id, make the same events again and again. The second
+        event of a kind says that it repeats; further ones are marked as repeated, until there was
+        none for 30 s.
+
+        Args:
+            kind: What happened.
+            joint: To which.
+            text: The same for the log.
+            stuck: Whether the joint cannot reach its goals.
+            about: Which one, of a kind of which a joint may have several at a time.
+        """
+        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
+        now, key = self.monotonic(), (kind, joint.name, about)
+        count, last = self._recent.get(key, (0, 0))
+        count = count + 1 if now - last < _REPEATS else 1
+        self._recent[key] = count, now
+        if count == 2:
+            text += "; it repeats, and is not logged again while it does"
+        stuck = stuck or kind in _STUCK
+        self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
+
+    def take_events(self) -> tuple[BusEvent, ...]:
+        """Return the events that have not been reported, and remove them."""
+        events, self.events = tuple(self.events), []
+        return events
