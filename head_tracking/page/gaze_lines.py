@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.path import Path, shaped
 from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel, Rotation, Vector3
-
-from .path import Path, shaped
 
 _MERIDIANS, _PARALLELS, _SMOOTH = 9, 5, 25
 _AWAY = 1.0  # m: from the camera to a path

@@ -16,22 +16,21 @@ import numpy as np
 from PIL import Image
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.advice import troubles
+from head_tracking.page.head_modes import CAMERA
+from head_tracking.page.joint_control import joint_of
+from head_tracking.page.other_topics import Picture
+from head_tracking.page.robot import Robot
+from head_tracking.page.robot_shapes import RobotForBrowser, described
+from head_tracking.page.sample import motion_of
+from head_tracking.page.shapes import FindPackage, robot_look
+from head_tracking.page.target_path import TargetPath
 from head_tracking.parameters import parameter
 from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.diagnostics import Level
 from head_tracking.ros.images import frame_pose
 from head_tracking.transforms import RobotModel, Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
-
-from .advice import troubles
-from .head_modes import CAMERA
-from .joint_control import joint_of
-from .other_topics import Picture
-from .robot import Robot
-from .robot_shapes import RobotForBrowser, described
-from .sample import motion_of
-from .shapes import FindPackage, robot_look
-from .target_path import TargetPath
 
 _WIDEST, _QUALITY = 640, 80  # pixels, of JPEG
 _AHEAD = 1.5  # m: distance of what a person points at where none is known

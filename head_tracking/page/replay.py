@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.robot_shapes import RobotForBrowser
+from head_tracking.page.sample import motion_of
 from head_tracking.recording.recording import LastMinute, Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
 from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
-
-from .robot_shapes import RobotForBrowser
-from .sample import motion_of
 
 _MOST = 6
 _MOST_MOMENTS = 500

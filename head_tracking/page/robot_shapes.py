@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.gaze_lines import reachable_field
+from head_tracking.page.shapes import Box, Cylinder, Look, Mesh, Missing, Sphere
 from head_tracking.transforms import RobotModel, Transform
-
-from .gaze_lines import reachable_field
-from .shapes import Box, Cylinder, Look, Mesh, Missing, Sphere
 
 _MISSING_SIZE = 0.05  # m
 

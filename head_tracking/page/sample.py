@@ -6,10 +6,9 @@ import math
 from typing import Any
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.page.gaze_lines import wanted_gaze
 from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel
-
-from .gaze_lines import wanted_gaze
 
 
 def motion_of(

@@ -22,19 +22,18 @@ from fastapi import FastAPI, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 
+from head_tracking.page.access import Access
+from head_tracking.page.gaze_lines import path_ahead
+from head_tracking.page.head_modes import CAMERA, Mode
+from head_tracking.page.live import Live, ViewParameters
+from head_tracking.page.path import Path as TargetPath
+from head_tracking.page.replay import Replays
+from head_tracking.page.robot import Robot
+from head_tracking.page.shapes import FindPackage
+from head_tracking.page.tuning import PRESETS, Tuning
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import RecordingError
 from head_tracking.ros.kit.other_services import Outcome
-
-from .access import Access
-from .gaze_lines import path_ahead
-from .head_modes import CAMERA, Mode
-from .live import Live, ViewParameters
-from .path import Path as TargetPath
-from .replay import Replays
-from .robot import Robot
-from .shapes import FindPackage
-from .tuning import PRESETS, Tuning
 
 _STATIC = Path(__file__).with_name("static")
 _MARK = "x-head-tracking"
