@@ -515,6 +515,7 @@ def _listening(host: str, port: int) -> socket.socket:
         listening = socket.socket(family, kind)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
+        listening.listen(128)  # browsers that come before the server runs wait for it
     except OSError as error:
         if listening is not None:
             listening.close()

@@ -169,6 +169,7 @@ def test_the_pad_turns_the_head_by_mouse_and_by_keys(robot, page):
     before = robot.true("head_pan_joint")
     page.keyboard.press("ArrowRight")
     wait_for(lambda: robot.true("head_pan_joint") < before - 2 * DEGREE, PATIENCE)
+    page.locator("#pad").scroll_into_view_if_needed()
     box = page.locator("#pad").bounding_box()
     x, y = box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.click(x, y)

@@ -80,7 +80,7 @@ def message_with(rnd: random.Random, kind: type) -> Any:
     return kind(**{name: filled(rnd, of) for name, of in fields.items()})
 
 
-def shown(viewer: ViewerNode) -> dict[str, Any]:
+def told(viewer: ViewerNode) -> dict[str, Any]:
     """What a browser that comes now is told first, of what changes slowly."""
     with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
         while True:
@@ -112,7 +112,7 @@ def test_diagnostics_of_any_level_are_shown(threads, viewer, level, shown):
     publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
     assert diagnosed(publisher, viewer.robot, level).level is shown
     assert threads.failure is None
-    assert shown(viewer)["failing"] == {}
+    assert told(viewer)["failing"] == {}
     stranger.destroy_node()
 
 
@@ -142,7 +142,7 @@ def test_no_message_ends_the_page(threads, viewer):
     assert diagnosed(
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
     )
-    assert shown(viewer)
+    assert told(viewer)
     wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
     assert "stop" in bus.calls
     stranger.destroy_node()
