@@ -38,12 +38,11 @@ ALLOWED: dict[str, set[str]] = {
     | {"configuration", "vision"},
     "share": set(),
     "tf": {"transforms"},
-    "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
-    | {"configuration", "output"},
+    "ros": CORE | {"tf", "share", "recording", "output", "programs"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
     | {"recording", "control"},
-    "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
+    "nodes": {"control", "parameters", "recording", "ros", "share", "tf", "viewer"},
     "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),
     "__main__": {"run", "ros", "output", "programs"},
