@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"configuration", "vision"},
     "share": set(),
-    "tf": {"transforms"},
+    "tf": {"transforms", "ros"},
     "ros": CORE | {"tf", "share", "recording", "output", "programs"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}

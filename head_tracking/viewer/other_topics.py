@@ -25,8 +25,8 @@ from head_tracking.ros.kit.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.images import camera_of, raw_image
 from head_tracking.ros.kit.joint_owners import owners_from_message
+from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError

@@ -13,8 +13,8 @@ from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.targets.fictitious_target import FictitiousTargetNode
-from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")
