@@ -23,8 +23,7 @@ from head_tracking.dynamixel.exceptions import CommunicationError, PortError, Po
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
-from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.dynamixel.reading import Failed, ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
@@ -42,7 +41,6 @@ class _Part(NamedTuple):
 
     group: ReadGroup
     members: list[tuple[Joint, Servo]]
-    retries: int
 
 
 class Cycle:
@@ -182,9 +180,9 @@ class Cycle:
         begin = port.clock()
         for part in self._plan:
             asked_at = port.clock() if part.group.method is ReadMethod.EACH else begin
-            replies = port.read_group(part.group, part.retries)
+            replies = port.read_group(part.group)
             for (joint, servo), reply in zip(part.members, replies, strict=True):
-                if type(reply) is Reply and servo.link is LinkState.PRESENT and not reply.causes:
+                if type(reply) is Reply and servo.link is LinkState.PRESENT:
                     servo.counters.replies += 1
                     servo.take(reply, stamp + int((reply.stamp - begin) * 1e9))
                     states[joint.name] = state = joint.state()
@@ -204,26 +202,28 @@ class Cycle:
     def _take_unusual(
         self,
         servo: Servo,
-        outcome: Reply | Failed,
+        outcome: Reply | CommunicationError,
         stamp: int,
         begin: float,
         asked_at: float,
     ) -> None:
-        """Take note of a reply that took several tries, or did not come, or came at last."""
-        counters = servo.counters
-        causes = outcome.causes
-        for cause in causes:
-            servo.count(cause)
-        if isinstance(outcome, Failed):
-            counters.retries += len(causes) - 1
+        """Take note of a reply that did not come, and ask again; or of one that came at last."""
+        try:
+            if isinstance(outcome, CommunicationError):
+                servo.count(outcome)
+                if servo.failed_cycles or not self._settings.retries:
+                    raise outcome
+                servo.counters.retries += 1
+                outcome = servo.ask_feedback(self._settings.retries)
+            else:
+                servo.counters.replies += 1
+        except CommunicationError as cause:
             ask_at = 0
             if servo.failed_cycles:
                 cost = min(max(0, round((self._port.clock() - asked_at) * 1e9)), _LONGEST_WAIT)
                 ask_at = self._monotonic() + cost * (_SHARE - 1)
-            servo.note_failure(causes[-1], ask_at)
+            servo.note_failure(cause, ask_at)
             return
-        counters.retries += len(causes)
-        counters.replies += 1
         servo.take(outcome, stamp + int((outcome.stamp - begin) * 1e9))
         servo.note_answer()
 
@@ -237,7 +237,7 @@ class Cycle:
             if answered:
                 for servo in answered:
                     if servo.model.protocol == 1:
-                        servo.errors = ErrorBits(servo.error & 0x7F)
+                        servo.errors = servo.read_errors()
                 state = states[joint.name] = joint.state()
                 self._protection.judge(joint, state, now)
                 if self._settings.command_timeout and joint.on:
@@ -258,34 +258,21 @@ class Cycle:
         turn to pass. While there is one, the plan is made anew in each cycle.
         """
         now, planned = self._monotonic(), self._changes.count
-        together: dict[tuple[object, ...], list[tuple[Joint, Servo]]] = {}
+        together: dict[tuple[ReadMethod, *tuple[object, ...]], list[tuple[Joint, Servo]]] = {}
         alone: list[_Part] = []
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
                 continue
             if servo.link is not LinkState.PRESENT:
                 planned = -1
+            method = _method(servo)
             if not servo.failed_cycles:
-                together.setdefault((_method(servo), *servo.layout), []).append((joint, servo))
+                own = servo.id if method is ReadMethod.EACH else None
+                together.setdefault((method, own, *servo.layout), []).append((joint, servo))
             elif servo.ask_at <= now:
-                alone.append(self._part([(joint, servo)], 0))
-        retries = self._settings.retries
-        self._plan = [*[self._part(members, retries) for members in together.values()], *alone]
+                alone.append(_part(ReadMethod.EACH, [(joint, servo)]))
+        self._plan = [*[_part(key[0], members) for key, members in together.items()], *alone]
         self._planned = planned
-
-    def _part(self, members: list[tuple[Joint, Servo]], retries: int) -> _Part:
-        """Return the request that reads some servos, which are alike."""
-        servo = members[0][1]
-        block, model = servo.model.feedback, servo.model
-        group = ReadGroup(
-            _method(servo) if len(members) > 1 else ReadMethod.EACH,
-            model.protocol,
-            block.address,
-            block.length,
-            tuple([servo.id for _, servo in members]),
-            servo.plausible if model.sign_magnitude else None,
-        )
-        return _Part(group, members, retries)
 
     # Writing
 
@@ -477,10 +464,23 @@ def advice(servo: Servo) -> str:
     )
 
 
+def _part(method: ReadMethod, members: list[tuple[Joint, Servo]]) -> _Part:
+    """Return the request that reads some servos, which are alike."""
+    servo = members[0][1]
+    block, model = servo.model.feedback, servo.model
+    ids = tuple([servo.id for _, servo in members])
+    plausible = servo.plausible if any(model.signs) else None
+    return _Part(
+        ReadGroup(method, model.protocol, block.address, block.length, ids, plausible), members
+    )
+
+
 def _method(servo: Servo) -> ReadMethod:
     model, identity = servo.model, servo.identity
-    if model.protocol == 1:
-        return ReadMethod.BULK if model.bulk_read else ReadMethod.EACH
+    if model.bulk_read:
+        return ReadMethod.BULK
+    if not model.sync_read:
+        return ReadMethod.EACH
     knows_fast = (
         model.fast_sync_read is not None
         and identity is not None

@@ -1,7 +1,6 @@
 """Transactions: what is asked of servos on one serial line, and what they reply.
 
-Only one device may send at a time. Nothing is asked while a reply may still be on the wire, and a
-servo whose reply cannot be used is asked again before any other.
+Only one device may send at a time, so that nothing is asked while a reply may be on the wire.
 
 Protocol 1.0 has no sequence numbers: a reply that comes late looks like the reply to the next
 request. After a failure the next requests to that servo ask for more bytes than needed, until the
@@ -47,7 +46,6 @@ from head_tracking.dynamixel.protocol import (
     write_packet,
 )
 from head_tracking.dynamixel.reading import (
-    Failed,
     ReadGroup,
     ReadMethod,
     Reply,
@@ -187,66 +185,27 @@ class DynamixelPort:
 
     # Reading
 
-    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Failed]:
-        """Read the same registers of several servos; return what became of each, in their order.
+    def read_group(self, group: ReadGroup) -> list[Reply | CommunicationError]:
+        """Read the same registers of several servos with one packet; see `ReadGroup`.
 
-        Args:
-            group: What to read.
-            retries: How often a servo is asked again, alone, whose reply cannot be used.
+        Behind a silent servo the others may wait for ever, so that they count as silent too.
+
+        Returns:
+            In the order of their ids the reply of each servo, or why there is none.
 
         Raises:
             PortLostError: The device has gone.
         """
         line = self._line or self._open_line()
-        try:
-            if not (self._late.due or self._suspect_until):
-                line.discard_input()
-            outcomes: list[Reply | Failed] = []
-            for part in (group,) if group.requests else group.alone:
-                for each, outcome in zip(part.alone, self._ask(part), strict=True):
-                    if isinstance(outcome, CommunicationError):
-                        outcomes.append(self._insist(each, outcome, retries))
-                    else:
-                        outcomes.append(outcome)
-            return outcomes
-        except _LOST as cause:
-            raise self._lost(cause) from cause
-
-    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
-        """Read `length` bytes from `address` on.
-
-        Raises:
-            CommunicationError: No usable reply.
-            PortLostError: The device has gone.
-        """
-        group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
-        (outcome,) = self.read_group(group)
-        if isinstance(outcome, Failed):
-            raise outcome.causes[0]
-        return outcome
-
-    def _insist(self, group: ReadGroup, cause: CommunicationError, retries: int) -> Reply | Failed:
-        """Ask one servo again after a failure."""
-        causes: tuple[CommunicationError, ...] = (cause,)
-        while len(causes) <= retries:
-            (outcome,) = self._ask(group)
-            if isinstance(outcome, Reply):
-                return outcome._replace(causes=causes)
-            causes += (outcome,)
-        return Failed(causes)
-
-    def _ask(self, group: ReadGroup) -> list[Reply | CommunicationError]:
-        """Send the packet of a group once; return the reply of each servo, or why there is none.
-
-        Behind a silent servo the others may wait for ever, so that they count as silent too.
-        """
         found: list[Reply | CommunicationError] = []
+        asked = group
         requests: tuple[Request, ...] = ()
         try:
-            asked = group
             if self._buffer or self._suspect_until or self._late.due:
                 self._clear()
                 asked = self._late.distinct(group)
+            else:
+                line.discard_input()
             stamp = self._send(asked.requests[0].packet)
             requests = asked.requests
             for request in requests:
@@ -270,7 +229,22 @@ class DynamixelPort:
             for request in requests[len(found) + 1 :]:
                 self._late.add(request, self._wire_free)
             found += [cause] * (len(group.ids) - len(found))
+        except _LOST as cause:
+            raise self._lost(cause) from cause
         return found
+
+    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
+        """Read `length` bytes from `address` on.
+
+        Raises:
+            CommunicationError: No usable reply.
+            PortLostError: The device has gone.
+        """
+        group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
+        (outcome,) = self.read_group(group)
+        if isinstance(outcome, CommunicationError):
+            raise outcome
+        return outcome
 
     # Other instructions
 
@@ -315,15 +289,15 @@ class DynamixelPort:
         what = f"write of {len(data)} byte(s) at {address}"
         return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
 
-    def reboot(self, servo_id: int) -> None:
-        """Restart a protocol 2.0 servo; it answers nothing for a while.
+    def reboot(self, servo_id: int, protocol: int = 2) -> None:
+        """Restart a servo of protocol 2.0 or, without a reply, of Feetech; it is deaf for a while.
 
         Raises:
             CommunicationError: No usable reply.
             PortLostError: The device has gone.
         """
-        packet = encode_packet(2, servo_id, Instruction.REBOOT)
-        self._command(request_for(packet, 2, servo_id, 0, "reboot"))
+        packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
+        self._command(request_for(packet, protocol, servo_id, 0, "reboot"), protocol == 2)
 
     def sync_write(
         self,

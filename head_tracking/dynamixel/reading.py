@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
 
-from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.protocol import (
     BROADCAST_ID,
     OVERHEAD,
@@ -28,29 +27,17 @@ class Reply(NamedTuple):
         error: The error byte of the status packet. In protocol 1.0 its bits are the servo's state
             (`ErrorBits`), in protocol 2.0 only the alert bit is; the data are valid all the same.
         stamp: When the servo had received the request, on the port's clock, s.
-        causes: Why there was no usable reply before, once for each try.
     """
 
     data: bytes
     error: int
     stamp: float = 0.0
-    causes: tuple[CommunicationError, ...] = ()
-
-
-class Failed(NamedTuple):
-    """A read that failed, each time it was tried.
-
-    Attributes:
-        causes: Why, once for each try.
-    """
-
-    causes: tuple[CommunicationError, ...]
 
 
 class ReadMethod(Enum):
     """How the same registers of several servos are read."""
 
-    EACH = "one packet for each"
+    EACH = "a packet for each"
     BULK = "bulk read"
     SYNC = "sync read"
     FAST_SYNC = "fast sync read"
@@ -89,18 +76,17 @@ Plausible = Callable[[bytes], bool]
 
 @dataclass(frozen=True, slots=True)
 class ReadGroup:
-    """The same registers of one or more servos.
+    """The same registers of one or more servos, read with one packet.
 
     Attributes:
-        method: How they are read.
+        method: How they are read; EACH for one servo only.
         protocol: Their protocol, 1 or 2.
         address: First register byte.
         length: Number of bytes.
         ids: The servos.
         plausible: Returns whether a servo can have sent these bytes. The checksum of protocol 1.0
             is weak: two damaged bits can cancel each other out.
-        requests: The replies to the packet that reads all of them; none if each is asked alone.
-        alone: The groups that read each servo alone.
+        requests: The replies to the packet that reads all of them.
     """
 
     method: ReadMethod
@@ -110,30 +96,22 @@ class ReadGroup:
     ids: tuple[int, ...]
     plausible: Plausible | None = None
     requests: tuple[Request, ...] = field(init=False, repr=False, compare=False)
-    alone: tuple[ReadGroup, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        alone = [self]
-        if len(self.ids) > 1:
-            alone = [replace(self, method=ReadMethod.EACH, ids=(each,)) for each in self.ids]
-        object.__setattr__(self, "alone", tuple(alone))
-        object.__setattr__(self, "requests", tuple(self._requests(self.ids)))
-
-    def _requests(self, ids: tuple[int, ...]) -> Iterator[Request]:
-        protocol, address, length, method = self.protocol, self.address, self.length, self.method
-        what = f"read of {length} byte(s) at {address}"
+        protocol, address, length, ids = self.protocol, self.address, self.length, self.ids
+        size, senders = length, ids
         if len(ids) == 1:
-            for servo_id in ids:
-                packet = read_packet(protocol, servo_id, address, length)
-                yield request_for(packet, protocol, servo_id, length, what)
-        elif method is ReadMethod.FAST_SYNC:
-            packet = sync_read_packet(ids, address, length, fast=True)
-            yield request_for(packet, 2, BROADCAST_ID, joint_status_size(len(ids), length), what)
-        elif method is not ReadMethod.EACH:
-            read_together = bulk_read_packet if method is ReadMethod.BULK else sync_read_packet
-            packet = read_together(ids, address, length)
-            for servo_id in ids:
-                yield request_for(packet, protocol, servo_id, length, what)
+            packet = read_packet(protocol, ids[0], address, length)
+        elif self.method is ReadMethod.BULK:
+            packet = bulk_read_packet(ids, address, length)
+        elif self.method is ReadMethod.SYNC:
+            packet = sync_read_packet(protocol, ids, address, length)
+        else:
+            packet = sync_read_packet(2, ids, address, length, fast=True)
+            size, senders = joint_status_size(len(ids), length), (BROADCAST_ID,)
+        what = f"read of {length} byte(s) at {address}"
+        requests = [request_for(packet, protocol, sender, size, what) for sender in senders]
+        object.__setattr__(self, "requests", tuple(requests))
 
     def longer(self, extra: int) -> ReadGroup:
         """Return the group that reads some bytes more, before its own where there are as many."""

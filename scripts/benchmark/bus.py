@@ -41,7 +41,6 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.reading import Failed
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,
@@ -78,12 +77,12 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
     """`DynamixelPort`: the reads and the sync write, as `ServoBus` uses it."""
     port = DynamixelPort(port_name)
     port.open()
-    group = ReadGroup(ReadMethod.EACH, 1, 36, 8, (1, 2))
+    groups = [ReadGroup(ReadMethod.EACH, 1, 36, 8, (each,)) for each in (1, 2)]
 
     def cycle(k: int) -> None:
-        replies = port.read_group(group)
+        replies = [*port.read_group(groups[0]), *port.read_group(groups[1])]
         port.sync_write(30, {1: bytes((k & 255, 2, 100, 0)), 2: bytes((k & 255, 1, 100, 0))})
-        if any(isinstance(reply, Failed) for reply in replies):
+        if any(isinstance(reply, DynamixelError) for reply in replies):
             raise RuntimeError("a servo did not answer")
 
     try:

@@ -113,11 +113,14 @@ def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
     bench.port.open()
     method = {1: ReadMethod.BULK if model.bulk_read else ReadMethod.EACH, 2: ReadMethod.SYNC}
     block = model.feedback
-    group = ReadGroup(
-        method[model.protocol], model.protocol, block.address, block.length, (1, 2, 3)
-    )
+    how, ids = method[model.protocol], (1, 2, 3)
+    groups = [
+        ReadGroup(how, model.protocol, block.address, block.length, each)
+        for each in ([(1,), (2,), (3,)] if how is ReadMethod.EACH else [ids])
+    ]
     for k in range(200):
-        replies = bench.port.read_group(group)
+        replies = [reply for group in groups for reply in bench.port.read_group(group)]
+        assert len(replies) == len(ids)
         assert all(isinstance(reply, Reply) for reply in replies)
         bench.pass_time(0.003 + 0.0000137 * k)
     assert bench.port.searches == 0

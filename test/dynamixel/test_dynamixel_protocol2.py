@@ -12,6 +12,7 @@ from simulated_packets import StatusPacket2
 
 from head_tracking.dynamixel import (
     Adapter,
+    CommunicationError,
     CorruptReplyError,
     DynamixelPort,
     ReadGroup,
@@ -27,7 +28,6 @@ from head_tracking.dynamixel.protocol import (
     find_packet,
     split_joint_status,
 )
-from head_tracking.dynamixel.reading import Failed
 from head_tracking.simulation import SimulatedServo
 
 ACK = "FF FF FD 00 01 04 00 55 00 A1 0C"
@@ -155,7 +155,7 @@ def test_golden_group_questions(wanted: ReadGroup, sent: str) -> None:
     replies = list(port.read_group(wanted))
     assert device.sent == sent
     assert len(replies) == len(wanted.ids)
-    assert all(isinstance(reply, Failed) for reply in replies)
+    assert all(isinstance(reply, CommunicationError) for reply in replies)
 
 
 def test_golden_crc_and_instructions() -> None:
@@ -199,7 +199,7 @@ def test_servos_are_read_together_and_a_missing_one_does_not_crash(method: ReadM
     assert [reply.data for reply in whole if isinstance(reply, Reply)] == [b"\0\x08\0\0"] * 2
     broken = list(bench.port.read_group(group(method, 132, 4, 1, 2, 3)))
     assert len(broken) == 3
-    assert isinstance(broken[1], Failed)
+    assert isinstance(broken[1], CommunicationError)
     again = list(bench.port.read_group(group(method, 132, 4, 1, 3)))
     assert [reply.data for reply in again if isinstance(reply, Reply)] == [b"\0\x08\0\0"] * 2
 

@@ -22,7 +22,6 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.reading import Failed
 from head_tracking.dynamixel.requests import Steps
 
 T = TypeVar("T")
@@ -140,22 +139,18 @@ class FakePort:
             raise ReplyTimeoutError("silent")
         return Reply(bytes(servo.bytes[address : address + length]), servo.error)
 
-    def read_group(self, group: ReadGroup, retries: int = 0) -> list[Reply | Failed]:
+    def read_group(self, group: ReadGroup) -> list[Reply | CommunicationError]:
         self.methods.append((group.method, group.ids))
-        return [self._ask(group, each, retries) for each in group.ids]
+        return [self._ask(group, each) for each in group.ids]
 
-    def _ask(self, group: ReadGroup, servo_id: int, retries: int) -> Reply | Failed:
-        causes: list[CommunicationError] = []
-        while len(causes) <= retries:
-            try:
-                reply = self.read(servo_id, group.address, group.length, group.protocol)
-                if group.plausible is not None and not group.plausible(reply.data):
-                    raise CorruptReplyError("impossible")
-            except CommunicationError as failure:
-                causes.append(failure)
-            else:
-                return reply._replace(causes=tuple(causes))
-        return Failed(tuple(causes))
+    def _ask(self, group: ReadGroup, servo_id: int) -> Reply | CommunicationError:
+        try:
+            reply = self.read(servo_id, group.address, group.length, group.protocol)
+        except CommunicationError as failure:
+            return failure
+        if group.plausible is not None and not group.plausible(reply.data):
+            return CorruptReplyError("impossible")
+        return reply
 
     def write(
         self,
@@ -187,8 +182,8 @@ class FakePort:
             if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:
                 self.servos[servo_id].write(address, share)
 
-    def reboot(self, servo_id: int) -> None:
-        self._servo(("reboot", servo_id), servo_id, 2).reboot()
+    def reboot(self, servo_id: int, protocol: int = 2) -> None:
+        self._servo(("reboot", servo_id), servo_id, protocol).reboot()
 
     def take_log(self) -> list[Packet]:
         log, self.log = self.log, []
