@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from head_tracking.page.joint_control import Servo
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
 
 _ON_TARGET = math.radians(2.0)

@@ -18,9 +18,9 @@ from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.path import Path
 from head_tracking.page.stop import Stop
 from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
-from head_tracking.ros.messages import target_message
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 

@@ -13,7 +13,7 @@ from head_tracking.dynamixel import Torque
 from head_tracking.page.head_modes import HeadModes, Mode
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.stop import Stop
-from head_tracking.ros.diagnostics import Health
+from head_tracking.ros.kit.diagnostics import Health
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome

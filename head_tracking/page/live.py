@@ -27,8 +27,8 @@ from head_tracking.page.shapes import FindPackage, robot_look
 from head_tracking.page.target_path import TargetPath
 from head_tracking.parameters import parameter
 from head_tracking.recording.recording import LastMinute, Observation
-from head_tracking.ros.diagnostics import Level
-from head_tracking.ros.images import frame_pose
+from head_tracking.ros.kit.diagnostics import Level
+from head_tracking.ros.kit.images import frame_pose
 from head_tracking.transforms import RobotModel, Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 

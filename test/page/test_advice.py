@@ -2,7 +2,7 @@ import pytest
 
 from head_tracking.page.advice import advice, troubles
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 
 
 def entry(level: Level, message: str, name: str = "servo_bus: head_pan_joint") -> Health:

@@ -7,7 +7,7 @@ import pytest
 from head_tracking.page.badge import Word, badge
 from head_tracking.page.joint_control import Servo
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 
 LIVE = Observation(1, {"pan": 0.0}, error=0.001, state="head_tracker: tracking: it is there")
 ON = (Servo("pan_controller", "pan", True), Servo("tilt_controller", "tilt", True))

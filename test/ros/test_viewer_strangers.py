@@ -15,9 +15,9 @@ from rclpy.parameter import Parameter
 from waiting import wait_for
 from websockets.sync.client import connect
 
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.diagnostics import Level
+from head_tracking.ros.kit.diagnostics import Level
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.transforms import Rotation, Transform
 
 pytestmark = pytest.mark.skipif(
