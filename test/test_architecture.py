@@ -37,13 +37,12 @@ ALLOWED: dict[str, set[str]] = {
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"configuration", "vision"},
     "share": set(),
-    "tf": {"transforms"},
-    "ros": {"tracking", "transforms", "gaze", "dynamixel", "control", "vision", "parameters", "tf"}
-    | {"configuration", "output"},
+    "tf": {"transforms", "ros"},
+    "ros": CORE | {"tf", "share", "recording", "output", "programs"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
     | {"recording", "control"},
-    "nodes": CORE | {"tf", "share", "recording", "viewer", "ros"},
+    "nodes": {"control", "parameters", "recording", "ros", "share", "tf", "viewer"},
     "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),
     "__main__": {"run", "ros", "output", "programs"},

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 
 _CLEAR = "press Clear faults (tab Health) and switch torque on again (tab Joints)."
 _ADVICE = (

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
 from head_tracking.viewer.joint_control import Servo
 

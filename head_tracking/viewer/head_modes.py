@@ -15,9 +15,9 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
-from head_tracking.ros.messages import target_message
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.viewer.other_topics import OtherTopics

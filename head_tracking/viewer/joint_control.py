@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
-from head_tracking.ros.diagnostics import Health
+from head_tracking.ros.kit.diagnostics import Health
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome

@@ -21,12 +21,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, Float64, String
 
 from head_tracking.recording.recording import ERRORS
-from head_tracking.ros.diagnostics import Health, Level, health_from_message
-from head_tracking.ros.images import camera_of, raw_image
-from head_tracking.ros.joint_owners import owners_from_message
+from head_tracking.ros.kit.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
+from head_tracking.ros.kit.images import camera_of, raw_image
+from head_tracking.ros.kit.joint_owners import owners_from_message
+from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError

@@ -18,7 +18,7 @@ import viser
 
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import LastMinute, Observation
-from head_tracking.ros.images import frame_pose
+from head_tracking.ros.kit.images import frame_pose
 from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.viewer.badge import Badge, Word
 from head_tracking.viewer.camera_picture import CameraPicture, point_in_picture

@@ -15,12 +15,12 @@ from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
-from head_tracking.ros.diagnostics import Health
+from head_tracking.ros.kit.diagnostics import Health
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
 from head_tracking.ros.kit.own_thread import OwnThread
-from head_tracking.ros.placed_target import NewestTarget
+from head_tracking.ros.targets.placed_target import NewestTarget
 from head_tracking.tf import Buffer
 from head_tracking.transforms import (
     RobotModel,

@@ -14,7 +14,7 @@ import viser
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.transforms import RobotModel
 from head_tracking.viewer.advice import Trouble, troubles
 from head_tracking.viewer.notify import notify
@@ -205,7 +205,7 @@ ROWS = {
     "corrupt": "corrupt replies",
     "model": "model",
 }
-"""Keys of a servo's diagnostics (ros/bus_status.py)."""
+"""Keys of a servo's diagnostics (ros/bus/bus_status.py)."""
 
 _COLOURS = {
     Level.OK: "#2b8a3e",

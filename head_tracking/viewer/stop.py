@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
 from head_tracking.ros.kit.own_thread import OwnThread
-from head_tracking.tf.qos import EVERY_CHANGE
+from head_tracking.ros.kit.qos import EVERY_CHANGE
 
 _ANSWER = 0.45  # s within which a person is told
 _HANGS = 0.12  # s without an answer: the other service is asked as well

@@ -29,7 +29,7 @@ from std_msgs.msg import Header
 from waiting import eventually, wait_for
 
 from head_tracking.recording.recording_file import read_recording
-from head_tracking.ros.images import image_message
+from head_tracking.ros.kit.images import image_message
 from head_tracking.transforms import Rotation, Transform
 
 DEGREE = math.radians(1)

@@ -10,9 +10,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from waiting import wait_for
 
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(

@@ -70,7 +70,7 @@ def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
     def missing() -> None:
         raise OpenCVMissingError
 
-    monkeypatch.setattr("head_tracking.nodes.simulated_camera.require_opencv", missing)
+    monkeypatch.setattr("head_tracking.ros.targets.simulated_camera.require_opencv", missing)
     outcome = seen.modes.start(NAME)
     assert not outcome.done
     assert "pip install" in outcome.text

@@ -18,9 +18,9 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.bus_status import BusStatus, bus_diagnostics
-from head_tracking.ros.diagnostics import Health as PageHealth
-from head_tracking.ros.diagnostics import Level, health_from_message
+from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
+from head_tracking.ros.kit.diagnostics import Health as PageHealth
+from head_tracking.ros.kit.diagnostics import Level, health_from_message
 from head_tracking.viewer.advice import advice, troubles
 from head_tracking.viewer.robot import SilenceWatch
 from head_tracking.viewer.status_panel import ROWS, health_table

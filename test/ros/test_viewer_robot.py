@@ -13,9 +13,9 @@ from robot_under_test import Robot
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.viewer.head_modes import Mode

@@ -12,9 +12,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import wait_for
 
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.viewer.head_modes import Mode
 from head_tracking.viewer.path import Path
 

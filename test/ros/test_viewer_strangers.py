@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import wait_for
 
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.ros.diagnostics import Level
+from head_tracking.ros.kit.diagnostics import Level
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.transforms import Rotation, Transform
 
 pytestmark = pytest.mark.skipif(

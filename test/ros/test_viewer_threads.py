@@ -17,10 +17,10 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 from waiting import wait_for
 
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.placed_target import NewestTarget
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.ros.targets.placed_target import NewestTarget
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.viewer.head_modes import Mode
 

@@ -1,7 +1,7 @@
 import pytest
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.viewer.advice import advice, troubles
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.viewer.badge import Word, badge
 from head_tracking.viewer.joint_control import Servo
 

@@ -21,7 +21,7 @@ from websockets.exceptions import InvalidStatus
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation, Recording
 from head_tracking.recording.recording_file import read_recording, write_recording
-from head_tracking.ros.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.ros.kit.other_parameters import Setting
 from head_tracking.ros.kit.other_services import Hold, Outcome
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model

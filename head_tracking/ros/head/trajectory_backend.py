@@ -11,7 +11,7 @@ from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
-from head_tracking.ros.joint_owners import OwnersOutput, offer_stop
+from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
 from head_tracking.ros.kit.own_thread import OwnThread
 from head_tracking.tracking import SetpointStream
 

@@ -11,8 +11,8 @@ from head_tracking.control import ControlLoop
 from head_tracking.control.modes import LookingOnce
 from head_tracking.gaze import PointingParameters
 from head_tracking.parameters import parameter
-from head_tracking.ros.head_actions import HeadActions
-from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.ros.head.head_actions import HeadActions
+from head_tracking.ros.head.head_interface import HeadInterface
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node
 from head_tracking.tf import Buffer

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import run_node
 from head_tracking.share import robot_file
 from head_tracking.tf import (
@@ -26,7 +27,6 @@ from head_tracking.tf import (
 )
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.messages import transform_stamped
-from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import (
     RateLimiter,
     RobotModel,

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal
-from head_tracking.ros.joint_owners import control_from_message, sender
-from head_tracking.tf.qos import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.joint_owners import control_from_message, sender
+from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
 
 
 class JointTopics:

@@ -13,13 +13,13 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.listening import TopicListener
+from head_tracking.ros.kit.messages import target_from_message, target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.switch import Switch
-from head_tracking.ros.messages import target_from_message, target_message
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tf.qos import LATCHED, OVERRIDABLE
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException, Vector3
 

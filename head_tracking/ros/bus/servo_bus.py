@@ -37,18 +37,18 @@ from head_tracking.dynamixel import (
     StoppedError,
 )
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.bus_services import BusServices
-from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
-from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.joint_configuration import declare_joint
-from head_tracking.ros.joint_owners import OwnersOutput, sender_from
+from head_tracking.ros.bus.bus_services import BusServices
+from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.bus.joint_configuration import declare_joint
+from head_tracking.ros.kit.diagnostics import in_namespace
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
+from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.topic_output import Output
-from head_tracking.tf.qos import OVERRIDABLE
 
 _BAD_NEWS = (
     EventKind.LOST,

@@ -1,4 +1,4 @@
-"""How the topics of transforms and joints are delivered."""
+"""How topics are delivered."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions

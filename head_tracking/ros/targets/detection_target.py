@@ -12,7 +12,12 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.detections import (
+from head_tracking.ros.kit.images import depth_of
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import MEASUREMENT
+from head_tracking.ros.kit.spinning import run_node
+from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.targets.detections import (
     Detection2DArray,
     Detection3DArray,
     IdsList,
@@ -22,14 +27,9 @@ from head_tracking.ros.detections import (
     region_candidate,
     require_messages,
 )
-from head_tracking.ros.images import depth_of
-from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import run_node
-from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.sighted_target import NEWEST, SightedTarget
+from head_tracking.ros.targets.sighted_target import NEWEST, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tf.qos import MEASUREMENT
 from head_tracking.transforms import TransformException, Vector3
 from head_tracking.vision import (
     Camera,

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from head_tracking.control import ControlLoop
 from head_tracking.control.modes import Following, FollowingSettings
 from head_tracking.parameters import parameter
-from head_tracking.ros.diagnostics import in_namespace
-from head_tracking.ros.head_interface import HeadInterface
+from head_tracking.ros.head.head_interface import HeadInterface
+from head_tracking.ros.kit.diagnostics import in_namespace
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer

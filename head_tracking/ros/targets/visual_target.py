@@ -12,11 +12,11 @@ from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.images import depth_of, image_message, picture_of
+from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.sighted_target import NEWEST, SightedTarget
+from head_tracking.ros.targets.sighted_target import NEWEST, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (

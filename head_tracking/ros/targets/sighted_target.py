@@ -13,12 +13,12 @@ from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.images import camera_of, frame_pose
+from head_tracking.ros.kit.images import camera_of, frame_pose
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.messages import target_message
-from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.vision import (

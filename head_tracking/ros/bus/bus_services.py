@@ -22,7 +22,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     TorqueError,
 )
-from head_tracking.ros.joint_owners import offer_stop
+from head_tracking.ros.kit.joint_owners import offer_stop
 from head_tracking.ros.kit.own_thread import OwnThread
 
 _TIMEOUT = 2.0  # s

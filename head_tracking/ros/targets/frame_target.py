@@ -9,13 +9,13 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.switch import Switch
-from head_tracking.ros.messages import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import TransformException
 

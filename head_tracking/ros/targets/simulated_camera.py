@@ -13,15 +13,15 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.images import camera_info, image_message
+from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.placed_target import NewestTarget
+from head_tracking.ros.targets.placed_target import NewestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
-from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.transforms import RobotModel, Transform, TransformException, Vector3
 from head_tracking.vision.camera import camera_with_view
 from head_tracking.vision.opencv import require_opencv

@@ -17,15 +17,15 @@ from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
-from head_tracking.ros.joint_topics import JointTopics
+from head_tracking.ros.head.joint_topics import JointTopics
+from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
 from head_tracking.ros.kit.listening import TopicListener, unheard
+from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.topic_output import Output
-from head_tracking.ros.messages import target_from_message
-from head_tracking.ros.trajectory_backend import TrajectoryBackend
 from head_tracking.tf import Buffer, TransformListener
-from head_tracking.tf.qos import LATCHED
 from head_tracking.tracking import ClockWatch
 
 _WATCH_PERIOD = 0.25  # s

@@ -10,12 +10,12 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.kit.topic_output import Output
-from head_tracking.ros.messages import target_message
-from head_tracking.tf.qos import OVERRIDABLE
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:

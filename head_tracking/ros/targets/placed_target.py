@@ -10,7 +10,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
 from head_tracking.ros.kit.listening import TopicListener
-from head_tracking.ros.messages import target_from_message
+from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import TransformBuffer, Vector3
 

@@ -8,14 +8,13 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import STOPPED, JointOwners
 from head_tracking.dynamixel import StoppedError
+from head_tracking.ros.kit.qos import LATCHED
 
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OWNER = "owner of "
 
 
@@ -136,9 +135,9 @@ class OwnersOutput:
 
     def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
         self._owners, self._joints = owners, tuple(joints)
-        self._texts = node.create_publisher(String, "joint_owners", _LATCHED)
-        self._stops = node.create_publisher(Bool, "stopped", _LATCHED)
-        self._fields = node.create_publisher(DiagnosticStatus, "joint_control", _LATCHED)
+        self._texts = node.create_publisher(String, "joint_owners", LATCHED)
+        self._stops = node.create_publisher(Bool, "stopped", LATCHED)
+        self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._last_published: tuple[String | None, bool | None, int] = None, None, 0
         owners.observe(self.publish)
         self.publish()
