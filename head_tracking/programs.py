@@ -37,6 +37,7 @@ TOOLS: Final = (
     "check_model",
     "simulated_bus",
     "head_setup",
+    "new_robot",
 )
 COMMANDS: Final = (*NODES, *TOOLS)
 """What `head_tracking COMMAND` and `ros2 run head_tracking COMMAND` run."""
@@ -61,8 +62,10 @@ def __getattr__(name: str) -> Callable[[], int]:
 
     def main() -> int:
         chosen = name
-        if name == "head_tracking" and sys.argv[1:2] and sys.argv[1] in COMMANDS:
-            chosen = sys.argv.pop(1)
+        command = "".join(sys.argv[1:2]).replace("-", "_")  # new-robot is new_robot
+        if name == "head_tracking" and command in COMMANDS:
+            chosen = command
+            del sys.argv[1]
             sys.argv[0] = chosen
         try:
             program = import_module(f"head_tracking.{_module(chosen)}")

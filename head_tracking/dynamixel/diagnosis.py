@@ -28,10 +28,9 @@ _LONGEST_READ: Final = 64  # bytes
 _ARRIVED: Final = 5.0  # ticks
 _UNDER_WAY: Final = "under way"
 _CAUSES: Final = (
-    "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Operating Mode",
-    "Bus Watchdog", "Control Mode",
+    "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
 )  # fmt: skip
-"""Registers that tell why a servo does not follow, besides its position limits."""
+"""Registers that tell why a servo does not follow, besides its modes and position limits."""
 
 
 # What the bus and the programs that look at servos have in common
@@ -390,7 +389,7 @@ class Diagnosis:
         for last in (False, True):
             values: dict[str, int] = {}
             try:
-                wanted = (*_CAUSES, *servo.model.position_limits)
+                wanted = (*_CAUSES, *servo.model.modes, *servo.model.position_limits)
                 for block in servo.model.control_table.spans(_LONGEST_READ, wanted):
                     names = [register.name for register in block.registers]
                     values.update(zip(names, servo.read(block, 2), strict=True))
@@ -455,10 +454,10 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             "its torque is off, though nobody here has switched it off: its supply, or another "
             "program; the joint is relaxed until the next command"
         )
-    mode = values.get("Operating Mode", 3), values.get("Control Mode", 2)
+    wrong = any(not mode.fits(values[name]) for name, mode in servo.model.modes.items())
     limits = [values[name] for name in servo.model.position_limits]
     turns = servo.model.protocol == 1 and limits[0] == limits[1]
-    if mode != (3, 2) or turns:
+    if wrong or turns:
         return Symptom.MODE, (
             "it is not in position mode any more: somebody has changed its settings; the joint "
             "is relaxed"

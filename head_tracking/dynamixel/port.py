@@ -272,10 +272,10 @@ class DynamixelPort:
         what = f"write of {len(data)} byte(s) at {address}"
         return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
 
-    def reboot(self, servo_id: int) -> None:
-        """Restart a protocol 2.0 servo; it answers nothing for a while."""
-        packet = encode_packet(2, servo_id, Instruction.REBOOT)
-        self._command(request_for(packet, 2, servo_id, 0, "reboot"))
+    def reboot(self, servo_id: int, protocol: int = 2) -> None:
+        """Restart a servo of protocol 2.0 or, without a reply, of Feetech; it is deaf for a while."""
+        packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
+        self._command(request_for(packet, protocol, servo_id, 0, "reboot"), protocol == 2)
 
     def sync_write(
         self,

@@ -30,9 +30,11 @@ _USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
 _WORTH = 0.025  # s; an error is applied if it is larger than this
 _CLEAR = 4.0  # and than so many deviations
 _NEARBY = 0.1  # s; a change by more must be clearer:
-_MORE = 30.0  # 1/s; the score of what is applied must be behind the best by so much, and,
+_MORE = 60.0  # 1/s; the score of what is applied must be behind the best by so much, and,
 _CONTRADICTED = 20.0  # if the points have confirmed it, by this
 _EXACT = 0.03  # s; with less deviation they confirm it
+_VIEW = 0.2  # rad; a third of what a webcam sees
+_TELLING = 2.0  # rad/s; a head that follows no faster cannot tell how late its camera is
 _SURE = 0.95  # probability at which the stamps are right after all,
 _BETTER = 3.0  # if their score is better by this
 
@@ -117,6 +119,17 @@ class HeadCamera:
     def stamp_error(self) -> StampError:
         """What the points have told until now; the prior takes no part."""
         return _moments(self._timing)
+
+    @property
+    def safe_speed(self) -> float:
+        """The greatest speed [rad/s] at which doubt about the stamps does not cost the target.
+
+        In the time by which the stamps may be off, the head turns by a part of what it sees.
+        """
+        if self._came == -math.inf:
+            return math.inf
+        mean, deviation = _moments(self._timing + _PRIOR)
+        return max(_VIEW / math.hypot(deviation, mean - self.applied), _TELLING)
 
     @property
     def _timing(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.servo_model import ServoModel
@@ -250,10 +250,10 @@ _ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
 _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
-_CAUTIOUS = 12.0  # rad/s^2 of a servo that has not moved yet
-_EXPLORED = 1.5  # times the acceleration that it has shown; no more is tried
-_USED = 0.6  # of the acceleration that the servo has
-_BRAKED = 0.25  # s in which a servo that accelerates no harder must be able to stop
+_UNSURE = 0.03  # s; while the deviation of the delay is more, the joint is moved cautiously
+_CAUTIOUS = 12.0  # rad/s^2 of such a joint
+_BRAKED = 0.25  # s in which it must be able to stop
+_USED = 0.9  # of the acceleration that the servo is thought to have
 _LATE = 0.04  # s between two commands; a goal that is ahead is reached in such a time
 _PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
 
@@ -333,11 +333,11 @@ class JointController:
         lead: float,
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
-        able = _USED * servo.acceleration
-        explored = _EXPLORED * servo.shown if servo.known else servo.shown
-        able = min(able, max(explored, _CAUTIOUS))
-        if able < limits.acceleration:
-            limits = MotionLimits(min(limits.speed, _BRAKED * able), able, limits.jerk)
+        # what the shaft cannot do is not planned; its set-point may do it
+        known = servo.known_delay > 0.0 or servo.deviation < _UNSURE
+        hardest = min(_USED * servo.acceleration, math.inf if known else _CAUTIOUS)
+        speed = min(limits.speed, math.inf if known else _BRAKED * _CAUTIOUS)
+        able = replace(limits, speed=speed, acceleration=min(limits.acceleration, hardest))
         setpoint = servo.setpoint(now)
         off = reference.position - motion.position
         rest.judge(reference, off, motion.velocity, setpoint, dead_band, now)
@@ -350,17 +350,23 @@ class JointController:
             return goal, min(_REST_SPEED, limits.speed)
         if self._watch.problem and abs(reference.position - servo.reading[1]) > _AWAY:
             return self._push(reference, now, limits, lead)
-        motion.steer(reference.position, reference.velocity, period, elapsed, limits, self._joint)
+        astray = servo.astray(now)
+        if astray is not None:
+            motion.position, motion.velocity = astray
+        motion.steer(reference.position, reference.velocity, period, elapsed, able, self._joint)
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
         arrival = (
-            self._arrival(reference, setpoint, period, elapsed, limits, lead) if rest.near else None
+            self._arrival(reference, setpoint, period, elapsed, able, lead)
+            if rest.near and astray is None
+            else None
         )
         if arrival is not None:
             goal, speed = arrival
         else:
             end = motion.position + motion.velocity * period + self._side * servo.dead_band
-            speed = self._limited((end - setpoint) / period, elapsed, limits)
+            speed = (end - setpoint) / period
+            speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, lead)
         servo.command(now, speed, goal)
         return goal, speed

@@ -1,9 +1,10 @@
-"""How a servo follows its commands: set-point, delay and dead band, estimated from the encoder.
+"""How a servo follows its commands: set-point, delay, dead band and acceleration of its shaft.
 
 A servo that gets a goal far ahead moves a set-point towards it at the commanded speed. Its shaft
 follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
-edges of a dead band in which the servo does not drive. The set-point is the sum of the commands.
-Delay and dead band are a posterior over a grid of hypotheses; docs/guide/tracking.md describes it.
+edges of a dead band in which the servo does not drive, or with an acceleration that is limited. The
+set-point is the sum of the commands. Delay, dead band and limit are one posterior over a grid of
+hypotheses; docs/explain/estimator.md has the equations.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -25,13 +27,25 @@ _WINDOW = 10  # cells over which displacements are compared
 _KEPT = _CELLS + _WINDOW + 1
 _ROOM = 1024  # cells of the buffer
 _DELAYS: Array = np.array([_CELL * cell for cell in range(_CELLS)])
-_BANDS: Array = np.array([0.0, 0.002, 0.004, 0.007, 0.012])  # rad, to either side
-_BAND_LIST: list[float] = _BANDS.tolist()
+_BANDS = (0.0, 0.002, 0.004, 0.007, 0.012)  # rad, to either side
+_LIMITS: Array = np.array([3.0, 5.0, 8.0, 13.0, 21.0, 34.0])  # rad/s^2
+_UNLIMITED = 75.0  # rad/s^2 of the hypotheses that have no limit
+_ROWS = [*range(len(_BANDS)), *(1 for _ in _LIMITS)]  # the dead band of every row
+_ROW_LIMITS: Array = np.log([*(_UNLIMITED for _ in _BANDS), *_LIMITS])
+_RARE: Array = np.array([*(200.0 * band for band in _BANDS), *(1.0 for _ in _LIMITS)])
+_STRIDE = 2  # cells in a step of a shaft with a limit
+_PATHS = np.arange(_CELLS)[::-1, None] + np.arange(0, _WINDOW + 1, _STRIDE)
+_LIVELY = 0.03  # rad; windows whose displacements differ by less need little acceleration
+_CATCH_UP = 0.03  # s in which a shaft makes up its error
+_AWAY = 0.03  # rad; a shaft so far from its set-point has not followed
+_UNEXPLAINED = 0.2  # of that distance counts as a miss
+_FAR = 0.15  # rad; more is no less likely
+_STEP = 0.03  # s; the speed of a shaft is measured over two of these
+_ASTRAY = 0.07  # rad
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
-_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.7) ** 2 - 200.0 * _BANDS[:, None]
+_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARE[:, None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
-_UNSURE = 0.03  # s
 _LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
 _EVERY = 0.06  # s between two windows
 _NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
@@ -40,12 +54,6 @@ _TELLING = 0.012  # rad; hypotheses that differ by less in a window are not comp
 _MEMORY = 6.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
 _SHARPNESS = 0.15  # windows overlap, and errors last
-
-_BEHIND = 0.05  # rad in a window; a shaft so far from what likely delays explain tells no delay
-_BEYOND = 0.05  # rad in a window; a shaft so much faster than it was commanded swings
-_SLEWING = 25  # cells in which a servo with a profile comes from one speed to another
-_SLOWEST_START = 2.0  # rad/s^2
-_RECOVERY = 30.0  # s in which a limit that is not met any more grows to e times itself
 
 _NARROW = 0.9  # of the posterior in three cells
 _SLEW = 0.1  # s/s; a new mean is applied so fast
@@ -59,7 +67,7 @@ _FASTEST = 0.1  # s in which an offset is corrected at the fastest
 
 
 class ServoModel:
-    """Estimate one joint's set-point, delay and dead band.
+    """Estimate one joint's set-point, and the delay, dead band and acceleration of its shaft.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
 
@@ -70,25 +78,19 @@ class ServoModel:
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
-        shown: the hardest acceleration that the shaft has shown in its latest motion [rad/s^2].
-        acceleration: the hardest that the shaft has shown [rad/s^2], if it was seen to swing
-            beyond its commands; else inf.
+        acceleration: geometric mean of the posterior over how hard the shaft can accelerate
+            [rad/s^2].
     """
 
     def __init__(self) -> None:
-        self._xx: Array = np.zeros((len(_BANDS), _CELLS))
+        self._xx: Array = np.zeros((len(_ROWS), _CELLS))
         self._xy: Array = np.zeros_like(self._xx)
-        self._yy = self._windows = 0.0
+        self._yy: Array = np.zeros_like(self._xx)
+        self._windows = 0.0
         self._posterior()
         self.delay = self.mean
         self.known_delay = 0.0
-        self.acceleration, self.shown = math.inf, 0.0
         self.restart(0.0, 0.0)
-
-    @property
-    def known(self) -> bool:
-        """Whether the delay is known well enough to move fast."""
-        return self.known_delay > 0.0 or self.deviation < _UNSURE
 
     @property
     def speed(self) -> float:
@@ -125,7 +127,6 @@ class ServoModel:
         self._times, self._setpoints = [stamp], [position]
         self._speeds, self._rooms = [speed], [math.inf]
         self.delay = self.known_delay or self.delay
-        self._miss = 0.0
         self._offset, self._variance = 0.0, _FIRST**2
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
         self._shafts = [position] * len(_BANDS)
@@ -149,6 +150,36 @@ class ServoModel:
         change = _SLEW * (stamp - last)
         self.delay += min(max(goal - self.delay, -change), change)
 
+    def astray(self, now: float) -> tuple[float, float] | None:
+        """Return where a shaft that has not followed will be when a command of now acts.
+
+        Returns:
+            position [rad] and speed [rad/s]; None: the shaft has followed its commands.
+        """
+        stamp, position = self.reading
+        here = self.setpoint(stamp - self.delay)
+        if abs(position - here) < _ASTRAY:
+            return None
+        before, begin = self._at(stamp - 2.0 * _STEP), self._at(stamp - _STEP)
+        if before is None or begin is None:
+            return None
+        speed = (position - before) / (2.0 * _STEP)
+        if speed * (position - here) > 0.0:
+            return None  # a shaft that moves away brakes as hard as it can
+        likely = self._grid[0, self._filled - _CELLS : self._filled] + self._offset
+        if likely.min() - _AWAY < position < likely.max() + _AWAY:
+            return None  # some delay explains it
+        most, time, position = self.acceleration * _CELL, stamp - _STEP - self.delay, begin
+        here = self.setpoint(time)
+        while time < now:
+            time += _CELL
+            there = self.setpoint(time)
+            wanted = (there - here) / _CELL + (here - position) / _CATCH_UP
+            speed += min(max(wanted - speed, -most), most)
+            position += speed * _CELL
+            here = there
+        return position, speed
+
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:
         """A Kalman filter of the set-point's offset: what the delay may explain is not believed."""
         deviation = 0.0 if self.known_delay else self.deviation
@@ -158,10 +189,10 @@ class ServoModel:
         moved = (here - before) * elapsed / max(deviation, elapsed)
         self._variance += _DRIFT**2 * elapsed + (_SCALE * moved) ** 2
         off = position - here - self._offset
-        expected = self._variance + _READING**2 + spread**2 + (2.0 * self._miss) ** 2
+        expected = self._variance + _READING**2 + spread**2
         most = _OUTLIER * math.sqrt(expected)
         gain = min(self._variance / expected, elapsed / _FASTEST)
-        self._offset += gain * min(max(off, -most), most)
+        self._offset += gain * min(max(off, -most), most) / (1.0 + (off / _ASTRAY) ** 2)
         self._variance *= 1.0 - gain
 
     def _shaft(self, time: float) -> float:
@@ -206,7 +237,7 @@ class ServoModel:
     def _move_shafts(self, setpoint: float) -> None:
         """Move the shaft of every hypothesis for a cell, after which the set-point is there."""
         shafts = self._shafts
-        for row, band in enumerate(_BAND_LIST):
+        for row, band in enumerate(_BANDS):
             if shafts[row] < setpoint - band:
                 shafts[row] = setpoint - band
             elif shafts[row] > setpoint + band:
@@ -224,39 +255,51 @@ class ServoModel:
             return
         elapsed, self._judged = newest - self._judged, newest
         recent = self._grid[:, cell + 1 - _CELLS - _WINDOW : cell + 1]
-        expected = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
-        moved = position - before
-        self._learn_acceleration(moved, before, newest, elapsed, expected)
-        if self._miss > _BEHIND or float(np.ptp(expected)) < _TELLING:
+        followed = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
+        spread = float(np.ptp(followed))
+        if spread < _TELLING:
             return
+        expected = followed[_ROWS]
+        unexplained = np.zeros_like(expected)
+        if spread > _LIVELY:
+            limited = slice(len(_BANDS), None)
+            expected[limited], unexplained[limited] = self._limited(recent[0], before, newest)
+        moved = position - before
         share = min(elapsed / (_WINDOW * _CELL), 1.0)
         weight = share / (_NOISE**2 + (_MODEL_ERROR * moved) ** 2)
         kept = math.exp(-elapsed / _MEMORY)
         self._xx = kept * self._xx + weight * expected * expected
         self._xy = kept * self._xy + (weight * moved) * expected
-        self._yy = kept * self._yy + weight * moved * moved
+        self._yy = kept * self._yy + weight * (moved * moved + unexplained * unexplained)
         self._windows = kept * self._windows + share
         self._posterior()
 
-    def _learn_acceleration(
-        self, moved: float, before: float, stamp: float, elapsed: float, expected: Array
-    ) -> None:
-        """A shaft that swings faster than it was commanded accelerates as hard as it can."""
-        window = _WINDOW * _CELL
-        start = self._at(stamp - 2.0 * window)
-        first = max(round((self.delay - 2.0 * self.deviation) / _CELL) - 1, 0)
-        last = round((self.delay + 2.0 * self.deviation) / _CELL) + 2
-        likely = expected[self._best, first:last]
-        self._miss = float(np.abs(likely - moved).min())
-        self.acceleration *= math.exp(elapsed / _RECOVERY)
-        if abs(moved) > _TELLING:
-            self.shown *= math.exp(-elapsed / _RECOVERY)
-        if start is not None:
-            self.shown = max(self.shown, abs(moved - (before - start)) / window**2)
-        likely = expected[self._best, first : last + _SLEWING]
-        swings = max(moved - float(likely.max()), float(likely.min()) - moved) > _BEYOND
-        if swings and self.shown > _SLOWEST_START:
-            self.acceleration = self.shown
+    def _limited(self, setpoints: Array, start: float, stamp: float) -> tuple[Array, Array]:
+        """Predict the window for shafts of limited acceleration from where the shaft began.
+
+        Args:
+            setpoints: of the latest cells [rad].
+            start: where the shaft was at the start of the window [rad].
+            stamp: the end of the window [s].
+
+        Returns:
+            displacements for each limit and delay [rad], and how much of the distance between
+            shaft and set-point at the start a limit must explain, for each delay [rad].
+        """
+        begin = stamp - _WINDOW * _CELL
+        before, after = self._at(begin - _STEP), self._at(begin + _STEP)
+        path, step = setpoints[_PATHS].T, _STRIDE * _CELL
+        away = start - self._offset - path[0]
+        away -= np.clip(away, -_AWAY, _AWAY)
+        most = (_LIMITS * step)[:, None]
+        shaft = np.tile(path[0] + away, (len(_LIMITS), 1))
+        velocity = 0.0 if before is None or after is None else (after - before) / (2.0 * _STEP)
+        speed = np.full_like(shaft, velocity)
+        for here, there in pairwise(path):
+            wanted = (there - here) / step + (here - shaft) / _CATCH_UP
+            speed += np.clip(wanted - speed, -most, most)
+            shaft += speed * step
+        return shaft - path[0] - away, _UNEXPLAINED * np.clip(away, -_FAR, _FAR)
 
     def _at(self, time: float) -> float | None:
         """The reading at a time [s], between two; None: there was none near."""
@@ -282,8 +325,10 @@ class ServoModel:
         variance = float(by_delay @ (_DELAYS - self.mean) ** 2)
         self.deviation = max(math.sqrt(variance), _LEAST_DEVIATION)
         by_shaft = weights.sum(axis=1)
-        self._best = int(by_shaft.argmax())
-        self.dead_band = float(by_shaft @ _BANDS)
+        by_band = by_shaft[: len(_BANDS)]
+        self._best = int(by_band.argmax())
+        self.dead_band = float(by_band @ _BANDS / by_band.sum())
+        self.acceleration = math.exp(float(by_shaft @ _ROW_LIMITS))
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
             # narrower than the grid: the vertex of the parabola through three scores

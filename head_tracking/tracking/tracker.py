@@ -150,9 +150,12 @@ class Tracker:
         """
         if not self.machine.enabled:
             return Verdict.IGNORED
+        came = now
         if moving and self._readings.latest is not None:
-            stamp, point = self.camera.corrected(stamp, point)
-        verdict = self._add(stamp, point, now)
+            corrected, point = self.camera.corrected(stamp, point)
+            came += corrected - stamp  # no correction makes a point too old: it may be wrong
+            stamp = corrected
+        verdict = self._add(stamp, point, came)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
@@ -194,7 +197,7 @@ class Tracker:
         if self.camera.fault:
             self.machine.off = self.camera.fault
             return TrackingStep(self.enable(False, now))
-        self.law.at_most = self.at_most
+        self.law.at_most = min(self.at_most, self.camera.safe_speed)
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):

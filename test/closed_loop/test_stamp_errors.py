@@ -68,10 +68,18 @@ def test_the_error_is_found_while_only_one_joint_turns(head, seed):
     def from_rest(t):
         return around(0.5 * math.sin(math.pi * (0.25 * t * t if t < 2.0 else t - 1.0)))
 
-    conditions = replace(ON_HEAD, duration=6.0, stamp_jitter=0.0115, start=(0.01, 0.04151))
+    conditions = replace(ON_HEAD, duration=9.0, stamp_jitter=0.0115, start=(0.01, 0.04151))
     conditions = replace(conditions, servos=PlainServo(), stamp_error=0.05, seed=seed)
     watched, _ = run(head, from_rest, conditions)
     assert watched.applied[-1] == pytest.approx(0.05, abs=0.02)
+
+
+@pytest.mark.parametrize("late", [0.5, 0.7])
+def test_a_correction_beyond_the_timeout_does_not_end_tracking(head, late):
+    conditions = replace(ON_HEAD, duration=12.0, stamp_error=late, field=(3.0, 3.0))
+    watched, recording = run(head, swing, conditions)
+    assert watched.applied[-1] == pytest.approx(late, abs=0.05)
+    assert recording.between(6.0).rms < 0.2
 
 
 @pytest.mark.parametrize(("points", "delay"), [(5.0, 0.1), (8.0, 0.4), (30.0, 0.1)])
