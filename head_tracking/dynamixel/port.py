@@ -273,7 +273,7 @@ class DynamixelPort:
         return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
 
     def reboot(self, servo_id: int, protocol: int = 2) -> None:
-        """Restart a servo of protocol 2.0 or, without a reply, of Feetech; it is deaf for a while."""
+        """Restart a servo of protocol 2.0 or of Feetech, which sends no reply; it is deaf then."""
         packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
         self._command(request_for(packet, protocol, servo_id, 0, "reboot"), protocol == 2)
 
