@@ -105,8 +105,8 @@ def read_interfaces() -> Iterator[Interface]:
         stack.callback(bus.close)
         rclpy.init(args=["--ros-args", "--log-level", "fatal"])
         stack.callback(rclpy.try_shutdown)
-        for name, package in NODES.items():
-            module = import_module(f"head_tracking.{package}.{name}")
+        for name in NODES:
+            module = import_module(f"head_tracking.{NODES[name]}.{name}")
             kind = getattr(module, name.title().replace("_", "") + "Node")
             given: dict[str, Any] = {
                 "parameter_overrides": [
