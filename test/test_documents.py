@@ -28,3 +28,11 @@ def test_no_link_is_dead(document: Path) -> None:
         assert file.exists(), target
         if anchor:
             assert anchor in anchors(file), f"{target}#{anchor}"
+
+
+def test_documents_name_the_version_of_the_package() -> None:
+    text = (ROOT / "package.xml").read_text()
+    version = re.search(r"<version>(.*)</version>", text)
+    assert version is not None
+    assert f"Version {version[1]}." in (ROOT / "README.md").read_text()
+    assert f"\n{version[1]} " in (ROOT / "CHANGELOG.rst").read_text()
