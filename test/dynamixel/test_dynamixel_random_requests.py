@@ -55,7 +55,7 @@ class Expected:
 class Requests(RuleBasedStateMachine):
     """Two joints on one line."""
 
-    @initialize(names=st.sampled_from([("AX-12", "XM430-W350"), ("XL-320", "MX-28")]))
+    @initialize(names=st.sampled_from([("AX-12", "XM430-W350"), ("XL-320", "MX-28"), ("STS3215", "STS3032"), ("SCS0009",) * 2]))
     def start_bus(self, names: tuple[str, str]) -> None:
         models = [servo_model(name) for name in names]
         self.servos = {
