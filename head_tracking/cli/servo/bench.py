@@ -70,6 +70,14 @@ class Terminal:
         if self._input.readline().strip().lower() not in ("y", "yes"):
             raise RefusedError("nothing was changed")
 
+    def ask(self, question: str, default: str) -> str:
+        """Return an answer; the default where Enter, or nobody, answers."""
+        if self._assume_yes or not self._input.isatty():
+            self.say(f"{question}: {default}")
+            return default
+        self._messages.print(f"{question} [{default}]: ", end="", markup=False)
+        return self._input.readline().strip() or default
+
     def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
         """Wait until Enter is pressed, and show what `read` returns in the meantime."""
         self.say(prompt)
