@@ -165,7 +165,9 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 # EEPROM
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320", "STS3215"])
+@pytest.mark.parametrize(
+    "name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320", "STS3215"]
+)
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
