@@ -62,7 +62,13 @@ setup(
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
-        NAME: ["py.typed", "viewer/bar.js", "dynamixel/tables/*.toml", "simulation/facts/*.csv"]
+        NAME: [
+            "py.typed",
+            "page/static/*",
+            "dynamixel/tables/*.toml",
+            "feetech/tables/*.toml",
+            "simulation/facts/*.csv",
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -12,21 +12,23 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Final
 
-NODES: Final = (
-    "servo_bus",
-    "joint_state_publisher",
-    "robot_state_publisher",
-    "point_head",
-    "head_tracker",
-    "fictitious_target",
-    "frame_target",
-    "target_mux",
-    "visual_target",
-    "detection_target",
-    "simulated_camera",
-    "viewer",
-    "recorder",
-)
+NODES: Final = {
+    "servo_bus": "ros.bus",
+    "joint_state_publisher": "ros.robot",
+    "robot_state_publisher": "ros.robot",
+    "point_head": "ros.head",
+    "head_tracker": "ros.head",
+    "fictitious_target": "ros.targets",
+    "frame_target": "ros.targets",
+    "target_mux": "ros.targets",
+    "visual_target": "ros.targets",
+    "detection_target": "ros.targets",
+    "simulated_camera": "ros.targets",
+    "viewer": "nodes",
+    "recorder": "ros.robot",
+}
+"""The packages of the nodes, by name."""
+
 TOOLS: Final = (
     "servo",
     "doctor",
@@ -37,6 +39,7 @@ TOOLS: Final = (
     "check_model",
     "simulated_bus",
     "head_setup",
+    "new_robot",
 )
 COMMANDS: Final = (*NODES, *TOOLS)
 """What `head_tracking COMMAND` and `ros2 run head_tracking COMMAND` run."""
@@ -61,8 +64,10 @@ def __getattr__(name: str) -> Callable[[], int]:
 
     def main() -> int:
         chosen = name
-        if name == "head_tracking" and sys.argv[1:2] and sys.argv[1] in COMMANDS:
-            chosen = sys.argv.pop(1)
+        command = "".join(sys.argv[1:2]).replace("-", "_")  # new-robot is new_robot
+        if name == "head_tracking" and command in COMMANDS:
+            chosen = command
+            del sys.argv[1]
             sys.argv[0] = chosen
         try:
             program = import_module(f"head_tracking.{_module(chosen)}")
@@ -88,4 +93,4 @@ def has_ros() -> bool:
 def _module(name: str) -> str:
     if name in _MODULES:
         return _MODULES[name]
-    return f"nodes.{name}" if name in NODES else f"cli.{name}"
+    return f"{NODES.get(name, 'cli')}.{name}"

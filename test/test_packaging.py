@@ -20,6 +20,7 @@ EXECUTABLES = {
     "frame_target",
     "head_tracker",
     "head_setup",
+    "new_robot",
     "head_tracking",
     "joint_state_publisher",
     "look",

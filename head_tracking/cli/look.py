@@ -13,8 +13,8 @@ from geometry_msgs.msg import PointStamped
 from head_tracking.cli.client import Client, ClientError, running_client
 from head_tracking.command_line import PointInFrame, finite, point_in_frame, with_points
 from head_tracking.gaze import Arrival, PanTiltHead
+from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.start import program, without_ros_arguments
-from head_tracking.ros.messages import target_message
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException
 

@@ -16,9 +16,9 @@ from head_tracking.cli.client import Client, ClientError, running_client
 from head_tracking.command_line import seconds, writable_file
 from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.start import program, without_ros_arguments
-from head_tracking.ros.messages import target_from_message
 from head_tracking.run.status_line import StatusLine
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table

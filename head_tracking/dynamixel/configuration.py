@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import IntFlag
 
-from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
 
@@ -27,6 +27,10 @@ class ServoCalibration:
         min: Tick of the lowest position.
         max: Tick of the highest position.
         model: The servo's model.
+        offset: What the servo's own memory added to its position, ticks, when this was measured;
+            a servo with another offset is refused. None: it is not checked.
+        reverse: Whether the servo's Drive Mode counted ticks in reverse when this was measured; a
+            servo with another Drive Mode is refused. None: it is not checked.
         direction: -1 if rising ticks are falling positions, else 1.
         scale: What one tick more is for the joint's position, rad.
         lowest_turn: Lowest tick of the turn around the middle of the range. A servo whose scale
@@ -42,6 +46,8 @@ class ServoCalibration:
     min: int = 0
     max: int = 1023
     model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
+    offset: int | None = None
+    reverse: bool | None = None
     direction: int = field(init=False, repr=False, compare=False)
     scale: float = field(init=False, repr=False, compare=False)
     lowest_turn: int = field(init=False, repr=False, compare=False)
@@ -57,6 +63,12 @@ class ServoCalibration:
                     f"{self.joint_name}: {name}: {value!r} is not possible for an "
                     f"{self.model.name}; allowed are whole numbers from 0 to {highest}"
                 )
+        if self.offset is not None:
+            self._check_offset(self.offset)
+        if self.reverse is not None and "Drive Mode" not in self.model.modes:
+            raise ConfigurationError(
+                f"{self.joint_name}: an {self.model.name} has no Drive Mode; leave reverse out"
+            )
         low, high = self.tick_range
         if low == high or not low <= self.init <= high:
             raise ConfigurationError(
@@ -67,6 +79,30 @@ class ServoCalibration:
         object.__setattr__(self, "scale", self.direction * self.resolution)
         middle = (self.min + self.max + 1) // 2
         object.__setattr__(self, "lowest_turn", middle - self.model.ticks // 2)
+
+    def _check_offset(self, offset: int) -> None:
+        register = self.model.offset
+        if register is None:
+            raise ConfigurationError(
+                f"{self.joint_name}: an {self.model.name} adds no offset to its position; leave "
+                "offset out"
+            )
+        try:
+            if not _is_integer(offset) or not register.admits(register.from_counts(offset)):
+                raise RangeError(f"allowed are {register.minimum} to {register.maximum}")
+        except RangeError as cause:
+            raise ConfigurationError(
+                f"{self.joint_name}: offset: {offset!r} is not possible for the {register.name} of "
+                f"an {self.model.name}: {cause}"
+            ) from cause
+
+    def mirrored(self) -> tuple[int, int, int]:
+        """Return what init, min and max are with the other direction of Drive Mode."""
+        last = self.model.ticks - 1
+        init, low, high = (
+            min(last, 2 * self.model.center - tick) for tick in (self.init, self.min, self.max)
+        )
+        return init, low, high
 
     @property
     def tick_range(self) -> tuple[int, int]:
@@ -171,7 +207,8 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
     """Return the joints of one bus after checking them against each other.
 
     Raises:
-        ConfigurationError: There is no joint, or two share an id, a name or a controller.
+        ConfigurationError: There is no joint, two share an id, a name or a controller, or servos
+            are of families that cannot be on one line.
     """
     checked = tuple(joints)
     if not checked:
@@ -191,6 +228,12 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
                         f"{joint.joint_name}; each servo and joint of a bus needs its own"
                     )
                 users[value] = joint
+    families = {each.model.family for joint in checked for each in joint.calibrations}
+    if len(families) > 1:
+        raise ConfigurationError(
+            f"servos of the families {', '.join(sorted(families))} cannot be on one bus: they "
+            "take each other's packets for their own; give each family an adapter"
+        )
     return checked
 
 
@@ -272,7 +315,7 @@ class EepromSettings:
         """
         wanted: dict[str, int] = {}
         table = model.control_table
-        if self.return_delay is not None:
+        if self.return_delay is not None and "Return Delay Time" in table:
             register = table["Return Delay Time"]
             wanted[register.name] = register.from_unit(self.return_delay)
         if self.angle_limits:
@@ -280,7 +323,8 @@ class EepromSettings:
         if self.shutdown is not None:
             wanted["Shutdown"] = sum(_named_errors(model, self.shutdown))
         if self.status_return_level is not None:
-            wanted["Status Return Level"] = self.status_return_level
+            highest = table["Status Return Level"].maximum or 0  # Feetech has no level for pings
+            wanted["Status Return Level"] = self.status_return_level - 2 + highest
         for name, value in wanted.items():
             if not table[name].admits(value):
                 raise ConfigurationError(

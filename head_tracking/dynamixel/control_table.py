@@ -1,7 +1,7 @@
 """Control tables: the registers of a servo, as data, and what their counts stand for.
 
 Sources: the ROBOTIS e-manual page of each model; protocol 1.0 for the byte order, AX-12A for the
-sign bits.
+sign bits. Feetech's: the memory table of each family.
 """
 
 from __future__ import annotations
@@ -17,40 +17,46 @@ from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
 SIGN_BIT: Final = 10
 """AX, MX (protocol 1.0) and XL-320 mark clockwise speed and load by this bit."""
 
-_LARGEST: Final = (1 << SIGN_BIT) - 1
 
-
-def encode_sign_magnitude(value: int) -> int:
+def encode_sign_magnitude(value: int, bit: int = SIGN_BIT) -> int:
     """Return a register value: magnitude in the low bits, sign bit set when negative (clockwise).
 
     Raises:
         RangeError: The magnitude needs more bits.
     """
-    if abs(value) > _LARGEST:
-        raise RangeError(f"{value} does not fit; allowed are {-_LARGEST} to {_LARGEST}")
-    return -value | 1 << SIGN_BIT if value < 0 else value
+    largest = (1 << bit) - 1
+    if abs(value) > largest:
+        raise RangeError(f"{value} does not fit; allowed are {-largest} to {largest}")
+    return -value | 1 << bit if value < 0 else value
 
 
-def decode_sign_magnitude(raw: int) -> int:
+def decode_sign_magnitude(raw: int, bit: int = SIGN_BIT) -> int:
     """Return the signed number in a sign-magnitude register; inverse of the encoder.
 
     Raises:
         RangeError: A bit above the sign bit is set, or the value is negative.
     """
-    if not 0 <= raw < 2 << SIGN_BIT:
+    if not 0 <= raw < 2 << bit:
         raise RangeError(
-            f"register value {raw} is no {SIGN_BIT} bit sign-magnitude number; "
-            f"allowed are 0 to {(2 << SIGN_BIT) - 1}"
+            f"register value {raw} is no {bit} bit sign-magnitude number; "
+            f"allowed are 0 to {(2 << bit) - 1}"
         )
-    return -(raw & _LARGEST) if raw >> SIGN_BIT else raw
+    return -(raw & (1 << bit) - 1) if raw >> bit else raw
 
 
 class Sign(Enum):
-    """How a register stores negative values."""
+    """How a register stores negative values: magnitude and a sign bit, or two's complement."""
 
     NONE = "none"
-    MAGNITUDE = "bit 10"
+    BIT_10 = "bit 10"
+    BIT_11 = "bit 11"
+    BIT_15 = "bit 15"
     TWOS_COMPLEMENT = "two's complement"
+
+    @property
+    def bit(self) -> int:
+        """The sign bit; 0 if there is none."""
+        return int(self.value.removeprefix("bit ")) if self.value.startswith("bit ") else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +84,7 @@ class Register:
     Attributes:
         name: The vendor's name.
         address: First byte.
-        size: Bytes, low byte first.
+        size: Bytes.
         writable: Whether a packet may write it.
         eeprom: Whether its value survives power-off; if not, it is in RAM.
         initial: Factory value (EEPROM) or value at power-on (RAM); None where the vendor gives none
@@ -116,13 +122,26 @@ class Register:
         Raises:
             RangeError: It is no sign-magnitude number, though the register should hold one.
         """
-        counts = decode_sign_magnitude(value) if self.sign is Sign.MAGNITUDE else value
-        return (counts - self.unit.zero) * self.unit.scale
+        return (self.counts(value) - self.unit.zero) * self.unit.scale
+
+    def counts(self, value: int) -> int:
+        """Return the number that a value that was read stands for; raises as `in_unit` does."""
+        bit = self.sign.bit
+        return decode_sign_magnitude(value, bit) if bit else value
 
     def from_unit(self, quantity: float) -> int:
         """Return the value to write for a quantity in the register's unit; mirrors `in_unit`."""
         counts = round(quantity / self.unit.scale + self.unit.zero)
-        return encode_sign_magnitude(counts) if self.sign is Sign.MAGNITUDE else counts
+        return self.from_counts(counts)
+
+    def from_counts(self, counts: int) -> int:
+        """Return the value to write for a number; mirrors `counts`.
+
+        Raises:
+            RangeError: A sign-magnitude register has too few bits for it.
+        """
+        bit = self.sign.bit
+        return encode_sign_magnitude(counts, bit) if bit else counts
 
 
 _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
@@ -136,14 +155,16 @@ class Block:
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
+        byte_order: "little" or "big".
         layout: Packs and unpacks one value per register, unchecked.
     """
 
     registers: tuple[Register, ...]
+    byte_order: str = "little"
     layout: struct.Struct = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        form = "<"
+        form = {"little": "<", "big": ">"}[self.byte_order]
         position = self.address
         for register in self.registers:
             if register.address < position:
@@ -200,13 +221,17 @@ class ControlTable:
     Args:
         name: What the table belongs to, for messages.
         registers: All documented registers; addresses between them are reserved.
+        byte_order: Of registers with several bytes, "little" or "big".
 
     Raises:
         RangeError: Two registers overlap or share a name.
     """
 
-    def __init__(self, name: str, registers: tuple[Register, ...]) -> None:
+    def __init__(
+        self, name: str, registers: tuple[Register, ...], byte_order: str = "little"
+    ) -> None:
         self.name = name
+        self._byte_order = byte_order
         self._registers = tuple(sorted(registers, key=lambda register: register.address))
         self._by_name = {register.name: register for register in self._registers}
         if len(self._by_name) != len(self._registers):
@@ -239,7 +264,7 @@ class ControlTable:
 
     def block(self, *names: str) -> Block:
         """Return the block of these registers, named in rising order of address."""
-        return Block(tuple(self[name] for name in names))
+        return Block(tuple(self[name] for name in names), self._byte_order)
 
     def spans(
         self, longest: int, names: Collection[str] | None = None, *, gaps: bool = True
@@ -257,7 +282,7 @@ class ControlTable:
                 continue
             apart = bool(span) and not gaps and register.address != span[-1].end
             if span and (apart or register.end - span[0].address > longest):
-                yield Block(tuple(span))
+                yield Block(tuple(span), self._byte_order)
                 span = []
             span.append(register)
-        yield Block(tuple(span))
+        yield Block(tuple(span), self._byte_order)

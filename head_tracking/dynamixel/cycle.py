@@ -23,7 +23,6 @@ from head_tracking.dynamixel.exceptions import CommunicationError, PortError, Po
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protection import Protection
-from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
@@ -238,7 +237,7 @@ class Cycle:
             if answered:
                 for servo in answered:
                     if servo.model.protocol == 1:
-                        servo.errors = ErrorBits(servo.error & 0x7F)
+                        servo.errors = servo.read_errors()
                 state = states[joint.name] = joint.state()
                 self._protection.judge(joint, state, now)
                 if self._settings.command_timeout and joint.on:
@@ -470,7 +469,7 @@ def _part(method: ReadMethod, members: list[tuple[Joint, Servo]]) -> _Part:
     servo = members[0][1]
     block, model = servo.model.feedback, servo.model
     ids = tuple([servo.id for _, servo in members])
-    plausible = servo.plausible if model.sign_magnitude else None
+    plausible = servo.plausible if any(model.signs) else None
     return _Part(
         ReadGroup(method, model.protocol, block.address, block.length, ids, plausible), members
     )
@@ -478,8 +477,10 @@ def _part(method: ReadMethod, members: list[tuple[Joint, Servo]]) -> _Part:
 
 def _method(servo: Servo) -> ReadMethod:
     model, identity = servo.model, servo.identity
-    if model.protocol == 1:
-        return ReadMethod.BULK if model.bulk_read else ReadMethod.EACH
+    if model.bulk_read:
+        return ReadMethod.BULK
+    if not model.sync_read:
+        return ReadMethod.EACH
     knows_fast = (
         model.fast_sync_read is not None
         and identity is not None

@@ -1,5 +1,7 @@
 """Servo models, read from the data files in `tables/`: one file for each model.
 
+Feetech's are in `head_tracking/feetech/tables/`.
+
 A file holds the model's properties, its control table and the units of its registers. With `like`
 it states only what differs from another model's file. A new model is one file.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +18,7 @@ from enum import IntFlag
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from head_tracking.dynamixel.control_table import (
     NUMBER,
@@ -27,9 +30,13 @@ from head_tracking.dynamixel.control_table import (
 )
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors, XL320Errors
+from head_tracking.feetech.protocol import BYTE_ORDERS, FeetechErrors
+from head_tracking.feetech.protocol import TABLES as FEETECH_TABLES
 
 TABLES: Final = Path(__file__).parent / "tables"
-"""Where the data files are."""
+"""Where the data files of Dynamixel servos are."""
+
+_FOLDERS: Final = (TABLES, FEETECH_TABLES)
 
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _COUNTS: Final = {
@@ -41,9 +48,27 @@ _COUNTS: Final = {
 """What a unit's count may be given in, and that in the unit's symbol."""
 
 _ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
-    "status": ErrorBits, "hardware": HardwareErrors, "xl320": XL320Errors
+    "status": ErrorBits, "hardware": HardwareErrors, "xl320": XL320Errors, "feetech": FeetechErrors
 }  # fmt: skip
 _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
+
+
+class Mode(NamedTuple):
+    """What a register must hold so that the servo goes to positions, in the driver's units.
+
+    Attributes:
+        value: What its bits must be.
+        otherwise: What is wrong with the servo if they are not.
+        mask: Which bits.
+    """
+
+    value: int
+    otherwise: str
+    mask: int = 0xFF
+
+    def fits(self, value: int) -> bool:
+        """Return whether a register value is right."""
+        return value & self.mask == self.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +80,13 @@ class ServoModel:
     Attributes:
         name: The name used in configurations and messages.
         model_number: Contents of its Model Number register.
-        protocol: Dynamixel protocol, 1 or 2.
+        protocol: Dynamixel protocol, 1 or 2; the packets of Feetech servos are those of 1.
         control_table: Its registers.
         feedback: What one read fetches each cycle: position, speed, load, voltage, temperature.
         feedback_order: Where in that block the five of them stand.
-        goal: What one write sets: goal position and speed.
-        position_first: Whether the goal position comes first in that block.
+        goal: What one write sets: goal position and speed, and perhaps more that is 0.
+        goal_order: Where in that block goal position and speed stand.
+        goal_layout: Packs goal position and speed, in the order of their addresses.
         position_limits: Names of the registers with the lowest and highest goal position.
         ticks: Number of positions.
         endless: Whether the ticks go round a whole turn, so that each stands for many positions.
@@ -68,13 +94,18 @@ class ServoModel:
         radians_per_tick: Angle of one tick, rad.
         speed_unit: One count of speed, rad/s.
         speed_maximum: Highest goal speed in joint mode.
+        speed_minimum: Lowest goal speed that is none of 0, which would be full speed.
         load_maximum: Register value of full load (of the stall current, where current is measured).
         no_load_speed: Fastest speed without load at `nominal_voltage`, rad/s.
         nominal_voltage: Supply that it is made for, V.
         baud_rates: Bits per second by the value of the Baud Rate register.
         errors: Bits of its error state and of its Shutdown register.
-        sign_magnitude: Whether speed and load have their sign in bit 10.
+        signs: Value of the sign bit of position, speed and load; 0: two's complement or none.
         bulk_read: Whether it takes part in a bulk read (MX with protocol 1.0).
+        sync_read: Whether it takes part in a sync read (protocol 2.0, Feetech STS).
+        family: "Dynamixel", or "STS" or "SCS" of Feetech, which cannot be on one line.
+        modes: What registers must hold, by name.
+        offset: Register that is added to the position; None: there is none.
         fast_sync_read: First firmware that knows fast sync read; None: none does.
         watchdog: First firmware that has a Bus Watchdog; None: none has.
         aliases: Other names of the same model.
@@ -87,7 +118,8 @@ class ServoModel:
     feedback: Block
     feedback_order: tuple[int, int, int, int, int]
     goal: Block
-    position_first: bool
+    goal_order: tuple[int, int]
+    goal_layout: struct.Struct
     position_limits: tuple[str, str]
     ticks: int
     endless: bool
@@ -95,16 +127,36 @@ class ServoModel:
     radians_per_tick: float
     speed_unit: float
     speed_maximum: int
+    speed_minimum: int
     load_maximum: int
     no_load_speed: float
     nominal_voltage: float
     baud_rates: Mapping[int, int]
     errors: type[IntFlag]
-    sign_magnitude: bool
+    signs: tuple[int, int, int]
     bulk_read: bool
+    sync_read: bool
+    family: str
+    modes: Mapping[str, Mode]
+    offset: Register | None
     fast_sync_read: int | None
     watchdog: int | None
     aliases: tuple[str, ...]
+
+    @property
+    def restarts(self) -> bool:
+        """Whether a restart clears its errors; without, writing its Torque Limit does."""
+        return "Hardware Error Status" in self.control_table
+
+    def acknowledges_writes(self, level: int) -> bool:
+        """Return whether it answers writes with this Status Return Level."""
+        return level == self.control_table["Status Return Level"].maximum
+
+    def goal_values(self, ticks: int, speed: int) -> tuple[int, ...]:
+        """Return the values of the goal block for a position and a speed, in counts."""
+        position_at, speed_at = self.goal_order
+        places = range(len(self.goal.registers))
+        return tuple([ticks if i == position_at else speed if i == speed_at else 0 for i in places])
 
 
 @cache
@@ -114,9 +166,9 @@ def servo_model(name: str) -> ServoModel:
     Raises:
         ConfigurationError: No such model is known.
     """
-    usual = TABLES / _file_name(name)
-    if usual.is_file() and (model := read_model(usual)).name.upper() == name.upper():
-        return model
+    for usual in (folder / _file_name(name) for folder in _FOLDERS):
+        if usual.is_file() and (model := read_model(usual)).name.upper() == name.upper():
+            return model
     for model in all_models():
         if name.upper() in map(str.upper, (model.name, *model.aliases)):
             return model
@@ -137,9 +189,9 @@ def servo_model_by_number(model_number: int) -> ServoModel:
 
 @cache
 def all_models() -> tuple[ServoModel, ...]:
-    """Return all models that there is a data file of, by model number."""
-    models = map(read_model, TABLES.glob("*.toml"))
-    return tuple(sorted(models, key=lambda model: model.model_number))
+    """Return all models that there is a data file of, by model number and name."""
+    models = [read_model(path) for folder in _FOLDERS for path in folder.glob("*.toml")]
+    return tuple(sorted(models, key=lambda model: (model.model_number, model.name)))
 
 
 def _file_name(model_name: str) -> str:
@@ -183,8 +235,11 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     facts = dict(document)  # what is left of them are attributes of the model
     units = {key: _unit(**row) for key, row in facts.pop("units").items()}
     rows = facts.pop("registers").items()
+    family = facts.pop("family", "Dynamixel")
     table = ControlTable(
-        facts["name"], tuple(each for key, row in rows for each in _registers(key, row, units))
+        facts["name"],
+        tuple(each for key, row in rows for each in _registers(key, row, units)),
+        BYTE_ORDERS.get(family, "little"),
     )
     number = table["Model Number"].initial
     if number is None:
@@ -195,6 +250,9 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     written = sorted(goal.values(), key=lambda name: table[name].address)
     a, b, c, d, e = map(read.index, wanted)
     lowest, highest = facts.pop("position_limits")
+    position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
+    modes = {name: Mode(**row) for name, row in facts.pop("modes", {}).items()}
+    offset = facts.pop("offset", None)
     baud_rates = {int(code): rate for code, rate in facts.pop("baud_rates").items()}
     return ServoModel(
         model_number=number,
@@ -202,7 +260,8 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         feedback=table.block(*read),
         feedback_order=(a, b, c, d, e),
         goal=table.block(*written),
-        position_first=written[0] == goal["position"],
+        goal_layout=_goal_layout(table, table.block(*written), goal),
+        goal_order=(written.index(goal["position"]), written.index(goal["speed"])),
         position_limits=(lowest, highest),
         center=int(units["position"].zero),
         radians_per_tick=units["position"].scale,
@@ -210,12 +269,29 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         no_load_speed=facts.pop("no_load_rpm") * _RPM,
         baud_rates=MappingProxyType(baud_rates),
         errors=_ERROR_BITS[facts.pop("error_bits")],
-        sign_magnitude=table[feedback["speed"]].sign is Sign.MAGNITUDE,
+        signs=(position_sign, speed_sign, load_sign),
+        speed_minimum=facts.pop("speed_minimum", 1),
+        sync_read=facts.pop("sync_read", facts["protocol"] == 2),
+        family=family,
+        modes=MappingProxyType(modes),
+        offset=None if offset is None else table[offset],
         fast_sync_read=facts.pop("fast_sync_read", None) or None,
         watchdog=facts.pop("watchdog", None) or None,
         aliases=tuple(facts.pop("aliases", ())),
         **facts,
     )
+
+
+def _goal_layout(table: ControlTable, block: Block, goal: Mapping[str, str]) -> struct.Struct:
+    """Return what packs position and speed into the bytes of a block, with zeros for the others."""
+    names = sorted((goal["position"], goal["speed"]), key=lambda name: table[name].address)
+    both = table.block(*names)
+    form = both.layout.format
+    return struct.Struct(f"{form[0]}{both.address - block.address}x{form[1:]}")
+
+
+def _sign_value(register: Register) -> int:
+    return 1 << register.sign.bit if register.sign.bit else 0
 
 
 def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:

@@ -206,8 +206,8 @@ class Procedures:
     def recovering(self, joint: Joint) -> Steps[None]:
         """Clear the fault of a joint.
 
-        A protocol 1.0 servo has set its Torque Limit to 0 and gets it back; others restart, and are
-        lost until the bus finds them again.
+        A protocol 1.0 servo of Dynamixel has set its Torque Limit to 0 and gets it back; others
+        restart, and are lost until the bus finds them again.
         """
         self._requests.drop_goals(joint.name)
         if joint.lost:
@@ -215,7 +215,7 @@ class Procedures:
         self._release(joint)
         for servo in joint.servos:
             if servo.faulted and not servo.lost:
-                if servo.model.protocol == 2:
+                if servo.model.restarts:
                     servo.reboot()
                     servo.lose(self._bus.monotonic())
                     continue

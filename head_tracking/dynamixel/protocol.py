@@ -188,11 +188,13 @@ def write_packet(protocol: int, servo_id: int, address: int, data: bytes) -> byt
     return encode_packet(protocol, servo_id, Instruction.WRITE, where + data)
 
 
-def sync_read_packet(ids: Sequence[int], address: int, length: int, *, fast: bool = False) -> bytes:
-    """Return the request for the same bytes of several servos of protocol 2.0."""
+def sync_read_packet(
+    protocol: int, ids: Sequence[int], address: int, length: int, *, fast: bool = False
+) -> bytes:
+    """Return the request for the same bytes of several servos, of protocol 2.0 or Feetech's STS."""
     code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
-    where = address.to_bytes(2, "little") + length.to_bytes(2, "little")
-    return encode_packet(2, BROADCAST_ID, code, where + bytes(ids))
+    where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
+    return encode_packet(protocol, BROADCAST_ID, code, where + bytes(ids))
 
 
 def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:

@@ -105,9 +105,9 @@ class ReadGroup:
         elif self.method is ReadMethod.BULK:
             packet = bulk_read_packet(ids, address, length)
         elif self.method is ReadMethod.SYNC:
-            packet = sync_read_packet(ids, address, length)
+            packet = sync_read_packet(protocol, ids, address, length)
         else:
-            packet = sync_read_packet(ids, address, length, fast=True)
+            packet = sync_read_packet(2, ids, address, length, fast=True)
             size, senders = joint_status_size(len(ids), length), (BROADCAST_ID,)
         what = f"read of {length} byte(s) at {address}"
         requests = [request_for(packet, protocol, sender, size, what) for sender in senders]

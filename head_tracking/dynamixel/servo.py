@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import Final, TypeVar
 
 from head_tracking.dynamixel.configuration import ServoCalibration
-from head_tracking.dynamixel.control_table import SIGN_BIT, Block, ControlTable, Register
+from head_tracking.dynamixel.control_table import Block, ControlTable, Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -42,25 +42,15 @@ from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torq
 
 _T = TypeVar("_T")
 
-SLOWEST: Final = 1
-"""Lowest goal speed; 0 would be full speed."""
-
 EEPROM_PAUSE: Final = 0.025
 """Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
 some 6 ms per byte afterwards (fact sheet, section 9)."""
 
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
+_REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
-_MAGNITUDES: Final = 2 << SIGN_BIT
-_SIGN: Final = 1 << SIGN_BIT
 _LONGEST_READ: Final = 64  # bytes
 _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
-_MODES: Final = (
-    ("Operating Mode", 0xFF, 3, "is not in position control"),
-    ("Drive Mode", 0x04, 0, "takes its profile velocity as a time"),
-    ("Control Mode", 0xFF, 2, "is in wheel mode and has no positions"),
-)
-"""Registers that must have a value in some bits (mask, value), and what is wrong otherwise."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -205,17 +195,17 @@ class Servo:
         feedback = model.feedback
         self.layout = (
             *(model.protocol, feedback.address, feedback.length),
-            *(model.ticks, model.endless, model.sign_magnitude),
+            *(model.ticks, model.endless, *model.signs, model.family),
         )
         self._port = port
         self._protocol = model.protocol
         self._speed_unit = model.speed_unit
         self._unpack = model.feedback.layout.unpack
-        self._pack = model.goal.layout.pack
-        self._position_first = model.position_first
+        self._pack = model.goal_layout.pack
+        self._position_first = model.goal_order[0] < model.goal_order[1]
         self.fastest = model.speed_maximum
         self._order = model.feedback_order
-        self._magnitudes = model.sign_magnitude
+        self._signs = model.signs
         self._wanted_watchdog = watchdog
         self.calibrate(
             calibration
@@ -285,7 +275,10 @@ class Servo:
         error = self._try(
             _TRIES, lambda: self._port.write(self.id, address, data, protocol=self._protocol)
         )
-        refusal = error & (REFUSALS if self._protocol == 1 else ~ALERT)
+        if self._protocol == 2:
+            refusal = error & ~ALERT
+        else:  # Feetech's error byte tells of the servo, not of what was asked
+            refusal = error & REFUSALS if self.model.errors is ErrorBits else 0
         if refusal:
             pairs = zip(block.registers, values, strict=True)
             names = ", ".join(f"{register.name} = {value}" for register, value in pairs)
@@ -324,8 +317,8 @@ class Servo:
             self.counters.corrupt += 1
 
     def reboot(self) -> None:
-        """Restart it (protocol 2.0); it does not answer for a while."""
-        self._try(_TRIES, lambda: self._port.reboot(self.id))
+        """Restart it; it does not answer for a while."""
+        self._try(_TRIES, lambda: self._port.reboot(self.id, self._protocol))
 
     # Steps. All raise what their transactions raise.
 
@@ -367,7 +360,8 @@ class Servo:
         """
         memory: dict[str, int] = {}
         joint_name, model = self.calibration.joint_name, self.model
-        for span in _spans(model.control_table, model.position_limits):
+        own = [] if model.offset is None else [model.offset.name]
+        for span in _spans(model.control_table, (*model.position_limits, *model.modes, *own)):
             try:
                 values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
             except ReplyTimeoutError as cause:
@@ -386,7 +380,7 @@ class Servo:
                     "configuration's model or id"
                 )
             yield 0.0
-        self.acknowledges_writes = memory["Status Return Level"] >= 2
+        self.acknowledges_writes = model.acknowledges_writes(memory["Status Return Level"])
         lower, upper = (memory[name] for name in model.position_limits)
         shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
         identity = ServoIdentity(
@@ -404,6 +398,8 @@ class Servo:
         problem: ServoError | ConfigurationError | None = None
         try:
             _check_mode(self, memory, lower, upper)
+            _check_offset(self, memory)
+            _check_direction(self, memory)
             self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
             problem = cause
@@ -424,7 +420,8 @@ class Servo:
     def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
         """Write settings that differ, with the pauses that servos need, and read them back.
 
-        The memory wears out: what is there already is not written again.
+        The memory wears out: what is there already is not written again. That of a Feetech servo
+        keeps only what is written while its lock is off.
 
         Args:
             wanted: Register values by name.
@@ -454,17 +451,28 @@ class Servo:
                 continue
             yield 0.0
             block = table.block(name)
+            yield from self.lock_eeprom(False)
             self.write(block, value)
             if name == "Status Return Level":
-                self.acknowledges_writes = value >= 2
+                self.acknowledges_writes = self.model.acknowledges_writes(value)
             yield EEPROM_PAUSE * block.length
             after = self.get(name)
+            yield from self.lock_eeprom(True)
             if after != value:
                 raise RegisterRefusedError(
                     f"servo {self.id} keeps {after} in {name} instead of {value}"
                 )
             changed[name] = (before, value)
         return changed
+
+    def lock_eeprom(self, locked: bool) -> Steps[None]:
+        """Write the lock of a Feetech servo, which forgets at power-off what is written under it.
+
+        Other servos have none. Raises as `verify` does.
+        """
+        table = self.model.control_table
+        if "EEPROM Lock" in table:
+            yield from self.verify(table.block("EEPROM Lock"), int(locked))
 
     def arm(self) -> Steps[None]:
         """Switch its watchdog on, if it has one."""
@@ -487,7 +495,7 @@ class Servo:
         Protocol 2.0 tells only that there is one: its register is read.
         """
         if self._protocol == 1:
-            return ErrorBits(self.error & 0x7F)
+            return self.model.errors(self.error & sum(self.model.errors))
         if not self.error & ALERT:
             return self.model.errors(0)
         return self.model.errors(self.get("Hardware Error Status") & sum(self.model.errors))
@@ -517,9 +525,10 @@ class Servo:
         """Return whether a servo can have said that of itself."""
         values = self._unpack(data)
         a, b, c = self._order[:3]
-        return not self._magnitudes or (
-            values[b] < _MAGNITUDES
-            and values[c] < _MAGNITUDES
+        _, speed_sign, load_sign = self._signs
+        return not speed_sign or (
+            values[b] < 2 * speed_sign
+            and values[c] < 2 * load_sign
             and (values[a] < self.model.ticks or self.model.endless)
         )
 
@@ -532,13 +541,16 @@ class Servo:
         """
         values = self._unpack(reply.data)
         a, b, c, d, e = self._order
-        self.ticks = ticks = values[a]
-        speed, load = values[b], values[c]
-        if self._magnitudes:
-            if speed >= _SIGN:
-                speed = _SIGN - speed
-            if load >= _SIGN:
-                load = _SIGN - load
+        ticks, speed, load = values[a], values[b], values[c]
+        position_sign, speed_sign, load_sign = self._signs
+        if speed_sign:
+            if speed >= speed_sign:
+                speed = speed_sign - speed
+            if load >= load_sign:
+                load = load_sign - load
+            if position_sign and ticks >= position_sign:
+                ticks = position_sign - ticks
+        self.ticks = ticks
         calibration, model = self.calibration, self.model
         if model.endless:
             lowest = calibration.lowest_turn
@@ -584,14 +596,14 @@ class Servo:
         count = round(speed / self._speed_unit)
         if count > self.fastest:
             count = self.fastest
-        elif count < SLOWEST:  # 0 would be full speed
-            count = SLOWEST
+        elif count < self.model.speed_minimum:  # 0 would be full speed
+            count = self.model.speed_minimum
         return self._pack(ticks, count) if self._position_first else self._pack(count, ticks)
 
     def limit_speed(self, limit: float) -> None:
         """Never encode a goal speed above a limit, rad/s."""
         fastest = int(limit / self._speed_unit)
-        self.fastest = max(SLOWEST, min(self.model.speed_maximum, fastest))
+        self.fastest = max(self.model.speed_minimum, min(self.model.speed_maximum, fastest))
 
     # Whether it answers
 
@@ -714,13 +726,12 @@ def model_name(number: int) -> str:
 
 
 @cache
-def _spans(table: ControlTable, limits: tuple[str, str]) -> tuple[Block, ...]:
-    """Return the reads that tell what a servo is."""
+def _spans(table: ControlTable, own: tuple[str, ...]) -> tuple[Block, ...]:
+    """Return the reads that tell what a servo is; `own` are registers that only its model has."""
     wanted = (
         "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
-        *limits, "Temperature Limit", "Min Voltage Limit", "Shutdown",
-        "Operating Mode", "Drive Mode", "Control Mode", "Max Torque", "Torque Limit",
-        "Hardware Error Status",
+        "Temperature Limit", "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit",
+        "Hardware Error Status", "EEPROM Lock", "Alarm LED", *own,
     )  # fmt: skip
     found = tuple(table.spans(_LONGEST_SPAN, wanted))
     # Of different lengths, so that no reply is taken for the next one.
@@ -738,19 +749,58 @@ def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
 def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int) -> None:
     """Refuse a servo that does not go to positions, or counts speeds in another way."""
     who = f"servo {servo.id} ({servo.calibration.joint_name})"
-    for name, mask, wanted, what in _MODES:
-        value = memory.get(name, wanted)
-        if value & mask != wanted:
-            address, right = servo.model.control_table[name].address, value & ~mask | wanted
+    for name, mode in servo.model.modes.items():
+        value = memory[name]
+        if not mode.fits(value):
+            address = servo.model.control_table[name].address
+            right = value & ~mode.mask | mode.value
             raise ServoSetupError(
-                f"{who} {what}: {name} (register {address}) is {value}; set it to {right}, for "
-                f"example with `servo set {servo.id} '{name}' {right}`"
+                f"{who} {mode.otherwise}: {name} (register {address}) is {value}; set it to "
+                f"{right}, for example with `servo set {servo.id} '{name}' {right}`"
             )
     if servo.model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
         low, high = servo.calibration.tick_range
+        limits = " and ".join(servo.model.position_limits)
         raise ServoSetupError(
             f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
-            f"turn; set its CW and CCW Angle Limit (registers 6 and 8), for example to {low} and "
-            f"{high} with `servo set {servo.id} REGISTER VALUE`"
+            f"turn; set its {limits}, for example to {low} and {high} with `servo set {servo.id} "
+            "REGISTER VALUE`"
+        )
+
+
+def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
+    """Refuse a servo whose memory adds another offset to its position than when it was calibrated.
+
+    Where the servo's ticks have moved, `init`, `min` and `max` are those of another joint.
+    """
+    register, wanted = servo.model.offset, servo.calibration.offset
+    if register is None or wanted is None:
+        return
+    offset = register.counts(memory[register.name])
+    if offset != wanted:
+        raise ServoSetupError(
+            f"servo {servo.id} ({servo.calibration.joint_name}) has {register.name} {offset} in "
+            f"its memory, but the configuration was made with offset {wanted}: calibrate it "
+            f"again, or `servo set {servo.id} '{register.name}' {wanted}`"
+        )
+
+
+def _check_direction(servo: Servo, memory: Mapping[str, int]) -> None:
+    """Refuse a servo that counts its ticks in the other direction than when it was calibrated.
+
+    Drive Mode is kept in EEPROM: another vendor's driver may have reversed it. The joint would turn
+    away from each target.
+    """
+    calibration = servo.calibration
+    if calibration.reverse is None:
+        return
+    mode = memory["Drive Mode"]
+    if bool(mode & _REVERSE) != calibration.reverse:
+        wanted, (init, low, high) = mode ^ _REVERSE, calibration.mirrored()
+        raise ServoSetupError(
+            f"servo {servo.id} ({calibration.joint_name}) has Drive Mode {mode} in its memory, and "
+            f"turns in the other direction than configured (reverse: {int(calibration.reverse)}). "
+            f"`servo set {servo.id} 'Drive Mode' {wanted}`, or configure reverse: "
+            f"{mode & _REVERSE}, init: {init}, min: {low}, max: {high}"
         )

@@ -22,7 +22,7 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import SLOWEST, Servo, run
+from head_tracking.dynamixel.servo import Servo, run
 
 _PATIENCE: Final = 0.5  # s to wait for a gap between the packets of a second program
 
@@ -32,8 +32,9 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
     The goal is written, and read back, before torque is switched on, because a servo starts
     for its old goal at that moment. It is written together with the lowest speed, because an
-    AX servo switches torque on by itself when a goal arrives, and a relaxed servo may have
-    been moved since its position was read. A shaft outside the range creeps to its end.
+    AX servo switches torque on by itself when a goal arrives, as Feetech servos seem to, and a
+    relaxed servo may have been moved since its position was read. A shaft outside the range creeps
+    to its end.
 
     Args:
         servo: The servo.
@@ -55,7 +56,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     yield 0.0
     lowest, highest = allowed or servo.range
     goal = max(lowest, min(highest, before))
-    values = (goal, SLOWEST) if servo.model.position_first else (SLOWEST, goal)
+    values = servo.model.goal_values(goal, servo.model.speed_minimum)
     yield from servo.verify(servo.model.goal, *values)
     yield from servo.switch_torque(True)
     if servo.model.endless and not powered:

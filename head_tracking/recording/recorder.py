@@ -30,7 +30,7 @@ from head_tracking.recording.bag_writer import (
     offer,
     transforms_of_joints,
 )
-from head_tracking.ros.images import picture_of
+from head_tracking.ros.kit.images import picture_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import RobotModel, TransformBuffer

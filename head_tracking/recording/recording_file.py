@@ -34,7 +34,7 @@ from head_tracking.recording.recording import (
     known_joints,
     outer_frames,
 )
-from head_tracking.ros.diagnostics import Level
+from head_tracking.ros.kit.diagnostics import Level
 from head_tracking.tracking import Target
 from head_tracking.transforms import (
     LATEST,

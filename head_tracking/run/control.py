@@ -16,9 +16,9 @@ from rclpy.node import Node
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.joint_owners import resume_report, stop_report
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.joint_owners import resume_report, stop_report
 from head_tracking.ros.kit.spinning import NodeThreads, describe
 from head_tracking.ros.kit.start import start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal

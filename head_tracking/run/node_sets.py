@@ -47,14 +47,16 @@ class NodeSpec:
 
 
 ROBOT = (
-    NodeSpec("servo_bus", "nodes.servo_bus.ServoBusNode", ("connect", "loop")),
+    NodeSpec("servo_bus", "ros.bus.servo_bus.ServoBusNode", ("connect", "loop")),
     NodeSpec(
         "robot_state_publisher",
-        "nodes.robot_state_publisher.RobotStatePublisherNode",
+        "ros.robot.robot_state_publisher.RobotStatePublisherNode",
         ("buffer", "loop"),
     ),
     NodeSpec(
-        "joint_state_publisher", "nodes.joint_state_publisher.JointStatePublisherNode", ("loop",)
+        "joint_state_publisher",
+        "ros.robot.joint_state_publisher.JointStatePublisherNode",
+        ("loop",),
     ),
 )
 
@@ -68,8 +70,8 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """What a robot may have already, so that a run can do without."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", "nodes.head_tracker.HeadTrackerNode", ("buffer", "loop")),
-    "point": NodeSpec("point_head", "nodes.point_head.PointHeadNode", ("buffer", "loop")),
+    "track": NodeSpec("head_tracker", "ros.head.head_tracker.HeadTrackerNode", ("buffer", "loop")),
+    "point": NodeSpec("point_head", "ros.head.point_head.PointHeadNode", ("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
@@ -77,12 +79,12 @@ SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
 def _visual(follow: str) -> tuple[NodeSpec, ...]:
-    kind = "nodes.visual_target.VisualTargetNode"
+    kind = "ros.targets.visual_target.VisualTargetNode"
     return (NodeSpec("visual_target", kind, ("buffer",), {"follow": follow}, VISION),)
 
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
-    kind = "nodes.fictitious_target.FictitiousTargetNode"
+    kind = "ros.targets.fictitious_target.FictitiousTargetNode"
     return (NodeSpec("fictitious_target", kind, parameters=parameters),)
 
 
@@ -90,7 +92,7 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
-    "mux": (NodeSpec("target_mux", "nodes.target_mux.TargetMuxNode", ("buffer",)),),
+    "mux": (NodeSpec("target_mux", "ros.targets.target_mux.TargetMuxNode", ("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
@@ -100,7 +102,7 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
         source: (
             NodeSpec(
                 "detection_target",
-                "nodes.detection_target.DetectionTargetNode",
+                "ros.targets.detection_target.DetectionTargetNode",
                 ("buffer",),
                 {"source": source},
                 VISION,
@@ -124,7 +126,7 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """Return the camera of a simulated head; small images, for they share a processor."""
     return NodeSpec(
         "simulated_camera",
-        "nodes.simulated_camera.SimulatedCameraNode",
+        "ros.targets.simulated_camera.SimulatedCameraNode",
         ("buffer", "true_position"),
         {"scene": scene, "width": 320, "height": 240, **parameters},
         VISION,
@@ -145,7 +147,7 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
 
 def frame_target(frame: str) -> tuple[NodeSpec, ...]:
     """Return the node that publishes where a frame is."""
-    kind = "nodes.frame_target.FrameTargetNode"
+    kind = "ros.targets.frame_target.FrameTargetNode"
     return (NodeSpec("frame_target", kind, ("buffer",), {"frame": frame}),)
 
 

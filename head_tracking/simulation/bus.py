@@ -214,6 +214,8 @@ def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | 
     """Return id, address and length of each read in a packet; None if it is no group read."""
     code, data = packet.code, packet.parameters
     if protocol == 1:
+        if code == Instruction.SYNC_READ:
+            return [(servo_id, data[0], data[1]) for servo_id in data[2:]]
         if code != Instruction.BULK_READ:
             return None
         shares = data[1:]
@@ -240,7 +242,7 @@ def _read_in_turn(
     now: int,
 ) -> Iterator[Answer]:
     fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
-    able = [s for s in servos if _takes_part(s, fast)]
+    able = [s for s in servos if _takes_part(s, code)]
     shares: list[Status] = []
     first_delay = 0
     for turn, (servo_id, address, length) in enumerate(reads):
@@ -262,8 +264,10 @@ def _read_in_turn(
         yield Answer(encode_joint_status(shares, [length for _, _, length in reads]), first_delay)
 
 
-def _takes_part(servo: SimulatedServo, fast: bool) -> bool:
-    if servo.model.protocol == 1:
-        return servo.model.bulk_read
-    first = servo.model.fast_sync_read
+def _takes_part(servo: SimulatedServo, code: int) -> bool:
+    model = servo.model
+    if model.protocol == 1:
+        return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"
+    fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+    first = model.fast_sync_read
     return not fast or (first is not None and servo.register("Firmware Version") >= first)

@@ -1,7 +1,7 @@
 """What servos of each model are like: data of the simulator's own, in `facts/`.
 
 Nothing is shared with the driver: an address that the driver has wrong is right here. Sources: the
-ROBOTIS e-manual page of each model.
+ROBOTIS e-manual page of each model; ftservo-wiki 9522ce1, memory tables of STS and SCS.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Literal, Protocol
 
 from head_tracking.simulation.exceptions import SimulationError
 
 RPM: Final = 2.0 * math.pi / 60.0
 """One revolution per minute, rad/s."""
+
+ByteOrder = Literal["little", "big"]
 
 _FACTS: Final = Path(__file__).parent / "facts"
 _SIGN_BIT: Final = 1024
@@ -39,13 +41,14 @@ class Register:
     Attributes:
         name: The vendor's name.
         address: First byte.
-        size: Bytes, low byte first.
+        size: Bytes.
         writable: Whether a packet may write it.
         eeprom: Whether it survives power-off.
         signed: Whether it holds two's complement.
         initial: Factory value, or value at power-on; None where the vendor prints none.
         lowest: Lowest value that a write may carry.
         highest: Highest value that a write may carry.
+        order: Of its bytes.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Register:
     initial: int | None
     lowest: int
     highest: int
+    order: ByteOrder = "little"
 
     @property
     def end(self) -> int:
@@ -65,7 +69,7 @@ class Register:
 
     def decode(self, data: bytes) -> int:
         """Return the value of its bytes; sign and magnitude stay together."""
-        return int.from_bytes(data, "little", signed=self.signed)
+        return int.from_bytes(data, self.order, signed=self.signed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +79,9 @@ class SimulatedModel:
     Attributes:
         name: The vendor's name.
         number: Contents of its Model Number register.
-        protocol: 1 or 2.
-        control: How it follows a goal: "compliance" (margin and slope), "gain", or "profile".
+        protocol: 1 or 2; Feetech's packets are those of 1.
+        control: How it follows a goal: "compliance" (margin and slope), "gain", "profile", or as
+            Feetech's families, "sts" and "scs".
         ticks: Number of positions.
         endless: Whether they go round a whole turn.
         center: The tick in the middle.
@@ -115,6 +120,11 @@ class SimulatedModel:
     bulk_read: bool
     fast_sync_read: int | None
     baud_rates: Mapping[int, int]
+
+    @property
+    def is_feetech(self) -> bool:
+        """Whether it is one of Feetech's."""
+        return self.control in ("sts", "scs")
 
 
 def _rows(name: str) -> list[dict[str, str]]:
@@ -197,6 +207,7 @@ def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
                     None if initial is None else initial + grows,
                     int(row["lowest"] or 0),
                     int(row["highest"] or 0),
+                    "big" if simulated_model(name).control == "scs" else "little",
                 )
             )
     return tuple(sorted(found, key=lambda register: register.address))

@@ -63,8 +63,8 @@ class Refusal(Enum):
 class Registers:
     """The bytes of a control table, with the checks a servo makes before it takes new values.
 
-    What the registers mean for the motion is told by the two kinds of them, `JointRegisters` and
-    `XRegisters`.
+    What the registers mean for the motion is told by the kinds of them, `JointRegisters`,
+    `XRegisters` and `FeetechRegisters`.
 
     Args:
         model: The servo's model.
@@ -79,7 +79,7 @@ class Registers:
         self._whole = model.protocol == 2  # protocol 2.0 writes registers as a whole
         self._bytes = bytearray(size)
         self._values = {register.name: 0 for register in table}
-        self._places = {r.name: (r.address, r.end, r.size, r.signed) for r in table}
+        self._places = {r.name: (r.address, r.end, r.size, r.signed, r.order) for r in table}
         self._owners: list[Register | None] = [None] * size
         for register in table:
             self._owners[register.address : register.end] = [register] * register.size
@@ -113,8 +113,8 @@ class Registers:
     def __setitem__(self, name: str, value: int) -> None:
         """Set a register from inside the servo, whatever a packet may do."""
         if self._values[name] != value:
-            start, end, size, signed = self._places[name]
-            self._bytes[start:end] = value.to_bytes(size, "little", signed=signed)
+            start, end, size, signed, order = self._places[name]
+            self._bytes[start:end] = value.to_bytes(size, order, signed=signed)
             self._values[name] = value
 
     def read(self, address: int, length: int) -> bytes | None:
@@ -192,6 +192,18 @@ class Registers:
         on = bool(self[name])
         self[name] = 0
         return on
+
+    def answers(self, is_read: bool) -> bool:
+        """Return whether it answers reads, or what is neither read nor ping."""
+        return self["Status Return Level"] >= (1 if is_read else 2)
+
+    def error_byte(self, refusal: Refusal | None) -> int:
+        """Return what the error byte of an answer says about the packet."""
+        return 0 if refusal is None else refusal.value[self.model.protocol - 1]
+
+    def carry_out(self, code: int, parameters: bytes, drive: Drive) -> bool:
+        """Carry out an instruction that only servos of this kind know; return whether it is one."""
+        return False
 
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """Return why another register forbids a value; None: nothing does."""
@@ -431,6 +443,3 @@ class XRegisters(Registers):
         if self["Operating Mode"] in (_POSITION, _VELOCITY):
             return max(-1024, min(1024, offset))
         return offset
-
-
-ServoRegisters = JointRegisters | XRegisters

@@ -6,6 +6,7 @@ from random import Random
 from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.feetech import RESTART, FeetechRegisters
 from head_tracking.simulation.models import Named, Register, SimulatedModel, simulated_model
 from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
@@ -21,13 +22,14 @@ from head_tracking.simulation.registers import (
     JointRegisters,
     Refusal,
     Registers,
-    ServoRegisters,
     XRegisters,
 )
 from head_tracking.simulation.write_log import WriteLog
 
 OVERLOAD_TIME: Final = 1_000_000_000
 """Time for which a servo bears a load that it cannot move, ns (ours)."""
+
+ServoRegisters = JointRegisters | XRegisters | FeetechRegisters
 
 _FIRMWARE: Final = {1: 24, 2: 50}
 _WATCHDOG_UNIT: Final = 20_000_000  # ns
@@ -133,8 +135,12 @@ class SimulatedServo:
         self._position_noise = position_noise
         self._eeprom_time, self._boot_time = eeprom_time, boot_time
         self._random = random or Random(servo_id)
-        kind = XRegisters if own.control == "profile" else JointRegisters
-        self._registers: ServoRegisters = kind(own, firmware or _FIRMWARE[own.protocol])
+        self._registers: ServoRegisters
+        if own.is_feetech:
+            self._registers = FeetechRegisters(own, firmware or 3)
+        else:
+            kind = XRegisters if own.control == "profile" else JointRegisters
+            self._registers = kind(own, firmware or _FIRMWARE[own.protocol])
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
         self._measured = self._registers.first_measured
@@ -216,7 +222,7 @@ class SimulatedServo:
         """
         register = self._find(name)
         try:
-            value.to_bytes(register.size, "little", signed=register.signed)
+            value.to_bytes(register.size, register.order, signed=register.signed)
         except OverflowError as cause:
             raise SimulationError(f"{name} cannot hold {value}") from cause
         self._registers[name] = value
@@ -357,6 +363,8 @@ class SimulatedServo:
             return None
         answers = self._answers(packet.code)
         refusal, data = self._carry_out(packet)
+        if self.model.is_feetech and packet.code == RESTART:
+            return None
         if silent or not (answers and self._answers(packet.code)):
             return None
         return self._status(refusal, data, servo_id)
@@ -365,6 +373,8 @@ class SimulatedServo:
         """Return the answer to a packet with a wrong checksum, if it is for this servo."""
         if packet.id != self.id or not self._hears(now) or not self._answers(Instruction.WRITE):
             return None
+        if self.model.is_feetech:
+            return None  # its error byte has no bit for that
         return Status(self.id, _DAMAGED[self.model.protocol] | self._state)
 
     def answer_ping(self, now: int) -> Status | None:
@@ -387,9 +397,7 @@ class SimulatedServo:
 
     def _answers(self, code: int) -> bool:
         """Return whether it answers an instruction, by its Status Return Level."""
-        if code == Instruction.PING:
-            return True
-        return self._registers["Status Return Level"] >= (1 if code == Instruction.READ else 2)
+        return code == Instruction.PING or self._registers.answers(code == Instruction.READ)
 
     @property
     def _state(self) -> int:
@@ -399,7 +407,7 @@ class SimulatedServo:
         return ALERT if self.alarms.active else 0
 
     def _status(self, refusal: Refusal | None, data: bytes, servo_id: int | None = None) -> Status:
-        error = 0 if refusal is None else refusal.value[self.model.protocol - 1]
+        error = self._registers.error_byte(refusal)
         return Status(self.id if servo_id is None else servo_id, error | self._state, data)
 
     def _carry_out(self, packet: Packet) -> tuple[Refusal | None, bytes]:
@@ -417,7 +425,7 @@ class SimulatedServo:
             case Instruction.WRITE:
                 short = len(parameters) < width
                 refusal = Refusal.LENGTH if short else self._write(address, data)
-            case Instruction.REBOOT if two:
+            case Instruction.REBOOT if two or self.model.is_feetech:
                 self._start()
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
@@ -425,6 +433,8 @@ class SimulatedServo:
             case Instruction.BULK_WRITE if broadcast and two:
                 bulk_share = _bulk_share(parameters, self.id)
                 refusal = None if bulk_share is None else self._write(*bulk_share)
+            case _ if self._registers.carry_out(packet.code, parameters, self._drive):
+                self._configure()
             case _:
                 refusal = Refusal.INSTRUCTION
         return refusal, b""

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import Final, NamedTuple
-
-from head_tracking.simulation.registers import ServoRegisters
+from typing import Final, NamedTuple, Protocol
 
 _WATCHED: Final = frozenset(
     ("Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Goal Velocity",
      "Bus Watchdog")
 )  # fmt: skip
+
+
+class Watched(Protocol):
+    """The registers of a servo."""
+
+    @property
+    def goal_speed(self) -> int:
+        """Speed at which a goal is approached, in the servo's counts."""
+
+    def __getitem__(self, name: str) -> int: ...
 
 
 class Write(NamedTuple):
@@ -47,9 +55,7 @@ class WriteLog:
     def __init__(self, keep: int = 10_000) -> None:
         self.writes: deque[Write] = deque(maxlen=keep)
 
-    def note(
-        self, time: int, servo_id: int, registers: ServoRegisters, names: Iterable[str]
-    ) -> None:
+    def note(self, time: int, servo_id: int, registers: Watched, names: Iterable[str]) -> None:
         """Keep a write, if it has to do with motion."""
         told = tuple(name for name in names if name in _WATCHED)
         if told:

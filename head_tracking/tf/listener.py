@@ -18,9 +18,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tf.qos import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.tf2_messages import TFMessage
 from head_tracking.transforms import (
     InvalidArgumentException,

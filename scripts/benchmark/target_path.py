@@ -21,7 +21,7 @@ from geometry_msgs.msg import Point, PointStamped
 from rclpy.signals import SignalHandlerOptions
 
 import head_tracking
-from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer
 from head_tracking.transforms import load_robot_model

@@ -46,7 +46,7 @@ RECORDER = """
 import subprocess, sys, tempfile
 with tempfile.TemporaryDirectory() as folder:
     process = subprocess.Popen(
-        [sys.executable, "-u", "-m", "head_tracking.nodes.recorder", "--ros-args", "-p",
+        [sys.executable, "-u", "-m", "head_tracking.ros.robot.recorder", "--ros-args", "-p",
          "record_directory:=" + folder],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     while "records into" not in process.stdout.readline():

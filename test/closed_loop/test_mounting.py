@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
 from rclpy.time import Time
 
-from head_tracking.nodes.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.tracking import (
     LAWS,
     TargetState,

@@ -14,7 +14,7 @@ NODES = {
 }  # fmt: skip
 PROGRAMS = {
     "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
-    "head_setup", "servo", "doctor",
+    "head_setup", "new_robot", "servo", "doctor",
 }  # fmt: skip
 
 
@@ -79,6 +79,7 @@ def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words
         ("doctor --nonsense", 3),
         ("simulated_bus --ids 1 1 300", 2),
         ("head_setup", 2),
+        ("new_robot", 2),
     ],
 )
 def test_a_mistake_has_its_exit_code_and_no_traceback(bench, words, code):

@@ -140,7 +140,7 @@ def test_connect_refuses_wheel_mode_and_relaxes_it() -> None:
     port.servos[1]["CCW Angle Limit"] = 0
     port.servos[1]["Torque Enable"] = 1
     bus, _ = make(port)
-    with pytest.raises(ServoSetupError, match=r"wheel mode.*registers 6 and 8"):
+    with pytest.raises(ServoSetupError, match=r"wheel mode.*CW Angle Limit"):
         bus.connect()
     assert port.servos[1]["Torque Enable"] == 0
 

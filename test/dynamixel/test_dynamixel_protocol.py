@@ -43,11 +43,11 @@ from head_tracking.simulation import packets as simulated
         ),
         (encode_packet(2, 1, Instruction.REBOOT), "FF FF FD 00 01 03 00 08 2F 4E"),
         (
-            sync_read_packet((1, 2), 132, 4),
+            sync_read_packet(2, (1, 2), 132, 4),
             "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
         ),
         (
-            sync_read_packet((3, 7, 4), 132, 4, fast=True),
+            sync_read_packet(2, (3, 7, 4), 132, 4, fast=True),
             "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2",
         ),
         (

@@ -23,8 +23,8 @@ from waiting import wait_for
 
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording_file import read_recording
-from head_tracking.ros.images import image_message
-from head_tracking.tf.qos import LATCHED, MEASUREMENT
+from head_tracking.ros.kit.images import image_message
+from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.transforms import TransformBuffer
 
 PAN = "head_pan_joint"

@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.point_head import PointHeadNode
 
 
 @pytest.fixture

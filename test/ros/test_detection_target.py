@@ -13,10 +13,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.nodes import detection_target
-from head_tracking.nodes.detection_target import DetectionTargetNode
-from head_tracking.ros.detections import MessagesMissingError
-from head_tracking.ros.images import camera_info, image_message
+from head_tracking.ros.kit.images import camera_info, image_message
+from head_tracking.ros.targets import detection_target
+from head_tracking.ros.targets.detection_target import DetectionTargetNode
+from head_tracking.ros.targets.detections import MessagesMissingError
 from head_tracking.tf import Buffer
 from head_tracking.tf.messages import header
 from head_tracking.transforms import Rotation, Transform

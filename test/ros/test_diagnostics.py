@@ -15,7 +15,7 @@ from head_tracking.dynamixel import (
     ServoState,
     ServoStatistics,
 )
-from head_tracking.ros.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 
 SERVO = ServoStatistics(
     "pan",

@@ -12,8 +12,8 @@ from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import TransformBuffer
 
 trajectory_msgs = pytest.importorskip("trajectory_msgs.msg")

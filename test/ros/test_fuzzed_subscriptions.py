@@ -11,8 +11,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.ros.robot.joint_state_publisher import JointStatePublisherNode
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer, TransformException, TransformListener
 from head_tracking.transforms import load_robot_model

@@ -8,9 +8,9 @@ from action_client import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Client
 from rclpy.node import Node
 from waiting import wait_for
 
-from head_tracking.nodes.point_head import PointHeadNode
-from head_tracking.ros import head_actions
-from head_tracking.ros.goal_server import GoalServer
+from head_tracking.ros.head import head_actions
+from head_tracking.ros.head.goal_server import GoalServer
+from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit import spinning
 
 actions = pytest.importorskip("control_msgs.action")

@@ -6,8 +6,8 @@ import pytest
 from head_under_test import Head
 from waiting import wait_for
 
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import Rotation, Transform
 
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'

@@ -7,12 +7,12 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.parameters import ParameterError
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.parameter_sources import Given, UnknownParametersError
 from head_tracking.ros.kit.start import StartError, start_ros
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
 
 @pytest.fixture

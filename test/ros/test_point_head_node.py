@@ -11,10 +11,10 @@ from waiting import wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.fictitious_target import FictitiousTargetNode
-from head_tracking.nodes.point_head import PointHeadNode
-from head_tracking.ros.joint_owners import control_message
-from head_tracking.tf.qos import LATCHED
+from head_tracking.ros.head.point_head import PointHeadNode
+from head_tracking.ros.kit.joint_owners import control_message
+from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.targets.fictitious_target import FictitiousTargetNode
 from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")

@@ -9,7 +9,7 @@ from waiting import wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import ErrorBits, JointConfiguration, ServoState
-from head_tracking.nodes.servo_bus import ServoBusNode, StatesMessage
+from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"

@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import wait_for
 
 from head_tracking.dynamixel import JointConfiguration, servo_model
-from head_tracking.nodes.servo_bus import ServoBusNode
-from head_tracking.ros import bus_services
+from head_tracking.ros.bus import bus_services
+from head_tracking.ros.bus.servo_bus import ServoBusNode
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN = "head_pan_joint"
@@ -129,7 +129,7 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
 
 def test_the_servo_bus_loads_neither_robot_models_nor_vision():
     code = (
-        "import sys, head_tracking.nodes.servo_bus\n"
+        "import sys, head_tracking.ros.bus.servo_bus\n"
         "heavy = ('yourdfpy', 'trimesh', 'lxml', 'xacro', 'cv2', 'scipy',\n"
         "         'head_tracking.transforms', 'head_tracking.vision', 'head_tracking.gaze')\n"
         "print([name for name in sys.modules if name.startswith(heavy)])\n"

@@ -16,10 +16,10 @@ from std_srvs.srv import Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.nodes.joint_state_publisher import JointStatePublisherNode
-from head_tracking.nodes.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.robot.joint_state_publisher import JointStatePublisherNode
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.tf import Buffer
-from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import JointState as Sample
 from head_tracking.transforms import RobotModelError, TransformBuffer, parse_robot_model
 

@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool
 from waiting import eventually, wait_for
 
 from head_tracking.control import JointOwners
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.ros.joint_owners import control_message
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.kit.joint_owners import control_message
 from head_tracking.ros.kit.spinning import NodeDied
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -8,12 +8,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 from waiting import wait_for
 
-from head_tracking.nodes.detection_target import DetectionTargetNode
-from head_tracking.nodes.fictitious_target import FictitiousTargetNode
-from head_tracking.nodes.frame_target import FrameTargetNode
-from head_tracking.nodes.target_mux import TargetMuxNode
-from head_tracking.nodes.visual_target import VisualTargetNode
-from head_tracking.tf.qos import LATCHED
+from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.targets.detection_target import DetectionTargetNode
+from head_tracking.ros.targets.fictitious_target import FictitiousTargetNode
+from head_tracking.ros.targets.frame_target import FrameTargetNode
+from head_tracking.ros.targets.target_mux import TargetMuxNode
+from head_tracking.ros.targets.visual_target import VisualTargetNode
 
 
 def switch(person: Node, name: str, on: bool) -> Any:

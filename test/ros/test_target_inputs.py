@@ -17,8 +17,8 @@ from std_msgs.msg import String
 from waiting import wait_for
 
 from head_tracking.ros.kit.listening import TopicListener
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.tf.qos import LATCHED
 
 NO_SIGNALS = SignalHandlerOptions.NO
 PROMISES = list(

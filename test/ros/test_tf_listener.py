@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from transform_messages import shifted
 from waiting import wait_for
 
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,
@@ -24,7 +25,6 @@ from head_tracking.tf import (
     TransformListener,
     broadcasting_possible,
 )
-from head_tracking.tf.qos import LATCHED
 from head_tracking.transforms import load_robot_model
 
 PATIENCE = Duration(seconds=20)

@@ -13,8 +13,8 @@ from head_tracking.run.node_sets import started_on_request
 from head_tracking.vision.opencv import OpenCVMissingError
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 NAME = "simulated_camera"
@@ -70,7 +70,7 @@ def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
     def missing() -> None:
         raise OpenCVMissingError
 
-    monkeypatch.setattr("head_tracking.nodes.simulated_camera.require_opencv", missing)
+    monkeypatch.setattr("head_tracking.ros.targets.simulated_camera.require_opencv", missing)
     outcome = seen.modes.start(NAME)
     assert not outcome.done
     assert "pip install" in outcome.text

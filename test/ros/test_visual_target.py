@@ -20,9 +20,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from visual_pursuit import pursue, tutorial_law
 from waiting import wait_for
 
-from head_tracking.nodes.simulated_camera import SimulatedCameraNode
-from head_tracking.nodes.visual_target import VisualTargetNode
-from head_tracking.ros.images import camera_info, image_message
+from head_tracking.ros.kit.images import camera_info, image_message
+from head_tracking.ros.targets.simulated_camera import SimulatedCameraNode
+from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
 from head_tracking.vision import DETECTORS, GivenDetector, camera_with_view
 

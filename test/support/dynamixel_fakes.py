@@ -182,8 +182,8 @@ class FakePort:
             if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:
                 self.servos[servo_id].write(address, share)
 
-    def reboot(self, servo_id: int) -> None:
-        self._servo(("reboot", servo_id), servo_id, 2).reboot()
+    def reboot(self, servo_id: int, protocol: int = 2) -> None:
+        self._servo(("reboot", servo_id), servo_id, protocol).reboot()
 
     def take_log(self) -> list[Packet]:
         log, self.log = self.log, []

@@ -15,7 +15,7 @@ from lockstep import World
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.point_head import PointHeadNode
+from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import RobotModel, Vector3
 
 JOINTS = ("head_pan_joint", "head_tilt_joint")

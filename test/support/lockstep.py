@@ -23,8 +23,8 @@ from rclpy.time import Time
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal, JointConfiguration
-from head_tracking.nodes import simulated_camera, visual_target
-from head_tracking.ros import head_actions, head_interface
+from head_tracking.ros.head import head_actions, head_interface
+from head_tracking.ros.targets import simulated_camera, visual_target
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch

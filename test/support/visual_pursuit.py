@@ -10,9 +10,9 @@ import rclpy
 from lockstep import PAN, TILT, World
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.nodes.head_tracker import HeadTrackerNode
-from head_tracking.nodes.simulated_camera import SimulatedCameraNode
-from head_tracking.nodes.visual_target import VisualTargetNode
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.targets.simulated_camera import SimulatedCameraNode
+from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.scene import Wall
 from head_tracking.share import robot_file
 from head_tracking.tf.conversions import stamp_to_ns, vector

@@ -30,6 +30,7 @@ T = TypeVar("T")
 _RATE = 10.0  # Hz
 _PLAIN_WIDTH = 120  # of the output where there is no terminal
 _ATTEMPTS = 3
+_FEETECH_BYTE_ORDER = 2  # address; the id is three bytes further
 _TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
 
 
@@ -68,6 +69,14 @@ class Terminal:
         self._messages.print(f"{question} [y/N] ", end="", markup=False)
         if self._input.readline().strip().lower() not in ("y", "yes"):
             raise RefusedError("nothing was changed")
+
+    def ask(self, question: str, default: str) -> str:
+        """Return an answer; the default where Enter, or nobody, answers."""
+        if self._assume_yes or not self._input.isatty():
+            self.say(f"{question}: {default}")
+            return default
+        self._messages.print(f"{question} [{default}]: ", end="", markup=False)
+        return self._input.readline().strip() or default
 
     def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
         """Wait until Enter is pressed, and show what `read` returns in the meantime."""
@@ -186,15 +195,21 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
         link = Servo(port, servo_id, model)
         link.acknowledges_writes = False
         return link
-    link.acknowledges_writes = link.get("Status Return Level") >= 2
+    link.acknowledges_writes = link.model.acknowledges_writes(link.get("Status Return Level"))
     return link
 
 
 def model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int:
-    """Read the Model Number, which all models of a protocol have in the same place.
+    """Read the Model Number, which is elsewhere in Feetech servos than in those of Dynamixel.
+
+    Feetech servos begin with two bytes of firmware and one of byte order; their id is at 5.
 
     Raises:
         CommunicationError: The servo answers no reads, or its answers are damaged.
     """
     any_model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
+    if protocol == 1:
+        byte_order, *_, own_id = port.read(servo_id, _FEETECH_BYTE_ORDER, 4).data
+        if own_id == servo_id and byte_order in (0, 1):
+            any_model = servo_model("SCS0009" if byte_order else "STS3215")
     return Servo(port, servo_id, any_model).get("Model Number")

@@ -111,11 +111,16 @@ def mount_of(
         ) from error
 
 
-def configuration(mounts: Iterable[ServoCalibration], port_name: str, baud_rate: int) -> str:
+def configuration(
+    mounts: Iterable[ServoCalibration],
+    port_name: str,
+    baud_rate: int,
+    program: str = "servo calibrate",
+) -> str:
     """Return the servo bus's part of a configuration file such as config/kinectbot.yaml."""
     mounts = tuple(mounts)
     lines = [
-        "# Written by `servo calibrate`.",
+        f"# Written by `{program}`.",
         "",
         "/**/servo_bus:",
         "  ros__parameters:",

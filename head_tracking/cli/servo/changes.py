@@ -10,6 +10,7 @@ from head_tracking.cli.servo.bench import (
     ToolError,
     Workshop,
     find_servo,
+    model_number,
     protocol_of,
 )
 from head_tracking.cli.servo.register_values import (
@@ -23,7 +24,9 @@ from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
+    CorruptReplyError,
     PositionError,
+    ReplyTimeoutError,
     ServoError,
     ServoSetupError,
 )
@@ -111,10 +114,13 @@ def _move(workshop: Workshop, link: Servo, name: str, value: int, shown: str) ->
     _ask(workshop, link, shown)
     with workshop.port() as port:
         link = find_servo(port, link.id, link.model)
+        run(link.lock_eeprom(False))
         link.write(link.model.control_table.block(name), value)
         workshop.pause(EEPROM_PAUSE)
     with workshop.port(rate) as port:
-        if protocol_of(port, new_id) is None:
+        if protocol_of(port, new_id) is not None:
+            run(Servo(port, new_id, link.model).lock_eeprom(True))
+        else:
             raise ToolError(
                 f"the servo does not answer as id {new_id} at {rate} baud; look for it: servo scan "
                 f"--bauds {workshop.baud_rate} {rate}"
@@ -128,8 +134,13 @@ def _set_return_level(workshop: Workshop, link: Servo, register: Register, value
     link.acknowledges_writes = False  # the answer, if any, is by the new level
     if kept:
         link.write(link.model.control_table.block("Torque Enable"), 0)
-    link.write(link.model.control_table.block(register.name), value)
+    table = link.model.control_table
+    if "EEPROM Lock" in table:
+        link.write(table.block("EEPROM Lock"), 0)
+    link.write(table.block(register.name), value)
     workshop.pause(EEPROM_PAUSE)
+    if "EEPROM Lock" in table:
+        link.write(table.block("EEPROM Lock"), 1)
     if value == 0:
         workshop.terminal.say(
             f"servo {link.id} answers nothing but pings from now on; this tool needs --model "
@@ -168,7 +179,7 @@ def _check_goal(workshop: Workshop, link: Servo, name: str, value: int) -> None:
             f"goal {value} is outside the limits of servo {link.id}, {low} to {high} "
             f"({' and '.join(link.model.position_limits)})"
         )
-    speed = link.model.goal.registers[1 if link.model.position_first else 0].name
+    speed = link.model.goal.registers[link.model.goal_order[1]].name
     if link.get(speed) == 0:
         workshop.terminal.confirm(
             f"The {speed} of servo {link.id} is 0: it goes there at full speed. Go on?"
@@ -205,7 +216,7 @@ def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> i
     """Switch torque off, of all servos if no id is given, and return the exit code."""
     with workshop.port() as port:
         if not ids:
-            _relax_all(port)
+            _relax_all(port, model)
             workshop.terminal.show("torque off was sent to all servos")
         for servo_id in ids:
             find_servo(port, servo_id, model).set_torque(False)
@@ -213,17 +224,36 @@ def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> i
     return 0
 
 
-def _relax_all(port: DynamixelPort) -> None:
+def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:
+    """Return whether the servo with the lowest id up to 20 is one of Feetech's."""
+    if model is not None:
+        return model.family != "Dynamixel"
+    for servo_id in range(21):
+        with suppress(ReplyTimeoutError):
+            try:
+                number = model_number(port, servo_id, 1)
+                return servo_model_by_number(number).family != "Dynamixel"
+            except (CorruptReplyError, ConfigurationError):
+                return False
+    return False
+
+
+def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
     """Switch torque off by broadcast, and one by one where a broadcast would hit other registers.
 
     In protocol 2.0, Torque Enable of an XL-320 is at 24, where X servos have their Moving
-    Threshold; an XL-320 has nothing at 64, where theirs is.
+    Threshold; an XL-320 has nothing at 64, where theirs is. In protocol 1.0, Torque Enable of
+    Feetech servos is at 40, where those of Dynamixel take no writes; at 24, where theirs is,
+    Feetech servos have their start torque.
     """
-    ax_address, x_address = (
-        servo_model(name).control_table["Torque Enable"].address for name in ("AX-12", "XM430-W350")
+    ax_address, feetech_address, x_address = (
+        servo_model(name).control_table["Torque Enable"].address
+        for name in ("AX-12", "STS3215", "XM430-W350")
     )
-    for protocol, address in ((1, ax_address), (2, x_address)):
+    for protocol, address in ((1, feetech_address), (2, x_address)):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
+    if not _is_feetech_line(port, model):
+        port.write(BROADCAST_ID, ax_address, b"\0", acknowledged=False)
     for servo_id, (number, _) in port.find_all().items():
         with suppress(ConfigurationError, CommunicationError, ServoError):
             model = servo_model_by_number(number)

@@ -69,25 +69,8 @@ class FoundServo(NamedTuple):
 
 def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> int:
     """Look for servos, show them, and return the exit code: 1 if there are none."""
-    found: list[FoundServo] = []
     terminal = workshop.terminal
-    for rate in baud_rates:
-        try:
-            with workshop.port(rate) as port:
-                second = set(ids) if len(ids) <= _FEW else set(port.find_all())
-                for servo_id in terminal.track(ids, f"{rate} baud"):
-                    protocols = (1, 2) if servo_id in second else (1,)
-                    found += [each for p in protocols if (each := _found(port, servo_id, p))]
-        except (PortMissingError, PortBusyError, PortPermissionError):
-            raise
-        except (ConfigurationError, PortError) as error:
-            terminal.say(f"{rate} baud left out: {error}")
-        if any(abs(servo.baud_rate - rate) > _NEAR * rate for servo in found[-len(ids) * 2 :]):
-            terminal.say(
-                f"{workshop.port_name} reaches servos whatever the baud rate, as some USB adapters "
-                "and simulated buses do: each is shown once, at the rate it is set to"
-            )
-            break
+    found = find_servos(workshop, baud_rates, ids)
     if not found:
         rates = ", ".join(map(str, baud_rates))
         terminal.say(
@@ -113,6 +96,43 @@ def scan(workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]) -> i
             "alone and use `servo set-id`"
         )
     return 0
+
+
+def find_servos(
+    workshop: Workshop, baud_rates: Sequence[int], ids: Sequence[int]
+) -> list[FoundServo]:
+    """Return the servos that answer pings; messages go to the terminal.
+
+    Args:
+        workshop: The port and the terminal.
+        baud_rates: To try, in this order; one that adapter or port cannot do is left out.
+        ids: To ask.
+
+    Raises:
+        PortError: There is no such port, it is in use, or may not be opened.
+    """
+    found: list[FoundServo] = []
+    terminal = workshop.terminal
+    for rate in baud_rates:
+        here: list[FoundServo] = []
+        try:
+            with workshop.port(rate) as port:
+                second = set(ids) if len(ids) <= _FEW else set(port.find_all())
+                for servo_id in terminal.track(ids, f"{rate} baud"):
+                    protocols = (1, 2) if servo_id in second else (1,)
+                    here += [each for p in protocols if (each := _found(port, servo_id, p))]
+        except (PortMissingError, PortBusyError, PortPermissionError):
+            raise
+        except (ConfigurationError, PortError) as error:
+            terminal.say(f"{rate} baud left out: {error}")
+        found += here
+        if any(abs(servo.baud_rate - rate) > _NEAR * rate for servo in here):
+            terminal.say(
+                f"{workshop.port_name} reaches servos whatever the baud rate, as some USB adapters "
+                "and simulated buses do: each is shown once, at the rate it is set to"
+            )
+            break
+    return found
 
 
 def _found(port: DynamixelPort, servo_id: int, protocol: int) -> FoundServo | None:

@@ -12,8 +12,6 @@ from head_tracking.dynamixel.control_table import (
     NUMBER,
     ControlTable,
     Register,
-    Sign,
-    encode_sign_magnitude,
 )
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
@@ -77,10 +75,8 @@ def parse_value(register: Register, text: str) -> int:
             raise ToolError(f"{register.name} has no unit {unit!r}; its units: {units}")
         elif number != int(number):
             raise ToolError(f"{register.name} counts whole numbers; {_allowed(register)}")
-        elif register.sign is Sign.MAGNITUDE and number < 0:
-            value = encode_sign_magnitude(int(number))
         else:
-            value = int(number)
+            value = register.from_counts(int(number))
     except (RangeError, OverflowError) as error:
         raise ToolError(
             f"{text} does not fit into {register.name}; {_allowed(register)}"
@@ -116,8 +112,11 @@ def in_words(model: ServoModel, register: Register, value: int) -> str:
 def _allowed(register: Register) -> str:
     if not register.writable or register.minimum is None or register.maximum is None:
         return "it can only be read"
+    if register.sign.bit:
+        largest = (1 << register.sign.bit) - 1
+        return f"allowed are {-min(largest, register.maximum)} to {min(largest, register.maximum)}"
     text = f"allowed are {register.minimum} to {register.maximum}"
-    if register.unit.symbol and register.sign is not Sign.MAGNITUDE:
+    if register.unit.symbol:
         low, high = register.in_unit(register.minimum), register.in_unit(register.maximum)
         text += f", that is {low:.4g} to {high:.4g} {register.unit.symbol}"
     return text

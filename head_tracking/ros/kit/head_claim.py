@@ -21,8 +21,8 @@ from std_msgs.msg import String
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_lock import CURES
+from head_tracking.ros.kit.qos import LATCHED
 
-_LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # a depth of 1 is that of all publishers together, this one's included
 _ALL: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -42,7 +42,7 @@ class HeadClaim:
         self._log = node.get_logger()
         self._rank = [simulated, True, time.time(), uuid.uuid4().hex]
         self._first: str | None = None
-        self._publisher = node.create_publisher(String, "head_claim", _LATCHED)
+        self._publisher = node.create_publisher(String, "head_claim", LATCHED)
         node.create_subscription(String, "head_claim", self._on_claim, _ALL)
         self._publish()
 

@@ -9,7 +9,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from head_tracking.tf.qos import MEASUREMENT, OVERRIDABLE
+from head_tracking.ros.kit.qos import MEASUREMENT, OVERRIDABLE
 
 
 class TopicListener:

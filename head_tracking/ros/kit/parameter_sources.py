@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import difflib
-import pkgutil
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import yaml
 
 from head_tracking.configuration.parameter_files import Given, read
 from head_tracking.exceptions import RefusedError
+from head_tracking.programs import NODES
 from head_tracking.ros.kit.head_lock import namespace
 
 if TYPE_CHECKING:  # the tools that read these files work without ROS
@@ -23,11 +22,6 @@ if TYPE_CHECKING:  # the tools that read these files work without ROS
 
 _LIKELY = 0.75  # how alike a name must be to be meant
 _LISTED = 3
-
-NODE_NAMES = tuple(
-    module.name for module in pkgutil.iter_modules([str(Path(__file__).parents[2] / "nodes")])
-)
-"""Of all our nodes: one file can be for several of them, each in a process of its own."""
 
 
 class UnknownParametersError(RefusedError):
@@ -129,7 +123,8 @@ def check(nodes: Iterable[Node], *, names: bool = True) -> None:
                     f"{_nearest(name, declared)}"
                 )
     if names:
-        problems += _misspelt_nodes({*NODE_NAMES, *(node.get_name() for node in nodes)})
+        # one file can be for several nodes, each in a process of its own
+        problems += _misspelt_nodes({*NODES, *(node.get_name() for node in nodes)})
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
 

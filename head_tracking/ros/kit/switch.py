@@ -6,7 +6,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from head_tracking.tf.qos import LATCHED
+from head_tracking.ros.kit.qos import LATCHED
 
 
 class Switch:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from head_tracking.tf.qos import OVERRIDABLE
+from head_tracking.ros.kit.qos import OVERRIDABLE
 
 
 class Output:

@@ -1,0 +1,1 @@
+"""The node servo_bus: servos as joints on topics."""

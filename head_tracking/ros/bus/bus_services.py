@@ -1,0 +1,176 @@
+"""The services of the servo bus.
+
+None of them keeps another one waiting, nor a command: each hands its work to the bus's thread,
+which takes it in steps between its cycles, and answers when that is done. Relaxing is done at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.dynamixel import (
+    DynamixelError,
+    EepromSettings,
+    ServoBus,
+    TorqueError,
+)
+from head_tracking.ros.kit.joint_owners import offer_stop
+from head_tracking.ros.kit.urgent_services import UrgentServices
+
+_TIMEOUT = 2.0  # s
+_RESTART = 3.0  # s that a servo may take to restart
+_MEMORY = 10.0  # s
+
+Joints = tuple[str, ...]
+Request = Callable[[ServoBus, Joints], object]
+
+
+class BusServices:
+    """Offers torque, relaxing, recovery, stopping and starting, and the servos' memory.
+
+    No callback of another node of the process delays them, and none of them another one, least of
+    all `stop`; see `UrgentServices`.
+
+    Args:
+        bus: the node servo_bus.
+        servos: carry the requests out.
+        loop: STOP is its; while the head is stopped only what takes torque away is done.
+        eeprom: what to write into the servos' memory when somebody asks for it.
+        short_names: whether services of the whole bus are offered without the node's name, too.
+    """
+
+    def __init__(
+        self,
+        bus: Node,
+        servos: DynamixelBackend,
+        loop: ControlLoop,
+        eeprom: Callable[[], EepromSettings],
+        *,
+        short_names: bool,
+    ) -> None:
+        self._servos, self._loop, self._eeprom = servos, loop, eeprom
+        everything = tuple(joint.joint_name for joint in servos.joints)
+        self._services = UrgentServices(bus)
+        for joint in servos.joints:
+            self._offer_for_joint(joint.controller, (joint.joint_name,))
+        prefixes = ("~/", "") if short_names else ("~/",)
+        for prefix in prefixes:
+            self._offer_torque(f"{prefix}torque_enable", everything)
+            self._offer(f"{prefix}relax", lambda _: self._switch(everything, False))
+            self._offer(f"{prefix}recover", lambda _: self._recover(everything))
+        self._offer("~/write_eeprom", lambda _: self._write_eeprom(everything))
+        offer_stop(self._services, loop.stop, servos.resume, prefixes)
+        self._services.start()
+
+    def close(self) -> None:
+        """Offers nothing any more."""
+        self._services.close()
+
+    def _offer_for_joint(self, controller: str, joint: Joints) -> None:
+        self._offer_torque(f"{controller}/torque_enable", joint)
+        self._offer(f"{controller}/stop", lambda _: self._take_out(joint))
+        self._offer(f"{controller}/start", lambda _: self._start(joint))
+        self._offer(f"{controller}/restart", lambda _: self._restart(joint))
+        self._offer(f"{controller}/recover", lambda _: self._recover(joint))
+
+    def _offer_torque(self, name: str, joints: Joints) -> None:
+        self._offer(name, lambda request: self._switch(joints, request.data), SetBool)
+
+    def _offer(self, name: str, act: Callable[[Any], str], kind: type = Trigger) -> None:
+        def callback(request: Any, response: Any) -> Any:
+            try:
+                response.message = act(request)
+                response.success = True
+            except (DynamixelError, TimeoutError) as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        self._services.offer(kind, name, callback)
+
+    def _switch(self, joints: Joints, on: bool) -> str:
+        if not on and self._loop.owners.stopped:  # relaxed they are; a cable may have been out
+            problems = {j: problem for j, problem in self._loop.stop().items() if problem}
+            if problems:
+                raise TorqueError(False, problems)
+        else:
+            self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
+        return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
+
+    def _take_out(self, joints: Joints) -> str:
+        self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
+        return f"{', '.join(joints)}: stopped"
+
+    def _start(self, joints: Joints) -> str:
+        self._run(joints, lambda bus, share: bus.starting(share))
+        return f"{', '.join(joints)}: started, relaxed until a command comes"
+
+    def _restart(self, joints: Joints) -> str:
+        self._loop.owners.permit()
+        self._take_out(joints)
+        return self._start(joints)
+
+    def _recover(self, joints: Joints) -> str:
+        found = self._run(
+            joints, lambda bus, share: bus.recovering(share, _RESTART), _RESTART + _TIMEOUT
+        )
+        faulted = [joint for share in found for joint in share]
+        if not faulted:
+            return "no servo has a fault"
+        return f"{', '.join(faulted)}: recovered, relaxed until a command comes"
+
+    def _write_eeprom(self, joints: Joints) -> str:
+        settings = self._eeprom()
+        changes: list[str] = []
+        for joint in joints:
+            (found,) = self._run(
+                (joint,), lambda bus, share: bus.writing_eeprom(share[0], settings), _MEMORY
+            )
+            for servo_id, changed in found.items():
+                changes += [
+                    f"servo {servo_id}: {name} {old} -> {new}"
+                    for name, (old, new) in changed.items()
+                ]
+        return "; ".join(changes) or "nothing to change"
+
+    def _run(
+        self,
+        joints: Joints,
+        request: Request,
+        timeout: float | None = None,
+        *,
+        relaxes: bool = False,
+    ) -> list[Any]:
+        """Return the result of each bus; raise the first error after all have ended.
+
+        Args:
+            joints: which.
+            request: what is to be done.
+            timeout: how long it may take [s].
+            relaxes: whether it only takes torque away; then it is done although the head is
+                stopped.
+
+        Raises:
+            StoppedError: the head is stopped, or was before the request was carried out.
+            TimeoutError: it is not done in time; nothing more of it will be done, unless it is to
+                relax, which nobody takes back.
+        """
+        timeout = timeout or _TIMEOUT
+        epoch = None if relaxes else self._loop.owners.permit()
+        futures: list[Future[Any]] = self._servos.call(joints, request, epoch, despite_stop=relaxes)
+        late = list(wait(futures, timeout).not_done)
+        if late and not relaxes:
+            late = [future for future in late if future.cancel()]
+        if late:
+            more = "it goes on trying" if relaxes else "nothing more of it will be done"
+            raise TimeoutError(f"the bus has not done it within {timeout} s; {more}")
+        errors = [error for error in (future.exception() for future in futures) if error]
+        if errors:
+            raise errors[0]
+        return [future.result() for future in futures]

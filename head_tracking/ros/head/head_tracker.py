@@ -1,0 +1,161 @@
+"""head_tracker: keeps the head on a moving target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from head_tracking.control import ControlLoop
+from head_tracking.control.modes import Following, FollowingSettings
+from head_tracking.parameters import parameter
+from head_tracking.ros.head.head_interface import HeadInterface
+from head_tracking.ros.kit.diagnostics import in_namespace
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.tf import Buffer
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    SpeedLimits,
+    TargetState,
+    TargetStateParameters,
+)
+
+_DIAGNOSTICS_PERIOD = 1.0  # s
+_KNOWN = 0.05  # s; a stamp error with a larger deviation is not shown
+
+
+@dataclass(frozen=True, slots=True)
+class HeadTrackerParameters:
+    """What to point, how, and how often to correct it."""
+
+    camera_link: str = parameter("camera_link", "The frame to point.", fixed=True)
+    rate: float = parameter(
+        50.0, "Commands per second.", unit="Hz", minimum=1.0, maximum=200.0, fixed=True
+    )
+    law: str = parameter(
+        "predictive",
+        "What steers the head: "
+        + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
+        choices=tuple(LAWS),
+    )
+
+
+class HeadTrackerNode(Node):
+    """Follows `target_point`.
+
+    Args:
+        buffer: the transforms that the process shares; None: this node listens itself.
+        loop: that of the process; None: this node runs it.
+    """
+
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
+        super().__init__("head_tracker", **options)
+        own = self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._tune)
+        self._limits = NodeParameters(self, SpeedLimits, on_change=self._tune)
+        self._laws = {
+            name: NodeParameters(self, law.Parameters, on_change=self._tune)
+            for name, law in LAWS.items()
+        }
+        self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
+        self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
+        self._following = Following(self._settings)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.interface = HeadInterface(
+            self,
+            own.value.camera_link,
+            "~/tracking_error",
+            buffer,
+            loop,
+            self._following,
+            1.0 / own.value.rate,
+            self.get_logger().info,
+        )
+        steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.interface.begin()
+
+    def destroy_node(self) -> None:
+        """Ends its part in the loop."""
+        self.interface.close()
+        super().destroy_node()
+
+    @property
+    def failure(self) -> Exception | None:
+        """What has ended its part in the loop."""
+        return self.interface.control.failure
+
+    def _settings(self) -> FollowingSettings:
+        law = self._own.value.law
+        return FollowingSettings(
+            law,
+            self._limits.value,
+            self._laws[law].value,
+            self._estimator.value,
+            self._target_state.value,
+        )
+
+    def _tune(self, _: object) -> None:
+        with self.interface.control.lock:
+            self._following.tune()
+
+    def _measured(self) -> dict[str, str]:
+        """Return how late everything is, for `/diagnostics`."""
+        tracker = self._following.tracker
+        if tracker is None:
+            return {}
+        delays, camera = tracker.delays, tracker.camera
+        pan, tilt = delays.servos
+        deviation = camera.stamp_error.deviation
+        return {
+            "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
+            "age of a target (ms)": f"{1e3 * delays.message:.1f}",
+            "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
+            "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
+            "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
+            "stamps of the camera too late by (ms)": (
+                f"{1e3 * camera.applied:.0f} ±{1e3 * deviation:.0f}"
+                if deviation < _KNOWN
+                else "not observable yet"
+            ),
+        }
+
+    def _publish_diagnostics(self) -> None:
+        """What the head does, by which law, and how late everything is."""
+        control, tracker, unheard = (
+            self.interface.control,
+            self._following.tracker,
+            self.interface.unheard,
+        )
+        with control.lock:
+            values = {"law": self._own.value.law, **self._measured()}
+            state, text = self._following.state(control)
+        if unheard:
+            values["not heard"] = unheard
+        hampered = control.trouble or unheard or state == TargetState.STALLED
+        level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
+        if tracker is not None and tracker.fault:
+            level = DiagnosticStatus.ERROR
+        status = DiagnosticStatus(
+            name="head_tracker: target",
+            level=level,
+            message=text,
+            hardware_id="head",
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(in_namespace(self, message))
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(HeadTrackerNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

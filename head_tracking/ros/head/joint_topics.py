@@ -1,0 +1,75 @@
+"""Joints whose servo bus is in another process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from head_tracking.control import ControlLoop
+from head_tracking.dynamixel import Goal
+from head_tracking.ros.kit.joint_owners import control_from_message, sender
+from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+
+
+class JointTopics:
+    """A `JointBackend`: publishes `joint_commands`, and follows the STOP and owners of a servo bus.
+
+    Args:
+        node: turns the head.
+        name: the owner that it is.
+        joints: pan and tilt.
+        loop: of the process.
+    """
+
+    period = 0.0
+
+    def __init__(self, node: Node, name: str, joints: Sequence[str], loop: ControlLoop) -> None:
+        self._node = node
+        self._name = name
+        self._joints = tuple(joints)
+        self._loop = loop
+        self._commands = node.create_publisher(
+            JointState, "joint_commands", 1, qos_overriding_options=OVERRIDABLE
+        )
+        self._claims = node.create_publisher(JointState, "joint_claims", 10)
+
+    def start(self) -> None:
+        """See `JointBackend`: listen to the servo bus."""
+        self._node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
+
+    def close(self) -> None:
+        """See `JointBackend`; the topics end with the node."""
+
+    def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """Publish goals; the servo bus discards them if their epoch is over."""
+        message = JointState(
+            name=list(goals),
+            position=[goal.position for goal in goals.values()],
+            velocity=[goal.speed or 0.0 for goal in goals.values()],
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = sender(name, epoch)
+        self._commands.publish(message)
+
+    def claim(self) -> None:
+        """See `JointBackend`."""
+        message = JointState(name=list(self._joints))
+        message.header.frame_id = sender(self._name, self._loop.owners.epoch.value)
+        self._claims.publish(message)
+
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`; only the servo bus can do that."""
+        return dict.fromkeys(self._joints, "the servo bus is another process: call its `stop`")
+
+    def _on_control(self, message: DiagnosticStatus) -> None:
+        try:
+            control = control_from_message(message)
+        except ValueError as error:
+            self._node.get_logger().error(
+                f"joint_control is not used: {error}", throttle_duration_sec=1.0
+            )
+            return
+        self._loop.owners.follow(control.stopped, control.epoch, control.owners)

@@ -1,0 +1,141 @@
+"""A head that another controller drives: commands as joint_trajectory, and STOP without servos."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+
+from rclpy.node import Node
+
+from head_tracking.control import ControlLoop
+from head_tracking.dynamixel import Goal
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.gaze import HeadCommand
+from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
+from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.tracking import SetpointStream
+
+try:
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+except ImportError:
+    JointTrajectory = JointTrajectoryPoint = None
+
+_PERIOD = 0.02  # s
+
+
+class TrajectoryBackend:
+    """A `JointBackend`: streams trajectories of one point to a joint_trajectory_controller.
+
+    Nobody but that controller can relax the joints. So `stop` and `resume`, which it offers in the
+    place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. In the
+    loop it comes after the controller of the head, and lets the last command go on.
+
+    Args:
+        node: turns the head.
+        topic: of the joint_trajectory_controller.
+        name: the owner whose commands they are.
+        joints: pan and tilt.
+        time_from_start: of each point [s].
+        loop: of the process.
+
+    Raises:
+        HeadTrackingError: trajectory_msgs is not installed.
+    """
+
+    failure: Exception | None = None
+    period = 0.0
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        name: str,
+        joints: tuple[str, str],
+        time_from_start: float,
+        loop: ControlLoop,
+    ) -> None:
+        if JointTrajectory is None:
+            raise HeadTrackingError(
+                "command_interface is joint_trajectory, but trajectory_msgs is not installed "
+                "(ros-jazzy-trajectory-msgs)"
+            )
+        self.name, self.joints = name, joints
+        self._node = node
+        self._stream = SetpointStream(_PERIOD, time_from_start)
+        self._after = time_from_start
+        self._publisher = node.create_publisher(JointTrajectory, topic, 10)
+        self._lock = threading.Lock()
+        self._loop = loop
+        self._services = UrgentServices(node)
+        OwnersOutput(node, loop.owners, joints)
+        offer_stop(self._services, loop.stop, loop.owners.resume, ("~/", ""))
+        node.get_logger().info(
+            f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
+        )
+
+    def start(self) -> None:
+        """See `JointBackend`."""
+        self._services.start()
+        self._loop.add(self)
+
+    def close(self) -> None:
+        """See `JointBackend`: withdraw the services."""
+        self._services.close()
+
+    def claim(self) -> None:
+        """See `JointBackend`; no servo bus has owners of these joints."""
+
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
+        """See `JointBackend`: publish positions on the way to new goals."""
+        pan, tilt = (goals[joint] for joint in self.joints)
+        self._advance(
+            HeadCommand(pan.position, tilt.position, pan.speed or 0.0, tilt.speed or 0.0), epoch
+        )
+
+    def update(self) -> None:
+        """Publish the next positions on the way to the last goals; see `ControlLoop`."""
+        if self._loop.owners.owns(self.name, self.joints):
+            self._advance(None, self._loop.owners.epoch.value)
+        else:
+            with self._lock:
+                self._stream.stop()
+
+    def publish(self) -> None:
+        """See `ControlLoop`; there is nothing to publish."""
+
+    def _advance(self, command: HeadCommand | None, epoch: int) -> None:
+        measured = self._measured()
+        now = self._node.get_clock().now().nanoseconds * 1e-9
+        with self._lock:
+            owners = self._loop.owners
+            if measured is None or owners.stopped or epoch != owners.epoch.value:
+                return
+            positions = self._stream.positions(command, measured, now)
+            if positions is not None:
+                self._publish(positions)
+
+    def _measured(self) -> tuple[float, float] | None:
+        assert self._loop.buffer is not None
+        pan, tilt = (self._loop.buffer.latest_joint_position(joint) for joint in self.joints)
+        return (pan[1], tilt[1]) if pan and tilt else None
+
+    def _publish(self, positions: tuple[float, float]) -> None:
+        seconds, rest = divmod(self._after, 1.0)
+        point = JointTrajectoryPoint(
+            positions=list(positions),
+            time_from_start=Duration(sec=int(seconds), nanosec=round(rest * 1e9)),
+        )
+        # stamp 0: at once, by the controller's own clock
+        self._publisher.publish(JointTrajectory(joint_names=list(self.joints), points=[point]))
+
+    def relax_now(self) -> Mapping[str, str]:
+        """See `JointBackend`: hold the head, for that is all that can be done."""
+        with self._lock:
+            measured = self._measured()
+            if measured is not None and self._stream.active:
+                self._publish(measured)
+            self._stream.stop()
+        topic = self._publisher.topic_name
+        problem = f"{topic} was told to hold, and nothing else is sent; it was not relaxed"
+        return dict.fromkeys(self.joints, problem)

@@ -1,0 +1,154 @@
+"""Owners, epoch and STOP as messages and services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
+
+from head_tracking.control import STOPPED, JointOwners
+from head_tracking.dynamixel import StoppedError
+from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.urgent_services import UrgentServices
+
+_OWNER = "owner of "
+
+
+class JointControl(NamedTuple):
+    """The fields of a `joint_control` message.
+
+    Attributes:
+        stopped: whether everything but `resume` is refused.
+        epoch: number of STOPs so far.
+        owners: each joint's owner; empty where there is none.
+    """
+
+    stopped: bool
+    epoch: int
+    owners: Mapping[str, str]
+
+
+def owners_message(owners: Mapping[str, str]) -> String:
+    """Return a joint_owners message: a line for each joint, its owner behind a colon."""
+    return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
+
+
+def owners_from_message(message: String) -> dict[str, str]:
+    """Return each joint's owner; empty where there is none."""
+    lines = (line.partition(":") for line in message.data.splitlines())
+    return {joint.strip(): owner.strip() for joint, _, owner in lines}
+
+
+def control_message(owners: JointOwners, joints: Iterable[str]) -> DiagnosticStatus:
+    """Return a joint_control message."""
+    stopped = owners.stopped
+    fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value)}
+    fields |= {f"{_OWNER}{joint}": owner for joint, owner in owners.of(joints).items()}
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if stopped else DiagnosticStatus.OK,
+        name="joint_control",
+        message=STOPPED if stopped else "commands are accepted",
+        values=[KeyValue(key=key, value=value) for key, value in fields.items()],
+    )
+
+
+def control_from_message(message: DiagnosticStatus) -> JointControl:
+    """Return the fields of a joint_control message.
+
+    Raises:
+        ValueError: one is missing or malformed.
+    """
+    fields = {each.key: each.value for each in message.values}
+    owners = {k.removeprefix(_OWNER): v for k, v in fields.items() if k.startswith(_OWNER)}
+    return JointControl(fields.get("stopped") == "true", int(fields.get("epoch", "")), owners)
+
+
+def sender(name: str, epoch: int) -> str:
+    """Return the `frame_id` of a command or a claim: who sends it, and in which epoch."""
+    return f"{name}#{epoch}"
+
+
+def sender_from(frame_id: str) -> tuple[str, int | None]:
+    """Return who sent a command, and its epoch; None where it gives none."""
+    name, _, epoch = frame_id.rpartition("#")
+    return (name, int(epoch)) if name and epoch.isdecimal() else (frame_id, None)
+
+
+def stop_report(joint: str, problem: str) -> str:
+    """Return what a STOP says of a joint: confirmed, or what kept it from that."""
+    return f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"
+
+
+def resume_report(resumed: Iterable[str]) -> str:
+    """Return what `resume` answers: who goes on."""
+    names = ", ".join(resumed)
+    return f"{names} goes on, slowly at first" if names else "commands are accepted again"
+
+
+def offer_stop(
+    services: UrgentServices,
+    stop: Callable[[], Mapping[str, str]],
+    resume: Callable[[], Iterable[str]],
+    prefixes: Iterable[str] = ("",),
+) -> None:
+    """Offer the services `stop` and `resume`.
+
+    Args:
+        services: offer them.
+        stop: STOP; returns for each joint what went wrong, or an empty string.
+        resume: ends it; returns the controllers that go on.
+        prefixes: of their names.
+    """
+
+    def on_stop(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        problems = stop()
+        response.success = not any(problems.values())
+        response.message = ", ".join(stop_report(*each) for each in problems.items())
+        return response
+
+    def on_resume(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = resume_report(resume())
+            response.success = True
+        except StoppedError as error:
+            response.message = str(error)
+        return response
+
+    for prefix in prefixes:
+        for name, callback in (("stop", on_stop), ("resume", on_resume)):
+            services.offer(Trigger, f"{prefix}{name}", callback)
+
+
+class OwnersOutput:
+    """Publishes `joint_owners`, `stopped` and `joint_control`, latched, when they change.
+
+    Args:
+        node: publishes.
+        owners: of the joints.
+        joints: which.
+    """
+
+    def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
+        self._owners, self._joints = owners, tuple(joints)
+        self._texts = node.create_publisher(String, "joint_owners", LATCHED)
+        self._stops = node.create_publisher(Bool, "stopped", LATCHED)
+        self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
+        self._last_published: tuple[String | None, bool | None, int] = None, None, 0
+        owners.observe(self.publish)
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish what has changed; leases end by themselves."""
+        text, stopped = owners_message(self._owners.of(self._joints)), self._owners.stopped
+        before = self._last_published
+        self._last_published = text, stopped, self._owners.epoch.value
+        if self._last_published != before:
+            self._fields.publish(control_message(self._owners, self._joints))
+        if text != before[0]:
+            self._texts.publish(text)
+        if stopped is not before[1]:
+            self._stops.publish(Bool(data=stopped))

@@ -1,0 +1,1 @@
+"""The robot as others see it: its model, its joints, and recordings."""

@@ -1,0 +1,205 @@
+"""joint_state_publisher: measured joints, joints that follow them, and stated defaults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain, repeat
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState as JointStateMsg
+from std_msgs.msg import String
+
+from head_tracking.control import ControlLoop
+from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.topic_output import Output
+from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
+from head_tracking.transforms import (
+    LARGEST_POSITION,
+    JointSample,
+    JointState,
+    JointStates,
+    Mimic,
+    RobotModel,
+    RobotModelError,
+    parse_robot_model,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class JointStatePublisherParameters:
+    """Where the joints come from."""
+
+    source_list: tuple[str, ...] = parameter(
+        ("servo_states",), "Topics with measured joints.", fixed=True
+    )
+    publish_default_positions: bool = parameter(
+        False,
+        "Send joints that nobody measures at 0, or in the middle of their limits.",
+        fixed=True,
+    )
+    rate: float = parameter(
+        10.0,
+        "How often the defaults are sent while nothing is measured.",
+        unit="Hz",
+        minimum=0.1,
+        maximum=1000.0,
+        fixed=True,
+    )
+
+
+class JointStatePublisherNode(Node):
+    """Answers every measurement with a complete `joint_states`, stamped with its time.
+
+    A joint that nobody measured is sent only if `zeros.<joint>` states its position, if
+    `dependent_joints.<joint>.parent`, `.factor` and `.offset` tie it to another, or all of them if
+    `publish_default_positions` is set.
+
+    Args:
+        loop: of the process, which has the servos; its buffer has the robot's model. None: the
+            servos are in another process, and the model comes from `robot_description`.
+    """
+
+    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
+        super().__init__("joint_state_publisher", **options)
+        p = NodeParameters(self, JointStatePublisherParameters).value
+        self._default_positions = p.publish_default_positions
+        self._zeros = self._declare_zeros()
+        self._dependents = self._declare_dependents()
+        self._described: RobotModel | None = None
+        self._model: RobotModel | None = None
+        self._states: JointStates | None = None
+        self._measured = False
+        self._output = Output(self, JointStateMsg, "joint_states", own=0 if loop is None else 1)
+        self._loop = loop
+        own = ""
+        if loop is None:
+            self.create_subscription(String, "robot_description", self._on_description, LATCHED)
+        else:
+            own = self.resolve_topic_name("servo_states")
+            loop.complete_by(self._complete)
+            loop.observe(self._publish)
+        for topic in p.source_list:
+            if self.resolve_topic_name(topic) != own:
+                self.create_subscription(JointStateMsg, topic, self._on_measurement, MEASUREMENT)
+        steady_timer(self, 1.0 / p.rate, self._publish_defaults)
+
+    def _declare_zeros(self) -> dict[str, float]:
+        """The defaults that were given; their names are those of the model's joints."""
+        prefix = "zeros."
+        names = [name.removeprefix(prefix) for name in self._given(prefix)]
+        return {name: self._declare_number(prefix + name, 0.0) for name in names}
+
+    def _declare_dependents(self) -> dict[str, Mimic]:
+        prefix, dependents = "dependent_joints.", {}
+        for name in {given.removeprefix(prefix).rsplit(".", 1)[0] for given in self._given(prefix)}:
+            descriptor = ParameterDescriptor(description=f"The joint that {name} follows.")
+            parent = self.declare_parameter(f"{prefix}{name}.parent", "", descriptor).value
+            factor = self._declare_number(f"{prefix}{name}.factor", 1.0)
+            dependents[name] = Mimic(
+                parent, factor, self._declare_number(f"{prefix}{name}.offset", 0.0)
+            )
+        return dependents
+
+    def _given(self, prefix: str) -> list[str]:
+        """Parameters whose names only the model knows: those that somebody gave."""
+        return [name for name in self._parameter_overrides if name.startswith(prefix)]
+
+    def _declare_number(self, name: str, default: float) -> float:
+        descriptor = ParameterDescriptor(
+            description="Position of a joint that nobody measures, or part of it. [rad or m]",
+            dynamic_typing=True,
+        )
+        value = self.declare_parameter(name, default, descriptor).value
+        if not isinstance(value, int | float):
+            raise ParameterError(f"{name} is {value!r}; it must be a number")
+        return float(value)
+
+    def _on_description(self, message: String) -> None:
+        try:
+            self._described = parse_robot_model(message.data)
+        except RobotModelError as error:
+            self._refuse(error)
+
+    def _refuse(self, error: RobotModelError) -> None:
+        self.get_logger().error(f"robot_description is not used: {error}")
+
+    def _use(self, model: RobotModel | None) -> None:
+        """Complete joints by another model from now on."""
+        self._model = model
+        if model is not None:
+            try:
+                self._states = JointStates(
+                    model, self._zeros, self._dependents, default_positions=self._default_positions
+                )
+            except RobotModelError as error:
+                self._refuse(error)
+
+    def _on_measurement(self, message: JointStateMsg) -> None:
+        measured = {
+            name: JointState(position, velocity, effort)
+            for name, position, velocity, effort in zip(
+                message.name,
+                message.position,
+                chain(message.velocity, repeat(0.0)),
+                chain(message.effort, repeat(math.nan)),
+                strict=False,
+            )
+            if name and abs(position) <= LARGEST_POSITION
+        }
+        if len(measured) < max(len(message.name), len(message.position)) and message.position:
+            self.get_logger().error(
+                f"of the joints {list(message.name)} at {list(message.position)} only "
+                f"{list(measured)} are used: each needs a name of its own and a finite position",
+                throttle_duration_sec=1.0,
+            )
+        self._take(stamp_to_ns(message.header.stamp), measured)
+
+    def _take(self, stamp: int, measured: Mapping[str, JointSample]) -> None:
+        if self._loop is None:
+            self._publish(stamp, self._complete(measured))
+            return
+        states = self._loop.joints_read(stamp, measured)
+        self._loop.update(measured)
+        self._loop.publish(measured, stamp, states)
+
+    def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
+        """The measured joints, and what follows from them or is stated; see `JointStates`."""
+        self._measured = True
+        buffer = None if self._loop is None else self._loop.buffer
+        model = self._described if buffer is None else buffer.model
+        if model is not self._model:
+            self._use(model)
+        return {} if self._states is None else self._states.complete(measured)
+
+    def _publish_defaults(self) -> None:
+        if not self._measured:
+            self._take(self.get_clock().now().nanoseconds, {})
+        self._measured = False
+
+    def _publish(self, stamp: int, states: Mapping[str, JointSample]) -> None:
+        if not states or not self._output.wanted:
+            return
+        message = JointStateMsg()
+        message.header.stamp = ns_to_stamp(stamp)
+        message.name = list(states)
+        message.position = [state.position for state in states.values()]
+        message.velocity = [state.velocity for state in states.values()]
+        efforts = [state.effort for state in states.values()]
+        message.effort = [] if all(map(math.isnan, efforts)) else efforts
+        self._output.publish(message)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(JointStatePublisherNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,186 @@
+"""robot_state_publisher: the robot's model for everybody, and its frames on /tf."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from head_tracking.control import ControlLoop
+from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.spinning import run_node
+from head_tracking.share import robot_file
+from head_tracking.tf import (
+    Buffer,
+    StaticTransformBroadcaster,
+    TransformBroadcaster,
+    TransformListener,
+    broadcasting_possible,
+)
+from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tf.messages import transform_stamped
+from head_tracking.transforms import (
+    RateLimiter,
+    RobotModel,
+    RobotModelError,
+    Transform,
+    load_robot_model,
+    parse_robot_model,
+    with_fixed_root,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStatePublisherParameters:
+    """Which robot, and where it stands."""
+
+    robot_description: str = parameter(
+        "", "The model as URDF text; wins over `robot`, also while running."
+    )
+    robot: str = parameter("kinectbot", "The model: its name, or a URDF or xacro file.", fixed=True)
+    world_frame: str = parameter(
+        "",
+        "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
+        "has put one there.",
+        fixed=True,
+    )
+    world_transform: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0325, 0.0, 0.0, 0.0),
+        "The root in the world: x, y, z [m], yaw, pitch, roll [rad].",
+        fixed=True,
+    )
+    publish_frequency: float = parameter(
+        20.0,
+        "How often /tf is sent at the most, where tf2_msgs is installed.",
+        unit="Hz",
+        minimum=0.1,
+        maximum=1000.0,
+        fixed=True,
+    )
+    frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
+    ignore_timestamp: bool = parameter(
+        False, "Send /tf also for joint states whose stamps go back.", fixed=True
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
+            raise ParameterError(
+                f"world_transform is {list(self.world_transform)}; it needs six finite numbers: "
+                "x, y, z, yaw, pitch, roll"
+            )
+
+    def model(self) -> RobotModel:
+        """The model, with the world above it if one is wanted.
+
+        Raises:
+            RobotModelError: it can't be used.
+            FileNotFoundError: there is no such robot.
+        """
+        model = (
+            parse_robot_model(self.robot_description)
+            if self.robot_description
+            else load_robot_model(robot_file(self.robot))
+        )
+        if not self.world_frame or self.world_frame in model.links:
+            return model
+        x, y, z, yaw, pitch, roll = self.world_transform
+        return with_fixed_root(
+            model, self.world_frame, Transform.from_xyz_rpy((x, y, z), (roll, pitch, yaw))
+        )
+
+
+class RobotStatePublisherNode(Node):
+    """Publishes the model, keeps a buffer of the robot's frames, and sends them on /tf.
+
+    Args:
+        buffer: fed by this node; other nodes of the same process can share it.
+        loop: that of the process, which tells of joints that have been read.
+
+    Raises:
+        RobotModelError: the model can't be used.
+        FileNotFoundError: there is no such robot.
+    """
+
+    def __init__(
+        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
+    ) -> None:
+        super().__init__("robot_state_publisher", **options)
+        self._settings = NodeParameters(
+            self, RobotStatePublisherParameters, on_change=self._on_change, check=_check_model
+        )
+        p = self._settings.value
+        self._buffer = buffer or Buffer(node=self)
+        self._description = self.create_publisher(String, "robot_description", LATCHED)
+        if broadcasting_possible():
+            self._sender = TransformBroadcaster(self)
+            self._static_sender = StaticTransformBroadcaster(self)
+        self._take(p.model())
+        self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
+        TransformListener(
+            self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
+        )
+        if loop is not None:
+            loop.observe(lambda stamp, _: self._send_moving(stamp))
+        self.create_service(Trigger, "~/frames", self._on_frames)
+
+    def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
+        self._take(parameters.model())
+
+    def _take(self, model: RobotModel) -> None:
+        """Uses a model from now on, and tells everybody."""
+        self._model = model.prefixed(self._settings.value.frame_prefix)
+        self._buffer.core.set_model(self._model)
+        self._description.publish(String(data=model.urdf))
+        if broadcasting_possible():
+            self._static_sender.forget()
+            self._static_sender.sendTransform(self._edges(moving=False))
+        self.get_logger().info(f"robot {model.name} with {len(model.links)} links")
+
+    def _on_joints(self, message: JointState) -> None:
+        self._send_moving(stamp_to_ns(message.header.stamp))
+
+    def _send_moving(self, stamp: int) -> None:
+        # (the listener of this node is no reason to send)
+        if not broadcasting_possible() or self._sender.pub_tf.get_subscription_count() < 2:
+            return
+        if self._limiter.accept(stamp):
+            moving = self._edges(moving=True)
+            if moving:
+                self._sender.sendTransform(moving)
+
+    def _edges(self, *, moving: bool) -> list[TransformStamped]:
+        """The transforms of all joints that move, or of all that do not, as far as known."""
+        core, found = self._buffer.core, []
+        for joint in self._model.joints.values():
+            if joint.moves is moving and core.can_transform(joint.parent, joint.child):
+                found.append(transform_stamped(core.lookup_transform(joint.parent, joint.child)))
+        return found
+
+    def _on_frames(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = self._buffer.core.tree_as_string(self.get_clock().now().nanoseconds)
+        return response
+
+
+def _check_model(parameters: RobotStatePublisherParameters) -> None:
+    try:
+        parameters.model()
+    except (RobotModelError, FileNotFoundError) as error:
+        raise ParameterError(str(error)) from error
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(RobotStatePublisherNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

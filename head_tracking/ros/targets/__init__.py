@@ -1,0 +1,1 @@
+"""Nodes that publish targets, and the simulated camera."""

@@ -1,0 +1,85 @@
+"""fictitious_target: publishes the tutorial's moving point, or any point, as the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.time import Time
+
+from head_tracking.parameters import parameter
+from head_tracking.ros.kit.messages import target_message
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.topic_output import Output
+from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
+
+try:
+    from visualization_msgs.msg import Marker
+except ImportError:  # optional: only RViz shows it
+    Marker = None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetFrameParameters:
+    """Where the target moves, and how often it is sent."""
+
+    frame_id: str = parameter("base_link", "The frame of the target.", fixed=True)
+    rate: float = parameter(
+        40.0, "Targets per second.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
+    )
+
+
+class FictitiousTargetNode(Node):
+    """Publishes `target_point`, and a marker on `target_point_marker` for RViz."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("fictitious_target", **options)
+        p = NodeParameters(self, TargetFrameParameters).value
+        self._frame_id, self._rate = p.frame_id, p.rate
+        self._target = FictitiousTarget(
+            NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
+        )
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
+        self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
+        self._sent: Time | None = None
+        self._switch = Switch(self)
+        steady_timer(self, 1.0 / p.rate, self._publish)
+
+    def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
+        self._target.parameters = parameters
+
+    def _publish(self) -> None:
+        now = self.get_clock().now()
+        if not self._switch.on or now == self._sent:
+            return  # (simulated time stands still, and so does the target)
+        elapsed = (now - self._sent).nanoseconds * 1e-9 if self._sent is not None else 0.0
+        self._sent = now
+        target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))
+        self._targets.publish(target_message(target))
+        if self._marker is not None and self._marker.wanted:
+            self._marker.publish(_marker(target_message(target)))
+
+
+def _marker(target: PointStamped) -> Any:
+    marker = Marker(header=target.header, ns="target_point", type=Marker.SPHERE)
+    marker.pose.position = target.point
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+    marker.color.r, marker.color.g, marker.color.a = 1.0, 0.6, 1.0
+    return marker
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(FictitiousTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,76 @@
+"""frame_target: publishes where a frame is as the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+
+from head_tracking.parameters import parameter
+from head_tracking.ros.kit.messages import target_message
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.switch import Switch
+from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
+from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tracking import ClockWatch
+from head_tracking.transforms import TransformException
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTargetRate:
+    """How often the frame is looked for."""
+
+    rate: float = parameter(
+        30.0, "Targets per second, at most.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
+    )
+
+
+class FrameTargetNode(Node):
+    """Publishes `target_point` while somebody says where the frame is."""
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("frame_target", **options)
+        rate = NodeParameters(self, FrameTargetRate).value.rate
+        self._buffer = (buffer or listening_buffer(self)).core
+        self._clock_watch = ClockWatch(lambda: float(self.get_clock().now().nanoseconds) * 1e-9)
+        self._target = FrameTarget(
+            self._buffer,
+            NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
+        )
+        self._switch = Switch(self)
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
+        steady_timer(self, 1.0 / rate, self._publish)
+
+    def _on_parameters(self, parameters: FrameTargetParameters) -> None:
+        self._target.parameters = parameters
+
+    def _publish(self) -> None:
+        happened = self._clock_watch.check(simulated=self.get_clock().ros_time_is_active)
+        if happened:
+            self.get_logger().warning(happened)
+            if not self._clock_watch.standing:
+                self._buffer.clear()
+        if not self._switch.on:
+            return
+        try:
+            target = self._target.newest(self.get_clock().now().nanoseconds)
+        except (StaleFrameError, TransformException) as error:
+            self.get_logger().warning(f"no target: {error}", throttle_duration_sec=2.0)
+            return
+        if target is not None:
+            self._targets.publish(target_message(target))
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(FrameTargetNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

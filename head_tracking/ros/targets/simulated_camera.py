@@ -1,0 +1,237 @@
+"""simulated_camera: what the head's camera sees of a drawn scene, with depths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, Image
+
+from head_tracking.parameters import parameter
+from head_tracking.ros.kit.images import camera_info, image_message
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import OVERRIDABLE
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.targets.placed_target import NewestTarget
+from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
+from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf.messages import header
+from head_tracking.transforms import RobotModel, Transform, TransformException, Vector3
+from head_tracking.vision.camera import camera_with_view
+from head_tracking.vision.opencv import require_opencv
+
+_WITH_TARGET = (TARGET, "everything")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedCameraParameters:
+    """The camera, and what is before it; defaults: a Kinect's."""
+
+    scene: str = parameter(
+        "face",
+        "What there is to see; target and everything: a ball at target_point, too, if that is not "
+        "what the camera finds itself.",
+        choices=SCENES,
+    )
+    scene_frame: str = parameter("base_link", "The frame of the scene, with z up.", fixed=True)
+    frame_id: str = parameter(
+        "camera_optical_frame", "The camera: z forward, x right, y down.", fixed=True
+    )
+    width: int = parameter(640, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True)
+    height: int = parameter(
+        480, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True
+    )
+    horizontal_view: float = parameter(
+        1.0, "Between left and right edge.", unit="rad", minimum=0.05, maximum=2.8, fixed=True
+    )
+    rate: float = parameter(
+        30.0, "Images per second.", unit="Hz", minimum=0.1, maximum=200.0, fixed=True
+    )
+    delay: float = parameter(
+        0.08, "An image is published so long after its stamp.", unit="s", minimum=0.0, maximum=5.0
+    )
+    noise: float = parameter(
+        4.0, "Standard deviation of a pixel, of 255.", minimum=0.0, maximum=100.0, fixed=True
+    )
+    depth_noise: float = parameter(
+        0.0015,
+        "Standard deviation of a depth at 1 m; it grows with the square of the depth.",
+        unit="m",
+        minimum=0.0,
+        maximum=0.1,
+        fixed=True,
+    )
+    depth_holes: float = parameter(
+        0.01, "Share of the depths that are missing.", minimum=0.0, maximum=1.0, fixed=True
+    )
+    depth_encoding: str = parameter(
+        "16UC1",
+        "Depths in millimetres or in metres; empty: none.",
+        choices=("16UC1", "32FC1", ""),
+    )
+    seed: int = parameter(
+        1, "Chooses the noise and the room.", minimum=0, maximum=2**31 - 1, fixed=True
+    )
+
+
+class _Exposure(NamedTuple):
+    """When [ns] and from where (`T_scene_optical`) an image was taken, and where the target was."""
+
+    stamp: int
+    pose: Transform
+    target: Vector3 | None
+
+
+class SimulatedCameraNode(Node):
+    """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws what somebody looks at.
+
+    Drawing has a thread of its own: an image that it has no time for is left out.
+
+    Args:
+        buffer: fed by another node of this process; None: this node listens itself.
+        true_position: where a simulated joint really is [rad]; None: joint_states tell.
+        options: for the node.
+
+    Attributes:
+        scene: what there is to see.
+        renderer: draws it.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer | None = None,
+        true_position: Callable[[str], float | None] | None = None,
+        **options: Any,
+    ) -> None:
+        require_opencv()
+        super().__init__("simulated_camera", **options)
+        self._settings = NodeParameters(
+            self, SimulatedCameraParameters, on_change=self._on_parameters
+        )
+        p = self._settings.value
+        self._buffer = (buffer or listening_buffer(self)).core
+        self._true_position = true_position
+        self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
+        rng = np.random.default_rng(p.seed)
+        self._shown = p.scene
+        self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
+        self.renderer = Renderer(self.scene, self._camera)
+        self._target: NewestTarget | None = None
+        self._listen_for(p.scene)
+        self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
+        self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
+        self._depth = self.create_publisher(Image, "depth", 5, qos_overriding_options=OVERRIDABLE)
+        self._info = self.create_publisher(
+            CameraInfo, "camera_info", 5, qos_overriding_options=OVERRIDABLE
+        )
+        self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
+        steady_timer(self, 1.0 / p.rate, self._take)
+
+    def destroy_node(self) -> None:
+        """Ends the thread that draws too."""
+        self._drawing.close()
+        super().destroy_node()
+
+    def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
+        if changed.scene == self._shown:
+            return
+        self._shown = changed.scene
+        self._listen_for(changed.scene)
+        scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
+        renderer = Renderer(scene, self._camera)
+
+        def take() -> None:
+            self.scene, self.renderer = scene, renderer
+
+        self._drawing.do(take)
+
+    def _listen_for(self, scene: str) -> None:
+        """Listens to targets if the scene shows them."""
+        if scene in _WITH_TARGET and self._target is None:
+            self._target = NewestTarget(self, self._buffer)
+            self._target.place_in(self._settings.value.scene_frame)
+        elif scene not in _WITH_TARGET and self._target is not None:
+            self._target.close()
+            self._target = None
+
+    def _take(self) -> None:
+        publishers = (self._image, self._depth, self._info)
+        if not any(publisher.get_subscription_count() for publisher in publishers):
+            return
+        model = self._buffer.model
+        if model is None:
+            self.get_logger().info("waiting for robot_description", throttle_duration_sec=2.0)
+            return
+        try:
+            pose = self._pose(model)
+        except TransformException as error:
+            self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
+            return
+        target = None if self._target is None else self._target.newest()
+        # what was found in pictures would be hidden by a ball where it was found
+        is_own = target is not None and target.target.frame_id == self._settings.value.frame_id
+        point = None if target is None or is_own else target.point
+        self._drawing.offer(_Exposure(self._now, pose, point))
+
+    @property
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _draw(self, exposure: _Exposure) -> None:
+        """Draws what somebody looks at, and publishes it when it is due."""
+        p = self._settings.value
+        head = header(exposure.stamp, p.frame_id)
+        messages: list[tuple[Publisher, Any]] = []
+        if self._info.get_subscription_count():
+            messages.append((self._info, camera_info(head, self._camera)))
+        wants_image = self._image.get_subscription_count() > 0
+        wants_depth = p.depth_encoding != "" and self._depth.get_subscription_count() > 0
+        if wants_image or wants_depth:
+            target = exposure.target
+            self.renderer.scene = self.scene if target is None else with_target(self.scene, target)
+            seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9)
+        if wants_depth:
+            depth: npt.NDArray[Any] = self._noise.depth(seen.depth)
+            if p.depth_encoding == "16UC1":
+                depth = np.nan_to_num(depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
+            messages.append((self._depth, image_message(head, p.depth_encoding, depth)))
+        if wants_image:
+            picture = self._noise.picture(seen.picture)
+            messages.append((self._image, image_message(head, "bgr8", picture)))
+        taken = (self._now - exposure.stamp) * 1e-9
+        self._drawing.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
+
+    def _pose(self, model: RobotModel) -> Transform:
+        """`T_scene_optical` by where the joints are now."""
+        p = self._settings.value
+        chain = model.chain(p.scene_frame, p.frame_id)
+        return chain.transform(*map(self._position, chain.joints))
+
+    def _position(self, joint: str) -> float:
+        true = None if self._true_position is None else self._true_position(joint)
+        if true is not None:
+            return true
+        found = self._buffer.latest_joint_position(joint)
+        if found is None:
+            raise TransformException(f"nobody says where the joint {joint} is")
+        return found[1]
+
+
+def _publish(messages: list[tuple[Publisher, Any]]) -> None:
+    for publisher, message in messages:
+        publisher.publish(message)
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(SimulatedCameraNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

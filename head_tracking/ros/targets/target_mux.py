@@ -1,0 +1,237 @@
+"""target_mux: of several targets, the one that the head looks at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from geometry_msgs.msg import PointStamped, PoseStamped
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.kit.listening import TopicListener
+from head_tracking.ros.kit.messages import target_from_message, target_message
+from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.switch import Switch
+from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
+from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tracking import Target
+from head_tracking.transforms import LATEST, TransformException, Vector3
+
+_MESSAGES = {"point": PointStamped, "pose": PoseStamped}
+
+_STILL_THERE = 1.0
+"""So long [s] after its last target the head still looks there."""
+
+_SPOKEN_ONCE = {"priority": 30, "timeout": 30.0, "repeat": True}
+_DEFAULTS: dict[str, dict[str, Any]] = {
+    "clicked_point": {"topic": "clicked_point", **_SPOKEN_ONCE},
+    "target_pose": {"topic": "target_pose", "type": "pose", **_SPOKEN_ONCE},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MuxWiring:
+    """Which sources there are, and how the head gets from one to the next."""
+
+    sources: tuple[str, ...] = parameter(
+        ("clicked_point", "target_pose", "visual_target", "frame_target", "fictitious_target"),
+        "Names of the sources; each has parameters of its own.",
+        fixed=True,
+    )
+    fixed_frame: str = parameter(
+        "base_link", "A frame that does not move with the head.", fixed=True
+    )
+    camera_link: str = parameter(
+        "camera_link", "Where the head is; a change of targets goes around it.", fixed=True
+    )
+    switch_time: float = parameter(
+        0.6,
+        "A change from one source to another takes so long; 0: at once.",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    rate: float = parameter(
+        20.0,
+        "How often a target that is spoken once is repeated.",
+        unit="Hz",
+        minimum=1.0,
+        maximum=200.0,
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SourceParameters:
+    """One source."""
+
+    topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True)
+    type: str = parameter(
+        "point",
+        "PointStamped or PoseStamped, of which the position counts.",
+        choices=tuple(_MESSAGES),
+        fixed=True,
+    )
+    priority: int = parameter(
+        0, "The highest with a target wins.", minimum=-1000, maximum=1000, fixed=True
+    )
+    timeout: float = parameter(
+        0.5,
+        "How long a target counts after it came.",
+        unit="s",
+        minimum=0.01,
+        maximum=36000.0,
+        fixed=True,
+    )
+    repeat: bool = parameter(
+        False, "Repeat its last target until the time-out: for sources that speak once.", fixed=True
+    )
+
+
+class TargetMuxNode(Node):
+    """Publishes `target_point`; `~/selected` names the source, `~/pin` takes the name of one."""
+
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+        super().__init__("target_mux", **options)
+        self._wiring = NodeParameters(self, MuxWiring)
+        wiring = self._wiring.value
+        self._buffer = (buffer or listening_buffer(self)).core
+        self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
+        self._mux = TargetMux(
+            (Source(name, p.priority, p.timeout) for name, p in self._sources.items()),
+            NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
+        )
+        self._transition = Transition()
+        self._repeated: dict[str, Target] = {}
+        self._selected: str | None = None
+        self._looked_at: tuple[Vector3, float] | None = None
+        self._switch = Switch(self, "targets are", "passed on")
+        self._targets = self.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
+        self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
+        self._name_publisher.publish(String())
+        self.create_subscription(String, "~/pin", self._on_pin, 10)
+        for name, p in self._sources.items():
+            if self.resolve_topic_name(p.topic) == self._targets.topic_name:
+                raise ParameterError(
+                    f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
+                    "topic of its own"
+                )
+            TopicListener(self, _MESSAGES[p.type], p.topic, self._receiver(name))
+        steady_timer(self, 1.0 / wiring.rate, self._step)
+
+    @property
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _source(self, name: str, rank: int) -> SourceParameters:
+        # sources that say nothing of priorities count in the order they are listed in
+        defaults = {"topic": f"{name}/target_point", "priority": 20 - rank} | _DEFAULTS.get(
+            name, {}
+        )
+        return NodeParameters(self, SourceParameters, f"{name}.", defaults).value
+
+    def _receiver(self, name: str) -> Callable[[PointStamped | PoseStamped], None]:
+        def receive(message: PointStamped | PoseStamped) -> None:
+            if isinstance(message, PoseStamped):
+                message = PointStamped(header=message.header, point=message.pose.position)
+            self._on_target(name, target_from_message(message))
+
+        return receive
+
+    def _on_parameters(self, parameters: MuxParameters) -> None:
+        self._mux.parameters = parameters
+
+    def _on_pin(self, message: String) -> None:
+        try:
+            self._mux.pin(message.data or None)
+        except ValueError as error:
+            self.get_logger().error(f"pin refused: {error}")
+            return
+        self._announce(self._mux.select(self._now))
+
+    def _on_target(self, name: str, target: Target) -> None:
+        if not all(map(math.isfinite, target.point)):
+            self.get_logger().error(
+                f"{name}: the target {target} is not finite and not passed on",
+                throttle_duration_sec=1.0,
+            )
+            return
+        chosen = self._mux.offer(name, self._now)
+        self._announce(self._mux.select(self._now))
+        if self._sources[name].repeat:
+            # placed now: a point seen by the camera must not turn with the head while repeated
+            point = self._placed(target)
+            if point is not None:
+                target = Target(target.stamp, self._wiring.value.fixed_frame, point)
+            self._repeated[name] = target
+        if chosen:
+            self._send(target)
+
+    def _step(self) -> None:
+        self._announce(self._mux.select(self._now))
+        target = None if self._selected is None else self._repeated.get(self._selected)
+        if target is not None:
+            self._send(replace(target, stamp=self.get_clock().now().nanoseconds))
+
+    def _announce(self, selected: str | None) -> None:
+        if selected == self._selected:
+            return
+        self.get_logger().info(f"looking at {selected or 'nothing'}")
+        self._selected = selected
+        self._name_publisher.publish(String(data=selected or ""))
+        if selected is not None and self._looked_at is not None:
+            point, when = self._looked_at
+            if self._now - when < _STILL_THERE:
+                self._transition.begin(point, self._now, self._wiring.value.switch_time)
+
+    def _send(self, target: Target) -> None:
+        if not self._switch.on:
+            return
+        point = self._placed(target)
+        if point is not None and self._transition.under_way(self._now):
+            frame = self._wiring.value.fixed_frame
+            point = self._transition.at(point, self._now, self._centre())
+            target = Target(target.stamp, frame, point)
+        self._looked_at = None if point is None else (point, self._now)
+        self._targets.publish(target_message(target))
+
+    def _placed(self, target: Target) -> Vector3 | None:
+        """Where a target is in the fixed frame; None if that is not known."""
+        fixed_frame = self._wiring.value.fixed_frame
+        for stamp in (target.stamp, LATEST):
+            try:
+                return self._buffer.transform_point(
+                    target.point, fixed_frame, target.frame_id, stamp
+                )
+            except TransformException as error:
+                reason = error
+        self.get_logger().warning(
+            f"the target {target} is passed on as it is: {reason}", throttle_duration_sec=2.0
+        )
+        return None
+
+    def _centre(self) -> Vector3:
+        wiring = self._wiring.value
+        try:
+            return self._buffer.transform_point(
+                (0.0, 0.0, 0.0), wiring.fixed_frame, wiring.camera_link
+            )
+        except TransformException:
+            return 0.0, 0.0, 0.0
+
+
+def main() -> int:
+    """Runs the node until it is interrupted."""
+    return run_node(TargetMuxNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,325 @@
+"""Write docs/reference/ and the tree in docs/explain/architecture.md from the code.
+
+Every node is started once, without other nodes; its topics, services, actions and parameters are
+read from the running node. The table of meanings is the only part that is written by hand.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "head_tracking"
+REFERENCE = ROOT / "docs" / "reference"
+ARCHITECTURE = ROOT / "docs" / "explain" / "architecture.md"
+MEANINGS = Path(__file__).with_suffix(".toml")
+SOURCE_NOTE = "<!-- Written by scripts/reference from the code. Do not edit. -->\n"
+TREE_MARKS = ("<!-- tree: begin -->", "<!-- tree: end -->")
+EXAMPLE_CONTROLLERS = re.compile(r"\bhead_(pan|tilt)_controller\b")
+ROS_NAMES = re.compile(
+    r"^/(rosout|parameter_events|clock|target_point_marker)$|_parameter|get_type_desc|/qos_|_action/"
+)
+ROS_PARAMETERS = re.compile(r"^(use_sim_time|start_type_description_service|qos_overrides\..*)$")
+ABSOLUTE = ("/tf", "/tf_static", "/diagnostics")
+NEEDED = {"frame_target": {"frame": "camera_link"}, "viewer": {"port": 0}}
+"""Parameters without which a node does not start here."""
+
+
+PROGRAM = (
+    "import sys; from head_tracking.programs import head_tracking as main; "
+    "sys.argv[0] = 'head_tracking'; sys.exit(main())"
+)
+
+
+@dataclass
+class Interface:
+    """What one node offers, as it was read from the running node.
+
+    Attributes:
+        name: of the node.
+        summary: first sentence of its class.
+        topics: direction ("publishes", "subscribes to", "services", "actions") -> name -> type.
+        parameters: rows of the parameter table.
+    """
+
+    name: str
+    summary: str
+    topics: dict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
+    parameters: list[tuple[str, ...]] = field(default_factory=list)
+
+
+def first_line(path: Path) -> str:
+    """Return the first line of the docstring of a Python file."""
+    return (ast.get_docstring(ast.parse(path.read_text())) or "").partition("\n")[0]
+
+
+def draw_tree() -> str:
+    """Return the files of the package, one line each, with what they say of themselves."""
+    lines = ["head_tracking/"]
+    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: (path.parent.parts, path.name)):
+        parts = path.relative_to(PACKAGE).parts
+        indent = "    " * len(parts)
+        if path.name == "__init__.py":
+            if len(parts) > 1:
+                lines.append(f"{indent[4:]}{parts[-2]}/".ljust(34) + first_line(path))
+        else:
+            lines.append(f"{indent}{path.name}".ljust(34) + first_line(path))
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def with_tree(text: str) -> str:
+    """Return the text of the architecture document with the present tree in it."""
+    begin, end = TREE_MARKS
+    before, _, rest = text.partition(begin)
+    _, _, after = rest.partition(end)
+    return f"{before}{begin}\n\n```text\n{draw_tree()}\n```\n\n{end}{after}"
+
+
+def read_interfaces() -> Iterator[Interface]:
+    """Yield the interface of every node, each started alone."""
+    import rclpy
+    from rclpy.parameter import Parameter
+
+    from head_tracking.programs import NODES
+    from head_tracking.simulation import SimulatedPort, SimulatedServo
+
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        os.environ |= {"HOME": folder, "ROS_LOG_DIR": folder}
+        bus = SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=Path(folder) / "bus")
+        bus.open()
+        stack.callback(bus.close)
+        rclpy.init(args=["--ros-args", "--log-level", "fatal"])
+        stack.callback(rclpy.try_shutdown)
+        for name in NODES:
+            module = import_module(f"head_tracking.{NODES[name]}.{name}")
+            kind = getattr(module, name.title().replace("_", "") + "Node")
+            given: dict[str, Any] = {
+                "parameter_overrides": [
+                    Parameter(parameter, value=value)
+                    for parameter, value in NEEDED.get(name, {}).items()
+                ]
+            }
+            if name == "servo_bus":
+                given["connect"] = lambda _: bus.port_name
+            yield read_interface(name, kind, given)
+
+
+def without_foreign(nodes: list[Interface]) -> list[Interface]:
+    """Return the nodes without their subscriptions to private topics of other nodes."""
+    private = {
+        f"{node.name}/{topic.removeprefix('~/')}"
+        for node in nodes
+        for topic in node.topics["publishes"]
+        if topic.startswith("~/")
+    }
+    for node in nodes:
+        topics = node.topics["subscribes to"]
+        node.topics["subscribes to"] = {
+            name: kind for name, kind in topics.items() if name not in private
+        }
+    return nodes
+
+
+def read_interface(name: str, kind: Any, given: dict[str, Any]) -> Interface:
+    """Start a node, and return what it offers."""
+    from rclpy.node import Node
+
+    defaults: dict[str, Any] = {}
+    declare = Node.declare_parameter
+
+    def remember(node: Any, parameter: str, value: Any = None, *others: Any, **more: Any) -> Any:
+        defaults[parameter] = value
+        return declare(node, parameter, value, *others, **more)
+
+    interface = Interface(name, (kind.__doc__ or "").partition("\n")[0])
+    with mock.patch.object(Node, "declare_parameter", remember):
+        node = kind(**given)
+    try:
+        own = [each for each in node.get_node_names_and_namespaces() if each[0].startswith(name)]
+        for helper, namespace in own:
+            for direction, question in (
+                ("publishes", node.get_publisher_names_and_types_by_node),
+                ("subscribes to", node.get_subscriber_names_and_types_by_node),
+                ("services", node.get_service_names_and_types_by_node),
+            ):
+                for topic, (kind_name, *_) in question(helper, namespace):
+                    if topic.endswith("/_action/send_goal"):
+                        action = topic.removesuffix("/_action/send_goal")
+                        interface.topics["actions"][shown(action, name)] = kind_name.removesuffix(
+                            "_SendGoal"
+                        )
+                    elif not ROS_NAMES.search(topic):
+                        interface.topics[direction][shown(topic, name)] = kind_name
+        for parameter, default in defaults.items():
+            if ROS_PARAMETERS.match(parameter) or "tilt_controller" in parameter:
+                continue
+            descriptor = node.describe_parameter(parameter)
+            interface.parameters.append(
+                (
+                    f"`{shown(parameter, name)}`",
+                    f"`{default}`" if default not in ("", [], ()) else "(empty)",
+                    descriptor.additional_constraints,
+                    "at the start" if descriptor.read_only else "any time",
+                    descriptor.description,
+                )
+            )
+    finally:
+        node.destroy_node()
+    return interface
+
+
+def shown(name: str, node: str) -> str:
+    """Return a ROS name as documents write it: private ones with ~, controllers as a pattern."""
+    name = EXAMPLE_CONTROLLERS.sub("<controller>", name)
+    if name in ABSOLUTE:
+        return name
+    return name.replace(f"/{node}/", "~/", 1) if name.startswith(f"/{node}/") else name.lstrip("/")
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines
+    )
+
+
+def nodes_page(nodes: list[Interface]) -> str:
+    """Return the document with all nodes."""
+    text = (
+        f"{SOURCE_NOTE}# Nodes\n\nStart one with `ros2 run head_tracking NAME`. `~` stands for the "
+        "name of the node. What the topics mean: [topics.md](topics.md). Parameters: "
+        "[parameters.md](parameters.md).\n"
+    )
+    for node in nodes:
+        text += f"\n## {node.name}\n\n{node.summary}\n"
+        for direction, names in node.topics.items():
+            if not names:
+                continue
+            listed = ", ".join(f"`{name}`" for name in sorted(names))
+            text += f"\n- {direction.capitalize()}: {listed}"
+        text += f"\n- [Parameters](parameters.md#{node.name})\n"
+    return text
+
+
+def topics_page(nodes: list[Interface], meanings: dict[str, dict[str, str]]) -> str:
+    """Return the document with all topics, services and actions, and what they mean.
+
+    Raises:
+        SystemExit: the table of meanings lacks a name, or has one that no node uses.
+    """
+    used: dict[str, dict[str, tuple[str, dict[str, list[str]]]]] = {}
+    for node in nodes:
+        for direction, names in node.topics.items():
+            group = direction if direction in ("services", "actions") else "topics"
+            for name, kind in names.items():
+                _, users = used.setdefault(group, {}).setdefault(name, (kind, defaultdict(list)))
+                users[direction].append(f"`{node.name}`")
+    text = f"{SOURCE_NOTE}# Topics, services and actions\n"
+    for group, names in used.items():
+        known = meanings.get(group, {})
+        if names.keys() != known.keys():
+            missing, unused = sorted(names.keys() - known), sorted(known.keys() - names)
+            raise SystemExit(f"{MEANINGS.name}: [{group}] lacks {missing}; nobody uses {unused}")
+        if group == "topics":
+            header: tuple[str, ...] = ("Name", "Type", "From", "To", "Meaning")
+            sides: tuple[str, ...] = ("publishes", "subscribes to")
+        else:
+            header, sides = ("Name", "Type", "Node", "Meaning"), (group,)
+        rows = [
+            (
+                f"`{name}`",
+                kind.replace("/msg/", "/").replace("/srv/", "/").replace("/action/", "/"),
+                *(", ".join(users[side]) for side in sides),
+                known[name],
+            )
+            for name, (kind, users) in sorted(names.items())
+        ]
+        text += f"\n## {group.capitalize()}\n\n{table(header, rows)}"
+    return text
+
+
+def parameters_page(nodes: list[Interface]) -> str:
+    """Return the document with all parameters."""
+    text = (
+        f"{SOURCE_NOTE}# Parameters\n\nSet them in a YAML file (`--params FILE`, `--params-file "
+        "FILE`) or with `-p NODE:NAME:=VALUE` after `--ros-args`. `<controller>` stands for the "
+        "name in `dynamixels` with `_controller` behind it. `any time`: `ros2 param set` works "
+        "while the node runs.\n"
+    )
+    header = ("Parameter", "Default", "Allowed", "Set", "Meaning")
+    return text + "".join(f"\n## {node.name}\n\n{table(header, node.parameters)}" for node in nodes)
+
+
+def command_line_page() -> str:
+    """Return the document with the help of all programs."""
+    from head_tracking.programs import TOOLS
+
+    text = (
+        f"{SOURCE_NOTE}# Command line\n\nAfter `pip install`: `head_tracking NAME`. With a sourced "
+        "workspace: `ros2 run head_tracking NAME`.\n"
+    )
+    for name in ("head_tracking", *TOOLS):
+        arguments = [] if name == "head_tracking" else [name]
+        answer = subprocess.run(
+            [sys.executable, "-c", PROGRAM, *arguments, "--help"],
+            env=os.environ | {"COLUMNS": "100"},
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        text += f"\n## {name}\n\n```text\n{answer.strip()}\n```\n"
+    return text
+
+
+def pages() -> dict[Path, str]:
+    """Return all generated documents: path -> text."""
+    nodes = without_foreign(list(read_interfaces()))
+    return {
+        REFERENCE / "nodes.md": nodes_page(nodes),
+        REFERENCE / "topics.md": topics_page(nodes, tomllib.loads(MEANINGS.read_text())),
+        REFERENCE / "parameters.md": parameters_page(nodes),
+        REFERENCE / "command_line.md": command_line_page(),
+        ARCHITECTURE: with_tree(ARCHITECTURE.read_text()),
+    }
+
+
+def main() -> int:
+    """Write all generated documents, or with --check name those that are stale."""
+    stale = {
+        path: text
+        for path, text in pages().items()
+        # the width of lines depends on the version of Python
+        if not path.exists() or path.read_text().split() != text.split()
+    }
+    if "--check" in sys.argv:
+        print(*(f"stale: {path.relative_to(ROOT)}" for path in stale), sep="\n")
+        return bool(stale)
+    for path, text in stale.items():
+        path.write_text(text)
+        print(f"wrote {path.relative_to(ROOT)}")
+    return 0
+
+
+if __name__ == "__main__":
+    os.environ |= {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
+    raise SystemExit(main())
