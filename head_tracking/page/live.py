@@ -209,7 +209,7 @@ class Live:
         centre: Vector3 = (0.0, 0.0, 0.0)
         if head is not None:
             centre = model.transform(model.root, head.base_frame, standing).translation
-        self._path = TargetPath(view.trail_seconds, view.prediction_seconds, centre)
+        self._path = TargetPath(view.prediction_seconds, centre)
         robot = self.describe(model, head, "/head/mesh/")
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
         self.robot_text = json.dumps(

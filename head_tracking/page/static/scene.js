@@ -1,5 +1,5 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
-import { THREE, OrbitControls, STLLoader } from "nicegui-scene";
+import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
@@ -57,7 +57,7 @@ export class RobotScene {
     this.prediction = lineOf(COLOURS.prediction, 64);
     this.points = [];
     this.parts = { trail: this.trail, prediction: this.prediction };
-    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
     this.listen(onFloor);
     new ResizeObserver(() => this.resize()).observe(place);
@@ -82,7 +82,7 @@ export class RobotScene {
   /** Draw a part, or leave it out. */
   want(part, isWanted) {
     this.wanted[part] = isWanted;
-    if (this.parts[part]) this.parts[part].visible = isWanted;
+    for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
     this.request();
   }
 
@@ -129,12 +129,19 @@ export class RobotScene {
         link(shape.link).add(mesh);
         this.request();
       };
-      if (shape.kind === "mesh") loader.load(shape.mesh, add);
+      if (shape.kind === "coloured") {
+        new GLTFLoader().load(shape.mesh, ({ scene }) => {
+          put(scene, shape.place);
+          link(shape.link).add(scene);
+          this.request();
+        });
+      } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
       else add(geometryOf(shape));
     }
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    for (const [part, node] of Object.entries(this.parts)) node.visible = this.wanted[part];
+    this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
+    for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
     this.framed = false;
   }
