@@ -42,6 +42,7 @@ export class RobotScene {
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.request());
+    this.controls.addEventListener("start", () => { this.moved = true; });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8088a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
     sun.position.set(2, -3, 4);
@@ -96,14 +97,17 @@ export class RobotScene {
     this.request();
   }
 
-  /** Draw once, soon; nothing is drawn while nothing changes or the place is not shown. */
+  /** Draw once, soon; nothing while nothing changes. Rests twice as long as a frame takes. */
   request() {
     if (this.requested || !this.place.clientWidth) return;
     this.requested = true;
-    requestAnimationFrame(() => {
+    const render = () => {
+      const start = performance.now();
       this.requested = false;
       this.renderer.render(this.scene, this.camera);
-    });
+      requestAnimationFrame((now) => { this.due = now + 2 * (now - start); });
+    };
+    setTimeout(() => requestAnimationFrame(render), Math.max(0, (this.due ?? 0) - performance.now()));
   }
 
   setRobot(robot) {
@@ -127,13 +131,13 @@ export class RobotScene {
         const mesh = new THREE.Mesh(geometry, material);
         put(mesh, shape.place);
         link(shape.link).add(mesh);
-        this.request();
+        this.added();
       };
       if (shape.kind === "coloured") {
         new GLTFLoader().load(shape.mesh, ({ scene }) => {
           put(scene, shape.place);
           link(shape.link).add(scene);
-          this.request();
+          this.added();
         });
       } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
       else add(geometryOf(shape));
@@ -143,7 +147,14 @@ export class RobotScene {
     this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
     for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
-    this.framed = false;
+    this.framed = this.moved = false;
+  }
+
+  /** A mesh has come: show the robot as a whole again, unless a person has moved the view. */
+  added() {
+    if (!this.moved) this.framed = false;
+    this.shown = "";
+    this.request();
   }
 
   addGaze(robot, camera) {
@@ -225,6 +236,7 @@ export class RobotScene {
   /** Show robot and frustum as a whole, once. */
   frame() {
     const box = new THREE.Box3();
+    this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
     if (box.isEmpty()) return;
     this.framed = true;
