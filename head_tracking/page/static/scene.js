@@ -1,5 +1,5 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
-import { THREE, OrbitControls, STLLoader } from "nicegui-scene";
+import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
@@ -42,6 +42,7 @@ export class RobotScene {
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.request());
+    this.controls.addEventListener("start", () => { this.moved = true; });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8088a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
     sun.position.set(2, -3, 4);
@@ -57,7 +58,7 @@ export class RobotScene {
     this.prediction = lineOf(COLOURS.prediction, 64);
     this.points = [];
     this.parts = { trail: this.trail, prediction: this.prediction };
-    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
     this.listen(onFloor);
     new ResizeObserver(() => this.resize()).observe(place);
@@ -82,7 +83,7 @@ export class RobotScene {
   /** Draw a part, or leave it out. */
   want(part, isWanted) {
     this.wanted[part] = isWanted;
-    if (this.parts[part]) this.parts[part].visible = isWanted;
+    for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
     this.request();
   }
 
@@ -96,14 +97,17 @@ export class RobotScene {
     this.request();
   }
 
-  /** Draw once, soon; nothing is drawn while nothing changes or the place is not shown. */
+  /** Draw once, soon; nothing while nothing changes. Rests twice as long as a frame takes. */
   request() {
     if (this.requested || !this.place.clientWidth) return;
     this.requested = true;
-    requestAnimationFrame(() => {
+    const render = () => {
+      const start = performance.now();
       this.requested = false;
       this.renderer.render(this.scene, this.camera);
-    });
+      requestAnimationFrame((now) => { this.due = now + 2 * (now - start); });
+    };
+    setTimeout(() => requestAnimationFrame(render), Math.max(0, (this.due ?? 0) - performance.now()));
   }
 
   setRobot(robot) {
@@ -127,16 +131,30 @@ export class RobotScene {
         const mesh = new THREE.Mesh(geometry, material);
         put(mesh, shape.place);
         link(shape.link).add(mesh);
-        this.request();
+        this.added();
       };
-      if (shape.kind === "mesh") loader.load(shape.mesh, add);
+      if (shape.kind === "coloured") {
+        new GLTFLoader().load(shape.mesh, ({ scene }) => {
+          put(scene, shape.place);
+          link(shape.link).add(scene);
+          this.added();
+        });
+      } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
       else add(geometryOf(shape));
     }
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    for (const [part, node] of Object.entries(this.parts)) node.visible = this.wanted[part];
+    this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
+    for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
-    this.framed = false;
+    this.framed = this.moved = false;
+  }
+
+  /** A mesh has come: show the robot as a whole again, unless a person has moved the view. */
+  added() {
+    if (!this.moved) this.framed = false;
+    this.shown = "";
+    this.request();
   }
 
   addGaze(robot, camera) {
@@ -218,6 +236,7 @@ export class RobotScene {
   /** Show robot and frustum as a whole, once. */
   frame() {
     const box = new THREE.Box3();
+    this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
     if (box.isEmpty()) return;
     this.framed = true;
