@@ -59,7 +59,7 @@ setup(
     maintainer="head_tracking maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-df56c0b7.example",
     license="BSD-3-Clause",
-    python_requires=">=3.11",
+    python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: [

@@ -12,7 +12,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -21,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest import mock
+
+import tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "head_tracking"

@@ -258,7 +258,7 @@ class Cycle:
         turn to pass. While there is one, the plan is made anew in each cycle.
         """
         now, planned = self._monotonic(), self._changes.count
-        together: dict[tuple[ReadMethod, *tuple[object, ...]], list[tuple[Joint, Servo]]] = {}
+        together: dict[tuple[ReadMethod, object, object], list[tuple[Joint, Servo]]] = {}
         alone: list[_Part] = []
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
@@ -268,7 +268,7 @@ class Cycle:
             method = _method(servo)
             if not servo.failed_cycles:
                 own = servo.id if method is ReadMethod.EACH else None
-                together.setdefault((method, own, *servo.layout), []).append((joint, servo))
+                together.setdefault((method, own, servo.layout), []).append((joint, servo))
             elif servo.ask_at <= now:
                 alone.append(_part(ReadMethod.EACH, [(joint, servo)]))
         self._plan = [*[_part(key[0], members) for key, members in together.items()], *alone]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 import struct
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
@@ -20,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+from head_tracking.compatibility import tomllib
 from head_tracking.dynamixel.control_table import (
     NUMBER,
     Block,

@@ -434,7 +434,7 @@ class HeadControl:
         """The highest speed now [rad/s]: low after a STOP, rising while no target is met."""
         if not self.is_cautious:
             return math.inf
-        return CAUTIOUS_SPEED * math.exp2(max(0.0, self._cautious_for - _CAUTIOUS_TIME))
+        return CAUTIOUS_SPEED * math.pow(2.0, max(0.0, self._cautious_for - _CAUTIOUS_TIME))
 
     def approached(self, error: float) -> None:
         """End the caution where the head misses a target by little [rad], or has become fast."""

@@ -16,10 +16,10 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, suppress
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.configuration import ConfiguredHead, configured_head
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -55,6 +55,8 @@ from head_tracking.transforms import (
 )
 
 if TYPE_CHECKING:
+    from typing import Self
+
     from head_tracking.vision import Camera, CameraFollower, Detector, DistanceParameters, Pixels
 
 __all__ = [

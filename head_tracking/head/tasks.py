@@ -9,9 +9,9 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
     JointPoint,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import NamedTuple
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.page.joint_control import Servo
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import Health, Level

@@ -6,7 +6,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from enum import StrEnum
 from functools import wraps
 from typing import Any, NamedTuple, ParamSpec
 
@@ -14,6 +13,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.path import Path
 from head_tracking.page.stop import Stop

@@ -7,8 +7,9 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import TextIO
+
+from head_tracking.compatibility import StrEnum
 
 _CLEAR = "\r\x1b[K"
 _FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"

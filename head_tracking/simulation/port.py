@@ -13,13 +13,16 @@ import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Final, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
 from head_tracking.simulation.models import Named, simulated_model
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
+
+if TYPE_CHECKING:
+    from typing import Self
 
 _T = TypeVar("_T")
 

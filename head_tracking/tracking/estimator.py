@@ -6,9 +6,9 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import NamedTuple
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import Sight
 from head_tracking.parameters import parameter
 from head_tracking.tracking.multiple_model import Bearing, Bearings

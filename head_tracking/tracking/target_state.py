@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead, at_goal
 from head_tracking.parameters import parameter
 from head_tracking.tracking.laws import inside

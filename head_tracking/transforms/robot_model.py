@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from operator import itemgetter
 
+from head_tracking.compatibility import StrEnum
 from head_tracking.transforms.chain import Chain, Step, sliding, turning
 from head_tracking.transforms.exceptions import LookupException, RobotModelError
 from head_tracking.transforms.transform import Rotation, Transform, Vector3

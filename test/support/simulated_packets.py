@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
 from head_tracking.simulation.packets import (
     BROADCAST,
@@ -15,6 +15,9 @@ from head_tracking.simulation.packets import (
     encode,
     encode_status,
 )
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 class InstructionPacket(Packet):
