@@ -21,8 +21,8 @@ _ADVICE = (
     ("not found yet", "Check the servo's plug, power, id and baud rate (see `servo scan`).", ""),
     ("does not answer", "Check the servo's plug, power and id; it comes back by itself.", ""),
 )
-"""By the words in which the servo bus names them (nodes/diagnostics.py); the first that fit. Each with
-what to do and the page's command that may end it."""
+"""By the words in which the servo bus names them; the first that fit: what to do, and the command
+of the page that may end it."""
 
 _OTHERWISE = "Press STOP if the head does what it should not; the place Health has the details."
 
