@@ -95,15 +95,15 @@ def run(command: list[str], folder: Path, domain: str) -> None:
 
 def commands(code: str) -> Iterator[str]:
     """Yield the commands of a block, those that may go on for ever with an end."""
-    end = f"timeout --signal INT --kill-after 20 {SECONDS}"
     for line in code.replace("\\\n", " ").splitlines():
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
-            yield f"{end} {words}"
+            yield f"timeout {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         elif words.startswith(LONG):
-            yield f"{end} {words} || (($? == 124))"
+            yield f"timeout --signal INT --kill-after 20 {SECONDS} {words} || (($? == 124))"
         else:
             yield words
+    yield "kill $(jobs -p) 2>/dev/null || true"
     yield "wait || true"
 
 
