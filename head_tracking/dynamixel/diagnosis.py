@@ -463,7 +463,7 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             "is relaxed"
         )
     limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
-    if "Max Torque" in values and limit < 0.3 * most:
+    if {"Max Torque", "Torque Limit"} <= values.keys() and limit < 0.3 * most:
         share = limit / servo.model.load_maximum
         return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
     if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):

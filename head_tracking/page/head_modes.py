@@ -74,6 +74,9 @@ _NEEDED: Mapping[Mode, tuple[str, ...]] = {
 _FINDS: Mapping[Mode, str] = {Mode.FACE: "face", Mode.BALL: "colour", Mode.MARKER: "marker"}
 """What `visual_target` is to follow."""
 
+FOUND_IN_PICTURES = (*_FINDS, Mode.VISUAL)
+"""Modes in which `visual_target` sends the targets."""
+
 _SHOWS: Mapping[Mode, tuple[str, ...]] = {
     Mode.FACE: ("face", "faces", "everything"),
     Mode.BALL: ("ball", "everything"),

@@ -17,7 +17,7 @@ from PIL import Image
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.advice import troubles
-from head_tracking.page.head_modes import CAMERA
+from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.joint_control import joint_of
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
@@ -131,7 +131,7 @@ class Live:
         for part, add in (
             ("joints", self._motion),
             ("prediction", self._prediction),
-            ("faces", self._faces),
+            ("boxes", self._boxes),
         ):
             state |= self._attempt(part, add) or {}
         now = time.monotonic()
@@ -209,7 +209,7 @@ class Live:
         centre: Vector3 = (0.0, 0.0, 0.0)
         if head is not None:
             centre = model.transform(model.root, head.base_frame, standing).translation
-        self._path = TargetPath(view.trail_seconds, view.prediction_seconds, centre)
+        self._path = TargetPath(view.prediction_seconds, centre)
         robot = self.describe(model, head, "/head/mesh/")
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
         self.robot_text = json.dumps(
@@ -238,19 +238,37 @@ class Live:
                 self._predicted = [[round(x, 4) for x in point] for point in path.predicted()]
         return {"predicted": self._predicted}
 
-    def _faces(self) -> dict[str, Any]:
+    def _boxes(self) -> dict[str, Any]:
+        """Return what was found in the picture: what is followed, and the frames of people."""
         people = {
             name: place for name, place in self.observation.frames.items() if "person" in name
         }
-        picture = self._latest_picture("") if people else None
+        mode = self._robot.modes.mode()
+        region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
+        picture = self._latest_picture("") if people or region is not None else None
         if picture is None or self._model is None:
-            return {"faces": []}
+            return {"boxes": []}
+        camera, boxes = self._camera(picture), []
         pose = frame_pose(self._robot.buffer, self._model.root, picture.frame_id, picture.stamp)
-        if pose is None:
-            return {"faces": []}
-        camera, inverse = self._camera(picture), pose.inverse()
-        faces = (_face(name, place, inverse, camera) for name, place in sorted(people.items()))
-        return {"faces": [face for face in faces if face is not None]}
+        if region is not None:
+            left, top, across, down = region
+            width, height = camera.width, camera.height
+            target = self.observation.target
+            boxes.append(
+                {
+                    "frame": "",
+                    "label": str(mode),
+                    "box": [left / width, top / height, across / width, down / height],
+                    "distance": None
+                    if pose is None or target is None
+                    else math.dist(pose.translation, target),
+                }
+            )
+        if pose is not None:
+            inverse = pose.inverse()
+            faces = (_face(name, place, inverse, camera) for name, place in sorted(people.items()))
+            boxes += [face for face in faces if face is not None]
+        return {"boxes": boxes}
 
     def _slowly(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
@@ -352,6 +370,7 @@ def _face(name: str, place: Transform, T_camera_root: Transform, camera: Camera)
     across, down = camera.width, camera.height
     return {
         "frame": name,
+        "label": name.replace("_", " "),
         "box": [left / across, top / down, side / across, side / down],
         "distance": math.hypot(*point),
     }

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from std_msgs.msg import Bool, Float64, String
 
 from head_tracking.recording.recording import ERRORS
@@ -39,6 +39,7 @@ _UNWATCHED = 3.0  # s
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _NEWEST = QoSProfile(depth=1)
+_REGION = "visual_target/roi"
 
 
 class Heard(NamedTuple):
@@ -115,6 +116,8 @@ class OtherTopics:
         now = time.monotonic()
         looked_at = [n for n in images if now - self._watched.get(n, -math.inf) < _UNWATCHED]
         wanted: dict[str, type] = dict.fromkeys(looked_at, Image)
+        if now - self._watched.get(_REGION, -math.inf) < _UNWATCHED:
+            wanted[_REGION] = RegionOfInterest
         for name in looked_at:
             wanted |= {
                 info: CameraInfo
@@ -194,6 +197,18 @@ class OtherTopics:
             for name, heard in sorted(latest.items())
             if now - heard.at < _SILENT or _source(name) in silent
         )
+
+    def region(self) -> tuple[int, int, int, int] | None:
+        """Return the box of what `visual_target` follows: left, top, width, height [pixels].
+
+        None if nothing was found lately. To ask keeps the subscription: finding things costs time.
+        """
+        self._watched[_REGION] = now = time.monotonic()
+        heard = self._heard.get(_REGION)
+        if heard is None or now - heard.at > _FRESH:
+            return None
+        box = heard.what
+        return int(box.x_offset), int(box.y_offset), int(box.width), int(box.height)
 
     def images(self) -> tuple[str, ...]:
         """Topics with pictures."""

@@ -99,7 +99,7 @@ class Replays:
         one = self._open[key]
         seen = one.recording.at(time)
         return json.dumps(
-            {"type": "state", **motion_of(seen, one.model, one.head), "faces": []}
+            {"type": "state", **motion_of(seen, one.model, one.head), "boxes": []}
             | {"word": "replay", "text": seen.state or "a recording", "time": time}
         )
 

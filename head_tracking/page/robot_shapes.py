@@ -19,7 +19,7 @@ class RobotForBrowser(NamedTuple):
 
     Attributes:
         about: its joints, shapes and head, for JSON.
-        meshes: binary STL.
+        meshes: binary STL; of kind `coloured`: binary glTF.
     """
 
     about: dict[str, Any]
@@ -75,9 +75,10 @@ def described(
                 about |= {"kind": "cylinder", "size": [radius, length]}
             case Sphere(radius):
                 about |= {"kind": "sphere", "size": [radius]}
-            case Mesh(mesh):
-                about |= {"kind": "mesh", "mesh": f"{meshes_at}{len(meshes)}"}
-                meshes.append(bytes(mesh.export(file_type="stl")))
+            case Mesh(mesh, coloured):
+                kind = "coloured" if coloured else "mesh"
+                about |= {"kind": kind, "mesh": f"{meshes_at}{len(meshes)}"}
+                meshes.append(bytes(mesh.export(file_type="glb" if coloured else "stl")))
             case Missing():
                 about |= {"kind": "box", "size": [_MISSING_SIZE] * 3, "rgba": [0.9, 0.25, 0.25, 1]}
         shapes.append(about)

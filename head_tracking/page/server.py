@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import json
 import math
 import socket
@@ -42,6 +43,7 @@ _MARK = "x-head-tracking"
 _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
 _START, _END = 10.0, 2.0  # s
+_PORTS = 20  # that are tried
 _UNWATCHED = 0.2  # s between samples while no browser watches
 
 Command = Callable[[dict[str, Any]], Outcome]
@@ -133,6 +135,7 @@ class Page:
                 log_level="critical",
                 access_log=False,
                 ws_max_size=_LARGEST_REQUEST,
+                ws_per_message_deflate=False,  # it would cost more than all else that is sent
                 timeout_graceful_shutdown=1,
             )
         )
@@ -504,23 +507,29 @@ def _json(what: Any, status: int = 200) -> Response:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket that is bound to an address.
+    """Return a socket that listens at an address; at the next free port where the port is taken.
 
     Raises:
         ParameterError: the address can't be listened on.
     """
-    listening = None
     try:
         family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen(128)  # browsers that come before the server runs wait for it
+        for number in range(port, min(port + _PORTS, 65536)) if port else (0,):
+            with contextlib.ExitStack() as attempt:
+                listening = attempt.enter_context(socket.socket(family, kind))
+                listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                try:
+                    listening.bind((address[0], number, *address[2:]))
+                except OSError as error:
+                    if error.errno != errno.EADDRINUSE:
+                        raise
+                    continue
+                listening.listen(128)  # browsers that come before the server runs wait for it
+                attempt.pop_all()
+                return listening
     except OSError as error:
-        if listening is not None:
-            listening.close()
         raise ParameterError(
             f"The page can't listen on {host!r}, port {port}: {error}. Give 127.0.0.1, 0.0.0.0 or "
-            "an address of this machine, and a free port."
+            "an address of this machine."
         ) from error
-    return listening
+    raise ParameterError(f"The ports {port} to {number} are taken: give another `port`.")

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import numpy as np
-import numpy.typing as npt
 import trimesh
 import yourdfpy
 
-from head_tracking.transforms import RobotModel, Transform, Vector3
+from head_tracking.transforms import Transform, Vector3
 
 _GREY = (0.6, 0.6, 0.62, 1.0)
 
@@ -121,32 +119,6 @@ def robot_look(urdf: str, find_package: FindPackage = lambda _: None) -> Look:
                 notices.append(f"{link.name}: {loaded[shape.geometry.filename]}")
             shapes.append(shape)
     return Look(tuple(shapes), tuple(dict.fromkeys(notices)))
-
-
-def triangles(model: RobotModel, look: Look) -> npt.NDArray[np.float64]:
-    """All that is to be seen of a robot with its joints at 0, in its root [m]; shape (N, 3, 3)."""
-    standing = dict.fromkeys(model.independent_joints, 0.0)
-    found = [np.empty((0, 3, 3))]
-    for shape in look.shapes:
-        mesh = _solid(shape.geometry)
-        if mesh is not None:
-            place = model.transform(model.root, shape.link, standing) @ shape.T_link_shape
-            found.append(place.apply_many(mesh.vertices)[mesh.faces])
-    return np.concatenate(found)
-
-
-def _solid(geometry: Box | Cylinder | Sphere | Mesh | Missing) -> trimesh.Trimesh | None:
-    match geometry:
-        case Box(size):
-            return trimesh.creation.box(size)
-        case Cylinder(radius, length):
-            return trimesh.creation.cylinder(radius, length, sections=24)
-        case Sphere(radius):
-            return trimesh.creation.icosphere(2, radius)
-        case Mesh(mesh):
-            return mesh
-        case Missing():
-            return None
 
 
 def mesh_file(address: str, find_package: FindPackage) -> Path:

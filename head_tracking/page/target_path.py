@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 from head_tracking.gaze import Sight
 from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.transforms import Vector3
 
-_JUMP = 0.3  # m: from one sample to the next; farther is another target
 _STEPS = 12
 _RECEDING = 0.05  # 1/s: a target whose distance changes slower stands still
 _CLOSE = 1e-3  # m
@@ -18,21 +16,19 @@ _DEVIATIONS = 3.0  # of a speed; up to there a target may stand still as well
 
 
 class TargetPath:
-    """The target's last positions, and the tracker's own estimate of its motion.
+    """The tracker's own estimate of how its target moves on.
 
     Times are in nanoseconds; points are in one frame that stands still [m].
 
     Args:
-        trail: how long positions are kept [s].
         ahead: how far the prediction goes [s].
         head: where the head is: the estimator thinks in angles seen from there.
     """
 
-    def __init__(self, trail: float, ahead: float, head: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        self._trail = round(trail * 1e9)
+    def __init__(self, ahead: float, head: Vector3 = (0.0, 0.0, 0.0)) -> None:
         self._ahead = ahead
         self._head = head
-        self._points: deque[tuple[int, Vector3]] = deque()
+        self._last: tuple[int, Vector3] | None = None
         self._estimator = TargetEstimator(EstimatorParameters())
         self._estimator.horizon = ahead
         self._now = 0
@@ -47,17 +43,11 @@ class TargetPath:
         """
         stamp = now if stamp is None else stamp
         if point is None or now < self._now:
-            self._points.clear()
+            self._last = None
             self._estimator.reset()
         self._now = now
-        if point is not None and (not self._points or stamp > self._points[-1][0]):
+        if point is not None and (self._last is None or stamp > self._last[0]):
             self._take(stamp, point)
-        while self._points and now - self._points[0][0] > self._trail:
-            self._points.popleft()
-
-    def trail(self) -> list[Vector3]:
-        """The positions, oldest first [m]."""
-        return [point for _, point in self._points]
 
     def predicted(self) -> list[Vector3]:
         """The way from the last position on [m]; empty if the target stands still, for all we know.
@@ -80,9 +70,7 @@ class TargetPath:
         return [self._point(estimate.sight_at(time)) for time in times]
 
     def _take(self, stamp: int, point: Vector3) -> None:
-        if self._points and math.dist(point, self._points[-1][1]) > _JUMP:
-            self._points.clear()
-        self._points.append((stamp, point))
+        self._last = stamp, point
         sight = self._sight(point)
         if sight is not None:
             self._estimator.add(stamp * 1e-9, sight, self._now * 1e-9)

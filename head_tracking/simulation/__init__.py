@@ -3,7 +3,7 @@
 from head_tracking.simulation.bus import Answer, FaultInjection, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError, UnknownServoError
 from head_tracking.simulation.faults import LINE_FAULTS, SERVO_FAULTS, Fault, Faults
-from head_tracking.simulation.port import SimulatedJoints, SimulatedPort
+from head_tracking.simulation.port import SimulatedJoints, SimulatedPort, mounted_servos
 from head_tracking.simulation.serial_line import (
     Overlap,
     SerialLine,
@@ -33,4 +33,5 @@ __all__ = [
     "UnknownServoError",
     "Write",
     "WriteLog",
+    "mounted_servos",
 ]

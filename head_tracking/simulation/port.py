@@ -340,6 +340,10 @@ class Mount(Protocol):
         """-1 if rising ticks are falling positions, else 1."""
 
     @property
+    def offset(self) -> int | None:
+        """What its memory adds to its position, ticks; None: nothing."""
+
+    @property
     def reverse(self) -> bool | None:
         """Whether its Drive Mode counts ticks in reverse; None: it does not."""
 
@@ -371,13 +375,7 @@ class SimulatedJoints:
 
     def __init__(self, joints: Iterable[Mounting]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
-        servos = [_servo(mount) for joint in self._joints.values() for mount in joint.calibrations]
-        bus = SimulatedBus(servos)
-        for joint in self._joints.values():
-            if len(joint.calibrations) == 2:
-                one, other = joint.calibrations
-                bus.couple(one.id, other.id, _turns(one) * _turns(other))
-        self.port = SimulatedPort(bus, paced=True)
+        self.port = SimulatedPort(mounted_servos(self._joints.values()), paced=True)
 
     @property
     def port_name(self) -> str:
@@ -397,13 +395,30 @@ class SimulatedJoints:
         self.port.close()
 
 
+def mounted_servos(joints: Iterable[Mounting]) -> SimulatedBus:
+    """Return a bus with the servos of joints, each joint at position 0."""
+    pairs = [joint.calibrations for joint in joints]
+    bus = SimulatedBus([_servo(mount) for mounts in pairs for mount in mounts])
+    for mounts in pairs:
+        if len(mounts) == 2:
+            one, other = mounts
+            bus.couple(one.id, other.id, _turns(one) * _turns(other))
+    return bus
+
+
 def _servo(mount: Mount) -> SimulatedServo:
-    """Return a servo that stands at its joint's position 0."""
-    if not mount.reverse:
-        return SimulatedServo(mount.id, mount.model, position=mount.init)
-    center = simulated_model(mount.model).center
-    servo = SimulatedServo(mount.id, mount.model, position=2 * center - mount.init)
-    servo.set_register("Drive Mode", 1)
+    """Return a servo that stands at its joint's position 0, with the memory that it needs."""
+    model, init = simulated_model(mount.model), mount.init
+    if mount.offset and model.is_feetech:
+        init = (init + mount.offset) % model.ticks
+    elif mount.offset and model.control == "profile":
+        init -= mount.offset
+    position = 2 * model.center - init if mount.reverse else init
+    servo = SimulatedServo(mount.id, mount.model, position=position)
+    if mount.reverse:
+        servo.set_register("Drive Mode", 1)
+    if mount.offset:
+        servo.set_offset(mount.offset)
     return servo
 
 

@@ -68,10 +68,10 @@ class PredictiveLawParameters:
     """How calmly the head moves."""
 
     max_joint_acceleration: float = parameter(
-        50.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
+        80.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
     )
     max_joint_jerk: float = parameter(
-        3000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
+        6000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
     )
     dead_band: float = parameter(
         0.004,
@@ -311,6 +311,7 @@ class _JointLaw:
 
 
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
+_SHORTEST = 1e-4  # s between two commands; simulated clocks can stand still
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
 _MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
@@ -421,6 +422,7 @@ class PredictiveLaw(TrackingLaw):
         elapsed = now - self._stepped
         self._stepped = now
         anew = not 0.0 <= elapsed <= max(_LONGEST_PAUSE, 3.0 * self._period)
+        elapsed = max(elapsed, _SHORTEST)
         if anew:
             self._aimed, elapsed = None, self._period
         for joint, position, velocity in zip(
@@ -488,9 +490,13 @@ class PredictiveLaw(TrackingLaw):
                     now,
                     self._period,
                     elapsed,
-                    MotionLimits(min(speed, limits.velocity), acceleration, p.max_joint_jerk),
+                    MotionLimits(
+                        min(speed, limits.velocity),
+                        acceleration,
+                        p.max_joint_jerk,
+                        self.limits.lead_target_angle,
+                    ),
                     p.dead_band,
-                    self.limits.lead_target_angle,
                 )
             )
         (pan, pan_speed), (tilt, tilt_speed) = goals

@@ -199,7 +199,7 @@ def test_the_page_and_three_js_are_served_from_here(client: httpx.Client) -> Non
             assert client.get(part).status_code == 200, part
 
 
-def test_an_address_that_is_taken_is_refused(robot: _Robot, page: Page) -> None:
+def test_an_address_of_another_machine_is_refused(robot: _Robot) -> None:
     with pytest.raises(ParameterError):
         Page(
             robot,  # type: ignore[arg-type]
@@ -208,3 +208,18 @@ def test_an_address_that_is_taken_is_refused(robot: _Robot, page: Page) -> None:
             lambda _: None,
             print,
         )
+
+
+def test_a_port_that_is_taken_is_left_to_who_has_it(robot: _Robot, page: Page) -> None:
+    second = Page(
+        robot,  # type: ignore[arg-type]
+        PageParameters(port=page.port),
+        ViewParameters(),
+        lambda _: None,
+        print,
+    )
+    try:
+        assert second.port != page.port
+        assert httpx.get(f"http://127.0.0.1:{second.port}/", timeout=30.0).status_code == 200
+    finally:
+        second.close()

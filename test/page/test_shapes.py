@@ -1,8 +1,12 @@
+import io
+
 import numpy as np
 import pytest
 import trimesh
 
+from head_tracking.page.robot_shapes import described
 from head_tracking.page.shapes import Box, Cylinder, Mesh, Missing, Sphere, mesh_file, robot_look
+from head_tracking.transforms import parse_robot_model
 
 
 def urdf(geometry: str, material: str = "") -> str:
@@ -98,3 +102,18 @@ def test_a_shape_that_makes_no_sense_is_left_out(geometry, material):
 def test_blanks_in_addresses_may_be_quoted(tmp_path):
     (tmp_path / "a b.stl").touch()
     assert mesh_file(f"file://{tmp_path}/a%20b.stl", lambda _: None) == tmp_path / "a b.stl"
+
+
+def test_meshes_are_sent_in_a_format_that_keeps_their_colours(package, robot):
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    box.visual.face_colors = np.tile([[200, 10, 10, 255]], (len(box.faces), 1))
+    box.export(package / "red.ply")
+    visual = '<visual><geometry><mesh filename="file://{}/{}"/></geometry></visual>'
+    visuals = "".join(visual.format(package, name) for name in ("box.stl", "red.ply"))
+    text = f'<robot name="r"><link name="a">{visuals}</link></robot>'
+    found = described(parse_robot_model(text), robot_look(text), None, 1.0, "/mesh/")
+    assert [shape["kind"] for shape in found.about["shapes"]] == ["mesh", "coloured"]
+    assert [shape["mesh"] for shape in found.about["shapes"]] == ["/mesh/0", "/mesh/1"]
+    for mesh, kind in zip(found.meshes, ("stl", "glb"), strict=True):
+        again = trimesh.load(io.BytesIO(mesh), file_type=kind, force="mesh")
+        assert again.extents == pytest.approx([1.0, 1.0, 1.0])

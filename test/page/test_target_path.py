@@ -8,8 +8,8 @@ from head_tracking.page.target_path import TargetPath
 SECOND = 1_000_000_000
 
 
-def filled(way, seconds=2.0, rate=25, trail=5.0, ahead=0.5) -> TargetPath:
-    path = TargetPath(trail, ahead)
+def filled(way, seconds=2.0, rate=25, ahead=0.5) -> TargetPath:
+    path = TargetPath(ahead)
     for step in range(round(seconds * rate) + 1):
         path.add(SECOND + round(step / rate * SECOND), way(step / rate))
     return path
@@ -17,13 +17,6 @@ def filled(way, seconds=2.0, rate=25, trail=5.0, ahead=0.5) -> TargetPath:
 
 def circling(t: float) -> tuple[float, float, float]:
     return math.cos(t), math.sin(t), 0.5
-
-
-def test_the_trail_forgets():
-    path = filled(lambda t: (0.1 * t, 0.0, 1.0), seconds=10.0, trail=2.0)
-    trail = path.trail()
-    assert trail[-1] == pytest.approx((1.0, 0.0, 1.0))
-    assert trail[0] == pytest.approx((0.8, 0.0, 1.0))
 
 
 def test_the_prediction_is_right_for_as_long_as_the_tracker_believes_in_it():
@@ -36,14 +29,14 @@ def test_what_the_head_sees_from_its_own_place_is_drawn_where_it_is():
     def way(t: float) -> tuple[float, float, float]:
         return 4.0 + 0.3 * t, 2.0, 1.0
 
-    path = TargetPath(5.0, 0.2, (3.0, 2.0, 0.5))
+    path = TargetPath(0.2, (3.0, 2.0, 0.5))
     for step in range(51):
         path.add(SECOND + round(step / 25 * SECOND), way(step / 25))
     assert path.predicted()[-1] == pytest.approx(way(2.2), abs=0.01)
 
 
 def test_points_count_with_their_own_stamps():
-    path = TargetPath(5.0, 0.2)
+    path = TargetPath(0.2)
     rng = np.random.default_rng(1)
     now = SECOND
     for step in range(60):
@@ -51,7 +44,6 @@ def test_points_count_with_their_own_stamps():
         now = stamp + round(rng.uniform(0.05, 0.07) * SECOND)  # they come when they come
         path.add(now, (1.0, 0.5 * step / 30, 0.5), stamp)
         path.add(now + 1000, (1.0, 0.5 * step / 30, 0.5), stamp)  # and are seen twice
-    assert len(path.trail()) == 60
     x, y, z = path.predicted()[-1]
     expected = 0.5 * ((now - SECOND) / SECOND + 0.2)
     assert y / x == pytest.approx(expected, abs=0.005)  # by the times of arrival it is 0.03 off
@@ -65,7 +57,7 @@ def test_a_target_at_rest_has_no_path_ahead():
 
 def test_a_shaky_picture_of_a_target_at_rest_has_none_either():
     rng = np.random.default_rng(2)
-    path = TargetPath(5.0, 0.5)
+    path = TargetPath(0.5)
     drawn = 0
     for step in range(250):
         path.add(SECOND + step * SECOND // 25, (1.0, *rng.normal(0.0, 0.003, 2)))
@@ -76,13 +68,12 @@ def test_a_shaky_picture_of_a_target_at_rest_has_none_either():
 def test_a_jump_is_another_target():
     path = filled(lambda t: (1.0, math.sin(t), 0.5))
     path.add(10 * SECOND, (-3.0, 0.0, 0.0))
-    assert path.trail() == [(-3.0, 0.0, 0.0)]
     assert path.predicted() == []
 
 
 def test_a_target_that_is_not_seen_any_more_is_expected_nowhere():
     path = filled(circling)
-    last = path.trail()[-1]
+    last = circling(2.0)
     path.add(round(3.2 * SECOND), last, 3 * SECOND)
     assert path.predicted()
     path.add(round(3.6 * SECOND), last, 3 * SECOND)
@@ -92,7 +83,6 @@ def test_a_target_that_is_not_seen_any_more_is_expected_nowhere():
 def test_no_target_clears_it():
     path = filled(circling)
     path.add(4 * SECOND, None)
-    assert path.trail() == []
     assert path.predicted() == []
 
 
@@ -102,4 +92,3 @@ def test_a_recording_that_starts_again_is_shown_as_the_first_time():
     for step in range(51):
         path.add(SECOND + round(step / 25 * SECOND), circling(step / 25))
     assert path.predicted() == first
-    assert len(path.trail()) == 51

@@ -165,6 +165,7 @@ def test_centre_turns_the_head_to_the_middle(robot, page):
 
 
 def test_the_pad_turns_the_head_by_mouse_and_by_keys(robot, page):
+    robot.at_rest()
     page.locator("#pad").focus()
     before = robot.true("head_pan_joint")
     page.keyboard.press("ArrowRight")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 from typing import Any
@@ -20,11 +21,12 @@ class ReadingClient:
     """
 
     def __init__(self, port: int, *, keep: bool = False) -> None:
+        from websockets.exceptions import ConnectionClosed
         from websockets.sync.client import connect
 
         self.received = 0
         self.messages: list[dict[str, Any]] = []
-        self._keep = keep
+        self._keep, self._closed = keep, ConnectionClosed
         self._socket = connect(f"ws://127.0.0.1:{port}/head/live", max_size=None)
         self._thread = threading.Thread(target=self._read)
         self._thread.start()
@@ -42,6 +44,7 @@ class ReadingClient:
         for data in self._socket:
             self.received += len(data)
             if isinstance(data, bytes):
-                self._socket.send("got")
+                with contextlib.suppress(self._closed):
+                    self._socket.send("got")
             elif self._keep:
                 self.messages.append(json.loads(data))

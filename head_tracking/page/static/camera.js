@@ -83,27 +83,26 @@ export class CameraPicture {
     for (const id of ["overlay", "labels"]) for (const [key, value] of Object.entries(inner)) by(id).style[key] = `${value}px`;
   }
 
-  mark(faces, mode) {
-    const seen = new Set(faces.map((face) => face.frame));
+  /** Mark what was found; a box without a frame is what the head follows. */
+  mark(boxes) {
+    const seen = new Set(boxes.map((one) => one.frame));
     for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
-    for (const [number, face] of faces.entries()) {
-      const { box, label } = this.faces.get(face.frame) ?? this.add(face.frame);
-      const [x, y, width, height] = face.box;
+    for (const one of boxes) {
+      const { box, label } = this.faces.get(one.frame) ?? this.add(one.frame);
+      const [x, y, width, height] = one.box;
       for (const [key, value] of Object.entries({ x, y, width, height })) box.setAttribute(key, value);
-      const followed = mode === "face" && number === 0;
-      box.classList.toggle("on", followed);
-      label.classList.toggle("on", followed);
       label.style.left = `${100 * Math.min(Math.max(x, 0), 0.8)}%`;
       label.style.top = `${100 * Math.min(Math.max(y, 0.1), 1)}%`;
       label.hidden = x > 1 || x + width < 0;
-      write(label, `${face.frame.replaceAll("_", " ")} · ${face.distance.toFixed(1)} m`);
+      write(label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
     }
   }
 
   add(frame) {
     const box = element(by("overlay"), "rect", { rx: 0.02 });
     const label = element(by("labels"), "button", { type: "button" });
-    label.onclick = () => this.follow(frame);
+    if (frame) label.onclick = () => this.follow(frame);
+    else for (const node of [box, label]) node.classList.add("on");
     this.faces.set(frame, { box, label });
     return this.faces.get(frame);
   }

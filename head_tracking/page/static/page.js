@@ -171,7 +171,7 @@ class Page {
     const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
     this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp);
-    this.camera.mark(state.faces ?? [], this.about?.mode);
+    this.camera.mark(state.boxes ?? []);
     this.chart.add(state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
     this.steer.showPad(pan, tilt, state.wanted);
     if (!this.replay.opened) this.joints.follow(state.joints ?? []);

@@ -1,7 +1,7 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
-import { THREE, OrbitControls, STLLoader } from "nicegui-scene";
+import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
-const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // m, pixels, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
 function lineOf(colour, points, kind = THREE.Line) {
@@ -37,11 +37,15 @@ export class RobotScene {
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
     place.append(this.renderer.domElement);
+    const gl = this.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
+    this.isSlow = /swiftshader|llvmpipe|software/i.test(about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 50);
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.request());
+    this.controls.addEventListener("start", () => { this.moved = this.isHeld = true; });
+    this.controls.addEventListener("end", () => { this.isHeld = false; });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8088a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
     sun.position.set(2, -3, 4);
@@ -57,7 +61,7 @@ export class RobotScene {
     this.prediction = lineOf(COLOURS.prediction, 64);
     this.points = [];
     this.parts = { trail: this.trail, prediction: this.prediction };
-    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
     this.listen(onFloor);
     new ResizeObserver(() => this.resize()).observe(place);
@@ -82,28 +86,30 @@ export class RobotScene {
   /** Draw a part, or leave it out. */
   want(part, isWanted) {
     this.wanted[part] = isWanted;
-    if (this.parts[part]) this.parts[part].visible = isWanted;
+    for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
     this.request();
   }
 
   resize() {
     const { clientWidth, clientHeight } = this.place;
     if (!clientWidth || !clientHeight) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.isSlow ? 1 : Math.min(devicePixelRatio, 2));
     this.renderer.setSize(clientWidth, clientHeight);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
     this.request();
   }
 
-  /** Draw once, soon; nothing is drawn while nothing changes or the place is not shown. */
+  /** Draw once, soon; nothing while nothing changes. Without a graphics card the robot goes first. */
   request() {
     if (this.requested || !this.place.clientWidth) return;
     this.requested = true;
-    requestAnimationFrame(() => {
+    const render = () => {
       this.requested = false;
+      this.due = performance.now() + (this.isSlow && !this.isHeld ? SLOW_PERIOD : PERIOD);
       this.renderer.render(this.scene, this.camera);
-    });
+    };
+    setTimeout(() => requestAnimationFrame(render), Math.max(0, (this.due ?? 0) - performance.now()));
   }
 
   setRobot(robot) {
@@ -127,16 +133,30 @@ export class RobotScene {
         const mesh = new THREE.Mesh(geometry, material);
         put(mesh, shape.place);
         link(shape.link).add(mesh);
-        this.request();
+        this.added();
       };
-      if (shape.kind === "mesh") loader.load(shape.mesh, add);
+      if (shape.kind === "coloured") {
+        new GLTFLoader().load(shape.mesh, ({ scene }) => {
+          put(scene, shape.place);
+          link(shape.link).add(scene);
+          this.added();
+        });
+      } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
       else add(geometryOf(shape));
     }
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    for (const [part, node] of Object.entries(this.parts)) node.visible = this.wanted[part];
+    this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
+    for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
-    this.framed = false;
+    this.framed = this.moved = false;
+  }
+
+  /** A mesh has come: show the robot as a whole again, unless a person has moved the view. */
+  added() {
+    if (!this.moved) this.framed = false;
+    this.shown = "";
+    this.request();
   }
 
   addGaze(robot, camera) {
@@ -218,6 +238,7 @@ export class RobotScene {
   /** Show robot and frustum as a whole, once. */
   frame() {
     const box = new THREE.Box3();
+    this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
     if (box.isEmpty()) return;
     this.framed = true;
