@@ -64,7 +64,7 @@ setup(
     package_data={
         NAME: [
             "py.typed",
-            "viewer/bar.js",
+            "page/static/*",
             "dynamixel/tables/*.toml",
             "feetech/tables/*.toml",
             "simulation/facts/*.csv",

@@ -89,7 +89,7 @@ add() {
 }
 
 add_opencv() { add vision "OpenCV and a net that finds faces (70 MB to download)" vision.txt; }
-add_viewer() { add viewer "viser and mcap (15 MB to download)" viewer.txt; }
+add_viewer() { add viewer "NiceGUI and mcap (25 MB to download)" viewer.txt; }
 add_contenders() { add benchmark "what to compare and draw with" benchmark.txt; }
 
 # select_environment run|test

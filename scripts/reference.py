@@ -106,7 +106,7 @@ def read_interfaces() -> Iterator[Interface]:
         rclpy.init(args=["--ros-args", "--log-level", "fatal"])
         stack.callback(rclpy.try_shutdown)
         for name in NODES:
-            module = import_module(f"head_tracking.nodes.{name}")
+            module = import_module(f"head_tracking.{NODES[name]}.{name}")
             kind = getattr(module, name.title().replace("_", "") + "Node")
             given: dict[str, Any] = {
                 "parameter_overrides": [

@@ -40,19 +40,19 @@ ALLOWED: dict[str, set[str]] = {
     "tf": {"transforms", "ros"},
     "ros": CORE | {"tf", "share", "recording", "output", "programs"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
-    "viewer": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
+    "page": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
     | {"recording", "control"},
-    "nodes": {"control", "parameters", "recording", "ros", "share", "tf", "viewer"},
+    "nodes": {"control", "parameters", "recording", "ros", "share", "tf", "page"},
     "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),
     "__main__": {"run", "ros", "output", "programs"},
-    "run": CORE | {"tf", "ros", "viewer", "share", "output", "command_line", "programs"},
+    "run": CORE | {"tf", "ros", "page", "share", "output", "command_line", "programs"},
 }
 """Which rooms a room may look into, besides itself and `exceptions`."""
 
 ONLY_IN = {
     "cv2": {"vision/opencv.py"},
-    "yourdfpy": {"transforms/urdf.py", "viewer/shapes.py"},
+    "yourdfpy": {"transforms/urdf.py", "page/shapes.py"},
     "xacro": {"transforms/urdf.py"},
     "rich": {"cli/servo/bench.py", "cli/servo/overview.py"},
 }
@@ -116,7 +116,7 @@ def test_timers_of_nodes_run_on_the_steady_clock():
         if isinstance(call, ast.Call)
         and isinstance(call.func, ast.Attribute)
         and call.func.attr == "create_timer"
-        and room(path) != "viewer"
+        and room(path) != "page"
         and path.stem != "viewer"
     }
     assert calls == {"ros/kit/spinning.py": {"clock"}, "tf/listener.py": {"clock"}}

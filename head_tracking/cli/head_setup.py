@@ -30,8 +30,8 @@ _LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "viewer": (
         "the page in a browser, with its recordings,",
         (
-            "viser>=1.1,<2", "mcap>=1.6,<2", "mcap-ros2-support>=0.6,<0.7", "lz4>=4,<5",
-            "zstandard>=0.22,<1",
+            "nicegui>=3.18,<4", "pillow>=10,<13", "mcap>=1.6,<2", "mcap-ros2-support>=0.6,<0.7",
+            "lz4>=4,<5", "zstandard>=0.22,<1",
         ),
     ),
     # OpenCV from 4.12 on says that it needs numpy 2, which Ubuntu 24.04 does not have.

@@ -15,6 +15,11 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.parameters import parameter
 
+_REVERSE: Final = (
+    "Bit 0 (reverse) of Drive Mode that min and max belong to; a servo with another one is "
+    "refused; -1: it is not checked."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class ServoBusParameters:
@@ -153,6 +158,7 @@ class MotorParameters:
     init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
     min: int = parameter(0, "The joint's lower limit.", unit="ticks")
     max: int = parameter(1023, "The joint's upper limit.", unit="ticks")
+    reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +171,7 @@ class SecondMotorParameters:
     init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
     min: int = parameter(0, "The joint's lower limit.", unit="ticks", fixed=True)
     max: int = parameter(1023, "The joint's upper limit.", unit="ticks", fixed=True)
+    reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
 
 
 TUTORIAL_HEAD: Final[dict[str, dict[str, Any]]] = {
@@ -208,7 +215,13 @@ def configured_joint(
     second = None
     if second_motor.id >= 0:
         second = ServoCalibration(
-            name, second_motor.id, second_motor.init, second_motor.min, second_motor.max, model
+            name,
+            second_motor.id,
+            second_motor.init,
+            second_motor.min,
+            second_motor.max,
+            model,
+            reverse=_reverse(second_motor),
         )
     return JointConfiguration(
         name,
@@ -221,4 +234,9 @@ def configured_joint(
         max_speed=controller.max_speed or None,
         model=model,
         second=second,
+        reverse=_reverse(motor),
     )
+
+
+def _reverse(motor: MotorParameters | SecondMotorParameters) -> bool | None:
+    return None if motor.reverse < 0 else bool(motor.reverse)

@@ -29,6 +29,8 @@ class ServoCalibration:
         model: The servo's model.
         offset: What the servo's own memory added to its position, ticks, when this was measured;
             a servo with another offset is refused. None: it is not checked.
+        reverse: Whether the servo's Drive Mode counted ticks in reverse when this was measured; a
+            servo with another Drive Mode is refused. None: it is not checked.
         direction: -1 if rising ticks are falling positions, else 1.
         scale: What one tick more is for the joint's position, rad.
         lowest_turn: Lowest tick of the turn around the middle of the range. A servo whose scale
@@ -45,6 +47,7 @@ class ServoCalibration:
     max: int = 1023
     model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
     offset: int | None = None
+    reverse: bool | None = None
     direction: int = field(init=False, repr=False, compare=False)
     scale: float = field(init=False, repr=False, compare=False)
     lowest_turn: int = field(init=False, repr=False, compare=False)
@@ -62,6 +65,10 @@ class ServoCalibration:
                 )
         if self.offset is not None:
             self._check_offset(self.offset)
+        if self.reverse is not None and "Drive Mode" not in self.model.modes:
+            raise ConfigurationError(
+                f"{self.joint_name}: an {self.model.name} has no Drive Mode; leave reverse out"
+            )
         low, high = self.tick_range
         if low == high or not low <= self.init <= high:
             raise ConfigurationError(
@@ -88,6 +95,14 @@ class ServoCalibration:
                 f"{self.joint_name}: offset: {offset!r} is not possible for the {register.name} of "
                 f"an {self.model.name}: {cause}"
             ) from cause
+
+    def mirrored(self) -> tuple[int, int, int]:
+        """Return what init, min and max are with the other direction of Drive Mode."""
+        last = self.model.ticks - 1
+        init, low, high = (
+            min(last, 2 * self.model.center - tick) for tick in (self.init, self.min, self.max)
+        )
+        return init, low, high
 
     @property
     def tick_range(self) -> tuple[int, int]:

@@ -15,7 +15,6 @@ from typing import Final
 from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
@@ -37,66 +36,34 @@ _CAUSES: Final = (
 # What the bus and the programs that look at servos have in common
 
 
-def lowest_supply(model: ServoModel, lowest_voltage: float, share: float = 0.8) -> float:
-    """Return the voltage below which a supply is low, V.
-
-    Args:
-        model: The servo's model.
-        lowest_voltage: The servo's own limit; 0.5 V above it is the least.
-        share: Of the voltage that the model is made for; more where nothing moves.
-    """
-    return max(share * model.nominal_voltage, lowest_voltage + 0.5)
-
-
-def low_supply(servo: Servo, lowest: float) -> str:
-    """Return a sentence if a servo's supply is below a voltage, else nothing."""
-    if servo.voltage >= lowest:
-        return ""
-    return (
-        f"its supply is down to {servo.voltage:.1f} V, of {servo.model.nominal_voltage:.1f} V that "
-        "it is made for: charge the battery, or take a stronger supply"
-    )
-
-
-def warm_from(warm: float, temperature_limit: float) -> float:
-    """Return the temperature, °C, from which a servo is too warm.
-
-    Args:
-        warm: That of the settings.
-        temperature_limit: At which it shuts itself down; it is warm 8 degrees below.
-    """
-    return min(warm, temperature_limit - 8.0)
-
-
-def warmth(servo: Servo, warm: float) -> str:
-    """Return a sentence if an identified servo is as warm as that, °C, else nothing."""
-    identity = servo.identity
-    if identity is None or servo.temperature < warm:
-        return ""
-    return (
-        f"it is at {servo.temperature:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts "
-        "itself down: what does it work against?"
-    )
-
-
-def conditions(servo: Servo, warm: float, share: float = 0.8) -> dict[Symptom, str]:
+def conditions(
+    servo: Servo, warm: float, share: float = 0.8, slack: float = 0.0
+) -> dict[Symptom, str]:
     """Return what one reading of an identified servo tells: supply and heat, a sentence each.
 
     Args:
         servo: The servo, as read last.
-        warm: See `warm_from`.
-        share: See `lowest_supply`.
+        warm: Temperature from which a servo is too warm, °C; 8 degrees below its own limit at most.
+        share: Of the voltage that the model is made for; less is low, and so is anything up to
+            0.5 V above its own limit.
+        slack: Degrees below that at which one that was too warm is so no longer.
     """
-    identity = servo.identity
+    identity, volts, celsius = servo.identity, servo.voltage, servo.temperature
+    found: dict[Symptom, str] = {}
     if identity is None:
-        return {}
-    found = {
-        Symptom.SUPPLY: low_supply(
-            servo, lowest_supply(servo.model, identity.lowest_voltage, share)
-        ),
-        Symptom.WARM: warmth(servo, warm_from(warm, identity.temperature_limit)),
-    }
-    return {symptom: text for symptom, text in found.items() if text}
+        return found
+    nominal = servo.model.nominal_voltage
+    if volts < share * nominal or volts < identity.lowest_voltage + 0.5:
+        found[Symptom.SUPPLY] = (
+            f"its supply is down to {volts:.1f} V, of {nominal:.1f} V that it is made for: charge "
+            "the battery, or take a stronger supply"
+        )
+    if celsius >= min(warm, identity.temperature_limit - 8.0) - slack:
+        found[Symptom.WARM] = (
+            f"it is at {celsius:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts itself "
+            "down: what does it work against?"
+        )
+    return found
 
 
 def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
@@ -135,9 +102,7 @@ class _Watch:
         self.goals: deque[int] = deque(maxlen=5)
         self.target: tuple[int, ...] = ()
         self.outcome = ""
-        self.usual_voltage = self.lowest = 0.0
-        self.warm = math.inf
-        self.jump = self.away_speed = 0.0
+        self.usual_voltage = self.jump = self.away_speed = 0.0
         self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
         self.rest_since, self.rest_position, self.rest_error, self.owed = 0, 0.0, 0.0, 0.0
 
@@ -186,12 +151,6 @@ def _frozen(watch: _Watch) -> str:
     )
 
 
-def _low_supply(watch: _Watch) -> str:
-    """Find a voltage below what the servo needs."""
-    text = low_supply(watch.servo, watch.lowest)
-    return text if text and watch.lasting("low supply", 0.06) else ""
-
-
 def _sag(watch: _Watch) -> str:
     """Find a voltage that falls by a tenth of what the model is made for, in a short time."""
     volts, usual = watch.servo.voltage, watch.usual_voltage
@@ -203,12 +162,6 @@ def _sag(watch: _Watch) -> str:
         f"its supply falls from {usual:.1f} to {volts:.1f} V under load: too weak, or a thin cable "
         "or bad plug"
     )
-
-
-def _warmth(watch: _Watch) -> str:
-    """Find a temperature near that at which it shuts itself down; 3 degrees less end it."""
-    slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
-    return warmth(watch.servo, watch.warm - slack)
 
 
 def _line(watch: _Watch) -> str:
@@ -320,15 +273,12 @@ Detector = tuple[Symptom, Callable[[_Watch], str]]
 LINE: Final[tuple[Detector, ...]] = ((Symptom.LINE, _line),)
 """For a servo with a failed transaction since the last examination, also if it was not read."""
 
-MOTION: Final[tuple[Detector, ...]] = ((Symptom.JUMP, _jump), (Symptom.FROZEN, _frozen))
-"""For every servo that was read."""
-
-SUPPLY: Final[tuple[Detector, ...]] = (
-    (Symptom.SUPPLY, _low_supply),
+READ: Final[tuple[Detector, ...]] = (
+    (Symptom.JUMP, _jump),
+    (Symptom.FROZEN, _frozen),
     (Symptom.SAG, _sag),
-    (Symptom.WARM, _warmth),
 )
-"""For a servo whose voltage is not as usual, or that is not cool."""
+"""For every servo that was read."""
 
 FOLLOWING: Final[tuple[Detector, ...]] = (
     (Symptom.AWAY, _away),
@@ -402,12 +352,12 @@ class Diagnosis:
             step = math.remainder(step, servo.model.ticks * watch.tick)
         watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
         if watch.identity is not servo.identity:
-            self._know(watch)
-        volts = servo.voltage
-        usual = volts == watch.usual_voltage and volts >= watch.lowest
-        self._find(watch, MOTION)
-        if not usual or servo.temperature >= watch.warm - 3.0:
-            self._find(watch, SUPPLY)
+            watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
+        self._find(watch, READ)
+        slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
+        for symptom, text in conditions(servo, self._bus.settings.warm, slack=slack).items():
+            if symptom is Symptom.WARM or watch.lasting("low supply", 0.06):
+                self._report(watch, symptom, text)
         if not joint.on or joint.busy or not joint.goal_ticks:
             watch.forget_motion()
             if watch.target and not joint.busy:
@@ -421,16 +371,6 @@ class Diagnosis:
         for symptom, find in FOLLOWING:
             if text := find(watch):
                 self._suspect(watch, symptom, text)
-
-    def _know(self, watch: _Watch) -> None:
-        """Take over what a servo says of itself when it is found."""
-        servo = watch.servo
-        watch.identity = identity = servo.identity
-        watch.usual_voltage = servo.voltage
-        watch.step = 0.0
-        if identity is not None:
-            watch.lowest = lowest_supply(servo.model, identity.lowest_voltage)
-            watch.warm = warm_from(self._bus.settings.warm, identity.temperature_limit)
 
     def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
         """Ask a servo why, unless that is known and it is still the same."""
@@ -523,7 +463,7 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             "is relaxed"
         )
     limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
-    if "Max Torque" in values and limit < 0.3 * most:
+    if {"Max Torque", "Torque Limit"} <= values.keys() and limit < 0.3 * most:
         share = limit / servo.model.load_maximum
         return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
     if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):

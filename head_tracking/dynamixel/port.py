@@ -192,9 +192,6 @@ class DynamixelPort:
 
         Returns:
             In the order of their ids the reply of each servo, or why there is none.
-
-        Raises:
-            PortLostError: The device has gone.
         """
         line = self._line or self._open_line()
         found: list[Reply | CommunicationError] = []
@@ -234,12 +231,7 @@ class DynamixelPort:
         return found
 
     def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
-        """Read `length` bytes from `address` on.
-
-        Raises:
-            CommunicationError: No usable reply.
-            PortLostError: The device has gone.
-        """
+        """Read `length` bytes from `address` on."""
         group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
         (outcome,) = self.read_group(group)
         if isinstance(outcome, CommunicationError):
@@ -249,12 +241,7 @@ class DynamixelPort:
     # Other instructions
 
     def ping(self, servo_id: int, protocol: int = 1) -> int:
-        """Ask a servo whether it is there; return its error byte.
-
-        Raises:
-            CommunicationError: No usable reply.
-            PortLostError: The device has gone.
-        """
+        """Ask a servo whether it is there; return its error byte."""
         packet = encode_packet(protocol, servo_id, Instruction.PING)
         request = request_for(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
         self._late.expect(request)  # also a late reply says that it is there
@@ -280,22 +267,13 @@ class DynamixelPort:
 
         With `acknowledged` its status is waited for; servos with a Status Return Level below 2
         send none.
-
-        Raises:
-            CommunicationError: No usable reply.
-            PortLostError: The device has gone.
         """
         packet = write_packet(protocol, servo_id, address, data)
         what = f"write of {len(data)} byte(s) at {address}"
         return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
 
     def reboot(self, servo_id: int, protocol: int = 2) -> None:
-        """Restart a servo of protocol 2.0 or, without a reply, of Feetech; it is deaf for a while.
-
-        Raises:
-            CommunicationError: No usable reply.
-            PortLostError: The device has gone.
-        """
+        """Restart a servo of protocol 2.0 or of Feetech, which sends no reply; it is deaf then."""
         packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
         self._command(request_for(packet, protocol, servo_id, 0, "reboot"), protocol == 2)
 
@@ -318,8 +296,6 @@ class DynamixelPort:
 
         Raises:
             LineBusyError: There was no gap; nothing was sent.
-            CommunicationError: The packet cannot be sent.
-            PortLostError: The device has gone.
         """
         if not data:
             return
@@ -332,11 +308,7 @@ class DynamixelPort:
             raise self._lost(cause) from cause
 
     def find_all(self) -> dict[int, tuple[int, int]]:
-        """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet.
-
-        Raises:
-            PortLostError: The device has gone.
-        """
+        """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet."""
         line = self._open_line()
         found: dict[int, tuple[int, int]] = {}
         # Each servo waits until those with lower ids have had their time; dynamixel_sdk reckons so.
@@ -481,7 +453,7 @@ class DynamixelPort:
         """Return whether a reply is a late one; if so, learn from it how long replies take."""
         late = self._late.take(protocol, status)
         if late is not None:
-            self._timeout.learn_late(late)
+            self._timeout.learn(min(late, 2.0 * self._timeout.allowance, LONGEST))
         return late is not None
 
     def _note_surplus(self, servo_id: int) -> None:

@@ -47,6 +47,7 @@ EEPROM_PAUSE: Final = 0.025
 some 6 ms per byte afterwards (fact sheet, section 9)."""
 
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
+_REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
 _LONGEST_READ: Final = 64  # bytes
 _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
@@ -398,6 +399,7 @@ class Servo:
         try:
             _check_mode(self, memory, lower, upper)
             _check_offset(self, memory)
+            _check_direction(self, memory)
             self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
             problem = cause
@@ -781,4 +783,24 @@ def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
             f"servo {servo.id} ({servo.calibration.joint_name}) has {register.name} {offset} in "
             f"its memory, but the configuration was made with offset {wanted}: calibrate it "
             f"again, or `servo set {servo.id} '{register.name}' {wanted}`"
+        )
+
+
+def _check_direction(servo: Servo, memory: Mapping[str, int]) -> None:
+    """Refuse a servo that counts its ticks in the other direction than when it was calibrated.
+
+    Drive Mode is kept in EEPROM: another vendor's driver may have reversed it. The joint would turn
+    away from each target.
+    """
+    calibration = servo.calibration
+    if calibration.reverse is None:
+        return
+    mode = memory["Drive Mode"]
+    if bool(mode & _REVERSE) != calibration.reverse:
+        wanted, (init, low, high) = mode ^ _REVERSE, calibration.mirrored()
+        raise ServoSetupError(
+            f"servo {servo.id} ({calibration.joint_name}) has Drive Mode {mode} in its memory, and "
+            f"turns in the other direction than configured (reverse: {int(calibration.reverse)}). "
+            f"`servo set {servo.id} 'Drive Mode' {wanted}`, or configure reverse: "
+            f"{mode & _REVERSE}, init: {init}, min: {low}, max: {high}"
         )

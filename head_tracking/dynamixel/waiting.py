@@ -60,10 +60,6 @@ class ReplyTimeout:
             wanted = _SHORTEST
         self.allowance = wanted if wanted < LONGEST else LONGEST
 
-    def learn_late(self, latency: float) -> None:
-        """Take account of a reply that was found after that time, s, and came before."""
-        self.learn(min(latency, 2.0 * self.allowance, LONGEST))
-
 
 class LateReplies:
     """Replies that may still come after the wait for them has ended.

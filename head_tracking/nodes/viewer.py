@@ -13,12 +13,12 @@ from rclpy.node import Node
 
 from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.page import MISSING, installed
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.viewer import MISSING, installed
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,17 @@ class ViewerNode(Node):
         buffer: fed by another node of this process; None: this node listens itself.
 
     Raises:
-        HeadTrackingError: viser is missing, or the address can't be listened on; says what to do.
+        HeadTrackingError: NiceGUI is missing, or the address can't be listened on; says what to do.
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         if not installed():
             raise HeadTrackingError(MISSING)
+        from head_tracking.page.access import is_loopback
+        from head_tracking.page.live import ViewParameters
+        from head_tracking.page.robot import Robot
+        from head_tracking.page.server import Page, PageParameters
         from head_tracking.recording.recorder import RecorderParameters
-        from head_tracking.viewer.gaze_scene import ViewParameters
-        from head_tracking.viewer.page import Page, PageParameters
-        from head_tracking.viewer.robot import Robot
-        from head_tracking.viewer.server import is_loopback
 
         super().__init__("viewer", **options)
         p = NodeParameters(self, ViewerParameters).value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -9,14 +10,14 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from head_tracking.ros.kit.own_thread import OwnThread
 from head_tracking.ros.kit.spinning import describe
+from head_tracking.ros.kit.urgent_services import UrgentServices
 
 
 class NodeStarterNode(Node):
     """Offers a service for each node that can be started, by its name.
 
-    Starting takes a while, and waits for other nodes: it has a thread of its own.
+    Starting takes a while, and waits for other nodes, but not for those of this process.
 
     Args:
         start: starts a node by its name, unless it runs already.
@@ -28,22 +29,23 @@ class NodeStarterNode(Node):
     ) -> None:
         super().__init__("node_starter", **options)
         self._start = start
-        self._own = OwnThread(self, f"{self.get_name()}_answering")
+        self._starting = threading.Lock()
+        self._answering = UrgentServices(self)
         for name in startable:
-            service = f"{self.get_fully_qualified_name()}/{name}"
-            self._own.node.create_service(Trigger, service, partial(self._on_request, name))
-        self._own.start()
+            self._answering.offer(Trigger, f"~/{name}", partial(self._on_request, name))
+        self._answering.start()
 
     def destroy_node(self) -> None:
         """Start no more nodes."""
-        self._own.close()
+        self._answering.close()
         super().destroy_node()
 
     def _on_request(
         self, name: str, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
-            self._start(name)
+            with self._starting:
+                self._start(name)
             response.success, response.message = True, f"{name} runs"
         except Exception as error:  # whatever keeps a node from starting is the answer
             response.message = describe(error)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from head_tracking.command_line import point_in_frame, seconds, with_points
+from head_tracking.page import MISSING, installed
 from head_tracking.programs import COMMANDS
 from head_tracking.run.node_sets import (
     HEAD,
@@ -25,7 +26,6 @@ from head_tracking.run.node_sets import (
     simulated_camera,
 )
 from head_tracking.share import robot_parameters
-from head_tracking.viewer import MISSING, installed
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from typing import Final, Protocol, Self, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
-from head_tracking.simulation.models import Named
+from head_tracking.simulation.models import Named, simulated_model
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
 
@@ -339,6 +339,10 @@ class Mount(Protocol):
     def direction(self) -> int:
         """-1 if rising ticks are falling positions, else 1."""
 
+    @property
+    def reverse(self) -> bool | None:
+        """Whether its Drive Mode counts ticks in reverse; None: it does not."""
+
 
 class Mounting(Protocol):
     """How servos drive a joint, such as the driver's `JointConfiguration`."""
@@ -367,16 +371,12 @@ class SimulatedJoints:
 
     def __init__(self, joints: Iterable[Mounting]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
-        servos = [
-            SimulatedServo(mount.id, mount.model, position=mount.init)
-            for joint in self._joints.values()
-            for mount in joint.calibrations
-        ]
+        servos = [_servo(mount) for joint in self._joints.values() for mount in joint.calibrations]
         bus = SimulatedBus(servos)
         for joint in self._joints.values():
             if len(joint.calibrations) == 2:
                 one, other = joint.calibrations
-                bus.couple(one.id, other.id, one.direction * other.direction)
+                bus.couple(one.id, other.id, _turns(one) * _turns(other))
         self.port = SimulatedPort(bus, paced=True)
 
     @property
@@ -395,3 +395,18 @@ class SimulatedJoints:
 
     def __exit__(self, *_: object) -> None:
         self.port.close()
+
+
+def _servo(mount: Mount) -> SimulatedServo:
+    """Return a servo that stands at its joint's position 0."""
+    if not mount.reverse:
+        return SimulatedServo(mount.id, mount.model, position=mount.init)
+    center = simulated_model(mount.model).center
+    servo = SimulatedServo(mount.id, mount.model, position=2 * center - mount.init)
+    servo.set_register("Drive Mode", 1)
+    return servo
+
+
+def _turns(mount: Mount) -> int:
+    """Return 1 if the shaft turns counter-clockwise for rising positions, else -1."""
+    return -mount.direction if mount.reverse else mount.direction

@@ -24,11 +24,13 @@ class MotionLimits:
         speed: [rad/s].
         acceleration: [rad/s^2].
         jerk: [rad/s^3].
+        lead: how far ahead of the set-point a goal may be [rad].
     """
 
     speed: float
     acceleration: float
     jerk: float
+    lead: float = math.inf
 
 
 class JointMotion:
@@ -132,7 +134,8 @@ class JointMotion:
 
 _CALM = 0.1  # s; for so long a joint must have been where it should be
 _SETTLED = 0.2  # s after which a joint that stopped short is helped
-_AIM = 1.0  # s; over which the place of a joint at rest is averaged, and aimed at again
+_AIM = 1.0  # s; over which the place of a joint at rest is averaged, and small errors wait
+_FINE = 0.25  # of the dead band; smaller errors are not mended
 _SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
 _UNLIKELY = 4.0  # standard deviations; at 3, noise alone would wake a joint every few seconds
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
@@ -170,14 +173,9 @@ class Rest:
     def __init__(self) -> None:
         self.goal: float | None = None
         self.near = False
-        self._place = 0.0
+        self._place = 0.0  # mean of where the joint should be since it rests
         self._calm_since: float | None = None
-        self._mean = 0.0
-        self._helped = self._aimed = self._judged = 0.0
-
-    def wake(self) -> None:
-        """The joint moves."""
-        self.goal = self._calm_since = None
+        self._judged = self._helped = self._side = 0.0
 
     def judge(
         self,
@@ -188,13 +186,13 @@ class Rest:
         dead_band: float,
         now: float,
     ) -> None:
-        """Decides whether the joint rests.
+        """Decide whether the joint rests.
 
         Args:
             reference: where it should be.
             off: by how much its intended motion is not there [rad].
             speed: of its intended motion [rad/s].
-            setpoint: where the servo would stay if it were told nothing any more [rad].
+            setpoint: where the servo stays if no other command comes [rad].
             dead_band: errors below this are left alone [rad].
             now: the time [s].
         """
@@ -202,42 +200,39 @@ class Rest:
         slow = min(max(2.0 * reference.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(reference.velocity) <= slow
         if self.goal is not None:
-            if abs(reference.position - self._place) > band or abs(reference.velocity) > 2.5 * slow:
-                self.wake()
+            away = reference.position - self._place
+            if abs(away) > band or abs(reference.velocity) > 2.5 * slow:
+                self.goal = self._calm_since = None
                 return
-            self._mean += min((now - self._judged) / _AIM, 1.0) * (reference.position - self._mean)
-            self._judged = now
-            off = self._mean - self._place
-            if abs(off) > 0.5 * dead_band and now - self._aimed >= _AIM:
-                self.goal += off
-                self._place, self._aimed = self._mean, now
-            return
-        if not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
+            self._place += min((now - self._judged) / _AIM, 1.0) * away
+        elif not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
             self._calm_since = None
-            return
-        if self._calm_since is None:
+        elif self._calm_since is None:
             self._calm_since = now
-        if now - self._calm_since >= _CALM:
+        elif now - self._calm_since >= _CALM:
             self.goal, self._place = setpoint, reference.position
-            self._mean = reference.position
-            self._helped = self._aimed = self._judged = now
+            self._helped, self._side = now, 0.0
+        self._judged = now
 
     def help(self, measured: float, stamp: float, dead_band: float) -> None:
-        """Move the goal of a joint that came to rest beside its place.
+        """Move the goal of a joint that rests beside its place.
+
+        Small errors are mended slowly, and only to one side: the next one to the other side is a
+        step of the encoder.
 
         Args:
             measured: where it stands [rad].
             stamp: when that was [s].
             dead_band: errors below this are left alone [rad].
         """
-        short = self._place - measured
-        if self.goal is None or abs(short) <= max(dead_band, _STEP):
+        short, coarse = self._place - measured, max(dead_band, _STEP)
+        fine = _FINE * dead_band if short * self._side >= 0.0 else coarse
+        waited = stamp - self._helped
+        if self.goal is None or abs(short) <= (fine if waited >= _AIM else coarse):
             return
-        if stamp - self._helped >= _SETTLED:
-            self._helped = stamp
+        if waited >= _SETTLED:
+            self._helped, self._side = stamp, short
             ahead = self.goal - self._place + short
-            if ahead * short < 0.0:
-                ahead = math.copysign(_STEP, short)
             self.goal = self._place + min(max(ahead, -_FARTHEST_HELP), _FARTHEST_HELP)
 
 
@@ -305,7 +300,6 @@ class JointController:
         elapsed: float,
         limits: MotionLimits,
         dead_band: float,
-        lead: float,
     ) -> tuple[float, float]:
         """Return the goal [rad] and the speed [rad/s] to command now.
 
@@ -316,9 +310,8 @@ class JointController:
             elapsed: since the last command [s].
             limits: how the joint may move.
             dead_band: at rest, errors below this are left alone [rad].
-            lead: the farthest goal ahead [rad].
         """
-        self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band, lead)
+        self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band)
         self._speed = max(abs(speed), _SLOWEST)
         return self._goal, self._speed
 
@@ -330,7 +323,6 @@ class JointController:
         elapsed: float,
         limits: MotionLimits,
         dead_band: float,
-        lead: float,
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
         # what the shaft cannot do is not planned; its set-point may do it
@@ -349,7 +341,7 @@ class JointController:
             servo.hold(now, goal)
             return goal, min(_REST_SPEED, limits.speed)
         if self._watch.problem and abs(reference.position - servo.reading[1]) > _AWAY:
-            return self._push(reference, now, limits, lead)
+            return self._push(reference, now, limits)
         astray = servo.astray(now)
         if astray is not None:
             motion.position, motion.velocity = astray
@@ -357,7 +349,7 @@ class JointController:
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
         arrival = (
-            self._arrival(reference, setpoint, period, elapsed, able, lead)
+            self._arrival(reference, setpoint, period, elapsed, limits, able)
             if rest.near and astray is None
             else None
         )
@@ -367,7 +359,7 @@ class JointController:
             end = motion.position + motion.velocity * period + self._side * servo.dead_band
             speed = (end - setpoint) / period
             speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
-            goal = self._goal_ahead(reference, setpoint, speed, period, lead)
+            goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
         return goal, speed
 
@@ -378,24 +370,24 @@ class JointController:
         period: float,
         elapsed: float,
         limits: MotionLimits,
-        lead: float,
+        able: MotionLimits,
     ) -> tuple[float, float] | None:
-        """The goal and the signed speed for a reference at rest: the servo itself stops there.
+        """Return goal and signed speed for a reference at rest: the servo itself stops there.
 
-        None while the joint moves away from it, or is too far from it.
+        None while the joint moves away from it. The set-point accelerates as `limits` allow, at a
+        speed from which a shaft that is `able` to do less can brake.
         """
         goal = self._joint.clamp(reference.position)
         way, last = goal - setpoint, self.servo.speed
         change = limits.acceleration * elapsed
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
-        if away or abs(way) > lead:
+        if away or abs(way) > limits.lead:
             return None
-        # so fast that the joint, which moves on like this for the delay, can still brake
         left = abs(goal - self.servo.reading[1])
-        lost = limits.acceleration * self.servo.delay
-        braking = math.sqrt(lost * lost + 2.0 * limits.acceleration * left) - lost
+        lost = able.acceleration * self.servo.delay
+        braking = math.sqrt(lost * lost + 2.0 * able.acceleration * left) - lost
         fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
-        return goal, math.copysign(min(fast, abs(last) + change, limits.speed), way)
+        return goal, math.copysign(min(fast, abs(last) + change, able.speed), way)
 
     def _goal_ahead(
         self, reference: Reference, setpoint: float, speed: float, period: float, lead: float
@@ -411,12 +403,11 @@ class JointController:
         least = way * setpoint + abs(speed) * period  # a motion that brakes may go beyond
         return self._joint.clamp(way * max(min(ahead, farthest), least))
 
-    def _push(
-        self, reference: Reference, now: float, limits: MotionLimits, lead: float
-    ) -> tuple[float, float]:
+    def _push(self, reference: Reference, now: float, limits: MotionLimits) -> tuple[float, float]:
         """The goal and the speed for a joint that stands; released, it goes no farther."""
         stamp, position = self.servo.reading
-        way = min(max(self._joint.clamp(reference.position) - position, -lead), lead)
+        way = self._joint.clamp(reference.position) - position
+        way = min(max(way, -limits.lead), limits.lead)
         speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
         self.motion.rest_at(position)
         self.motion.velocity = speed

@@ -68,10 +68,10 @@ class PredictiveLawParameters:
     """How calmly the head moves."""
 
     max_joint_acceleration: float = parameter(
-        50.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
+        80.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
     )
     max_joint_jerk: float = parameter(
-        3000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
+        6000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
     )
     dead_band: float = parameter(
         0.004,
@@ -488,9 +488,13 @@ class PredictiveLaw(TrackingLaw):
                     now,
                     self._period,
                     elapsed,
-                    MotionLimits(min(speed, limits.velocity), acceleration, p.max_joint_jerk),
+                    MotionLimits(
+                        min(speed, limits.velocity),
+                        acceleration,
+                        p.max_joint_jerk,
+                        self.limits.lead_target_angle,
+                    ),
                     p.dead_band,
-                    self.limits.lead_target_angle,
                 )
             )
         (pan, pan_speed), (tilt, tilt_speed) = goals

@@ -63,7 +63,7 @@ SOURCES = """\
 """
 
 COUNT_FRAMES = """() => {
-  const info = window.__viserTestpoints.rendererInfo.render;
+  const info = window.headPage.scene.renderer.info.render;
   window.frameCount = {offered: 0, drawn: 0};
   let last = info.frame;
   const tick = () => {
@@ -148,7 +148,7 @@ def _read_only(run: SimulatedRun) -> tuple[float, float]:
         used, start = processor_time(run.viewer_pid), time.monotonic()
         time.sleep(SECONDS)
         seconds = time.monotonic() - start
-        updates = client.named("SetPositionMessage", "/target")
+        updates = client.named("state")
         return len(updates) / seconds, (processor_time(run.viewer_pid) - used) / seconds
     finally:
         client.close()
@@ -179,7 +179,7 @@ def left_open(minutes: float) -> str:
     with SimulatedRun("--viewer") as run, open_browser() as browser:
         viewer = run.viewer_pid
         page = open_page(browser, run.port, 600, 500)
-        open_tab(page, "Health")  # what changes most
+        open_tab(page, "health")  # what changes most
         debugger = page.context.new_cdp_session(page)
         debugger.send("Performance.enable")
         start = time.monotonic()

@@ -71,7 +71,6 @@ def main() -> int:
         visitor = Visitor(page, run.port)
         first_sight(visitor)
         page.wait_for_timeout(15e3)  # the strip needs something to show
-        visitor.close_notices()
         page.wait_for_timeout(3e3)
         pictures = first_good(visitor)
     if not pictures:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from browser import choose, open_browser, open_tab, row
+from browser import open_browser, open_tab
 from simulated_run import SimulatedRun, own_domain
 from visitor import Visitor, face, first_sight
 
@@ -16,7 +16,6 @@ LARGEST = 300_000  # bytes
 
 def take(visitor: Visitor, path: Path) -> int:
     """Takes a picture; how large it is [bytes]."""
-    visitor.close_notices()
     visitor.page.wait_for_timeout(2e3)
     visitor.page.screenshot(path=path)
     size = path.stat().st_size
@@ -35,14 +34,9 @@ def main() -> int:
         face(visitor)
         visitor.page.wait_for_timeout(1e3 * SETTLING)
         sizes.append(take(visitor, folder / "viewer.png"))
-        for tab in ("Joints", "Tune", "Health", "View"):
-            open_tab(visitor.page, tab)
-            if tab == "View":
-                choose(visitor.page, "Frames", "all frames")
-                row(visitor.page, "Reachable field").locator("input").first.click(force=True)
-            sizes.append(take(visitor, folder / f"viewer-{tab.lower()}.png"))
-        choose(visitor.page, "Frames", "none")
-        row(visitor.page, "Reachable field").locator("input").first.click(force=True)
+        for place in ("joints", "tune", "health", "record"):
+            open_tab(visitor.page, place)
+            sizes.append(take(visitor, folder / f"viewer-{place}.png"))
         visitor.page.close()
         width, height = PHONE
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")

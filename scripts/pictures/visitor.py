@@ -6,16 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from browser import choose, open_tab, row
+from browser import choose_mode, open_tab
 
 PATIENCE = 60.0  # s: without a graphics card a browser takes its time
-_MEAN = """() => {
-  const image = document.getElementById("head-image");
-  if (!image?.naturalWidth) return null;
-  const canvas = document.createElement("canvas").getContext("2d");
-  canvas.drawImage(image, 0, 0, 1, 1);
-  return [...canvas.getImageData(0, 0, 1, 1).data.slice(0, 3)];
-}"""
+_HAS_PICTURE = "document.getElementById('picture').naturalWidth > 0"
 
 
 class Failed(Exception):
@@ -23,7 +17,7 @@ class Failed(Exception):
 
 
 class Visitor:
-    """A person before a page.
+    """A person before a page, whom it does not welcome any more.
 
     Attributes:
         page: Playwright's.
@@ -32,37 +26,31 @@ class Visitor:
     def __init__(self, page: Any, port: int) -> None:
         self.page = page
         self.page.set_default_timeout(1e3 * PATIENCE)
-        self.page.goto(f"http://127.0.0.1:{port}/?fixedDpr=1.0")
-        self.page.get_by_role("tab", name="Joints").wait_for()
-
-    def text(self, name: str) -> str:
-        """The text of an element; empty if it is not there."""
-        found = self.page.locator(f"#{name}")
-        return str(found.first.inner_text()) if found.count() else ""
+        self.page.add_init_script("localStorage.setItem('head-welcomed', '1')")
+        self.page.goto(f"http://127.0.0.1:{port}/")
+        self.page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
 
     @property
     def word(self) -> str:
-        """What the badge says."""
-        return self.text("head-word").lower()
+        """What the head does, by the pill."""
+        return str(self.page.locator("#pill").get_attribute("data-word"))
 
     def sees(self, what: str, is_so: Callable[[], Any]) -> None:
-        """Waits until something is so.
+        """Wait until something is so.
 
         Raises:
-            Failed: it has not become so; says what the page said.
+            Failed: it has not become so; says what the page showed.
         """
         deadline = time.monotonic() + PATIENCE
         while not is_so():
             if time.monotonic() > deadline:
-                bar = " ".join(self.text("head-badge").split())
-                raise Failed(
-                    f"{what}: not so within {PATIENCE:.0f} s; the badge: {bar}; looks at "
-                    f"{self.text('mode')}; pan {self.text('pan')}, tilt {self.text('tilt')}"
-                )
+                pill = " ".join(self.page.locator("#pill").inner_text().split())
+                mode = self.page.evaluate("headPage.about.mode")
+                raise Failed(f"{what}: not so within {PATIENCE:.0f} s; {pill}; looks at {mode}")
             self.page.wait_for_timeout(100)
 
     def stays_on_target(self, seconds: float = 2.0) -> None:
-        """Waits until the badge has said so for a while: at first it tells of what was before."""
+        """Wait until the head has been on target for a while [s]."""
         since = time.monotonic()
 
         def stays() -> bool:
@@ -73,26 +61,17 @@ class Visitor:
 
         self.sees("on target, and stays so", stays)
 
-    def close_notices(self) -> None:
-        """Closes what viser says about the browser, and what else pops up."""
-        for button in self.page.locator(".mantine-Notification-closeButton").all():
-            button.dispatch_event("click")
-
 
 def first_sight(visitor: Visitor) -> None:
-    """The robot by its name, what its camera sees, and what the colours mean, without a click."""
+    """The robot by its name, and what its camera sees, without a click."""
     visitor.sees("the robot's name", lambda: visitor.page.title() == "kinectbot")
-    visitor.sees("the camera's picture", lambda: visitor.page.evaluate(_MEAN))
-    visitor.sees("a legend", lambda: "target" in visitor.text("head-legend"))
+    visitor.sees("the camera's picture", lambda: visitor.page.evaluate(_HAS_PICTURE))
     visitor.sees("on target", lambda: visitor.word == "on target")
-    visitor.close_notices()
 
 
 def face(visitor: Visitor) -> None:
     """The head follows a face that its camera finds."""
-    open_tab(visitor.page, "Steer")
-    choose(visitor.page, "Look at", "face")
-    visitor.sees("it looks at a face", lambda: visitor.text("mode") == "face")
+    open_tab(visitor.page, "live")
+    choose_mode(visitor.page, "face")
     visitor.stays_on_target()
-    chosen = row(visitor.page, "Camera picture").locator("input").first
-    visitor.sees("detections", lambda: chosen.input_value() == "/visual_target/image")
+    visitor.sees("a box", lambda: visitor.page.locator("#overlay rect").count() > 0)

@@ -304,3 +304,12 @@ def test_a_wrong_command_line_is_no_verdict() -> None:
     with pytest.raises(SystemExit) as ending:
         main(["--nonsense"])
     assert ending.value.code == 3
+
+
+@pytest.mark.parametrize("rate", [57_600, 115_200])
+def test_servos_at_another_baud_rate_are_found_and_named(head: Head, rate: int) -> None:
+    head.baud_rate = rate
+    assert head.check() == Grade.RED
+    lines = [line for line in head.output.splitlines() if str(rate) in line]
+    assert [line.split()[2] for line in lines] == ["1", "2"]
+    assert all("1000000" in line for line in lines)

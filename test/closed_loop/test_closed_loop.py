@@ -83,7 +83,7 @@ def test_at_rest_the_servos_are_left_alone(head):
 
 
 def test_a_target_that_stops_is_met_and_left_alone(head):
-    outcome = run(head, lambda t: around(min(t, 1.5) - 0.5), Conditions(duration=4.0))
+    outcome = run(head, lambda t: around(min(t, 1.5) - 0.5), Conditions(duration=6.0))
     assert outcome.recording.between(2.5).maximum < 0.012
     assert len(set(outcome.goals[-50:])) == 1
 

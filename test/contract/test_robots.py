@@ -40,7 +40,7 @@ def robot(request):
 def test_there_are_the_robots_that_people_own():
     interbotix = {"pxxls", "pxxls_cam", "wxxms", "wxxmd", "vxxms", "vxxmd", "locobot"}
     humanoids = {"op3", "darwin_op", "poppy", "wolfgang"}
-    others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12"}
+    others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12", "two_sts3215"}
     assert interbotix | humanoids | others <= set(ROBOTS)
 
 

@@ -86,7 +86,7 @@ def test_cameras_and_detectors_that_are_killed_are_started_again_as_they_were(be
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-@pytest.mark.skipif(find_spec("viser") is None, reason="needs viser")
+@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
 def test_a_page_that_is_killed_is_served_again(bench):
     run = bench.start("head_tracking", "--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
     run.read_until("the robot is at http")

@@ -24,7 +24,7 @@ from head_tracking.simulation import Answer, Fault, Overlap, SimulatedBus, Simul
 
 
 @pytest.mark.parametrize("kind", Fault, ids=lambda kind: kind.name.lower())
-@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"])
 def test_each_fault_is_survived_and_passes(name: str, kind: Fault) -> None:
     ordeal = Ordeal([name, name], (kind,))
     ordeal.run(200, 0.1)
@@ -98,7 +98,7 @@ def stalled_once(stall: int) -> OnAnswers:
     return OnAnswers(line)
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
 def test_late_answer_to_a_write_is_not_taken_for_the_next_one(name: str) -> None:
     model = servo_model(name)
     torque = model.control_table["Torque Enable"].address

@@ -93,14 +93,14 @@ def calls(name: str) -> Counter[str]:
     return counted
 
 
-@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"])
 def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
     counted = calls(name)
     assert counted.total() <= 78, counted
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.001, 0.004])
-@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320"])
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"])
 def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
     name: str, latency: float
 ) -> None:

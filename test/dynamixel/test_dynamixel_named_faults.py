@@ -35,6 +35,7 @@ from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 
 AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
+STS, SCS = servo_model("STS3215"), servo_model("SCS0009")
 CYCLE = 0.02  # s
 HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.06"))
 """Simulated time without a fault: HEAD_TRACKING_HOURS=8 takes a core for half an hour."""
@@ -257,10 +258,27 @@ NAMED = {
     "wheel mode": (AX, _wheel, ("wrong mode",)),
     "operating mode, X": (XM, at_once(Operating_Mode=1), ("wrong mode", "torque lost")),
     "pushed away": (AX, _pushed, ("moves away", "blocked")),
-}
+    "supply below what the servo needs, STS": (
+        STS, _short_of_supply, ("supply low", "input voltage"),
+    ),
+    "supply that gives way, STS": (STS, _sagging, ("supply",)),
+    "supply blinks, STS": (STS, _blinks, ("no answer", "lost its torque", "torque lost")),
+    "supply blinks, SCS": (SCS, _blinks, ("no answer", "lost its torque", "torque lost")),
+    "frozen encoder, STS": (STS, _frozen, ("encoder frozen",)),
+    "blocked shaft, STS": (STS, lambda rig: rig[1].impede(1.5), ("blocked",)),
+    "blocked shaft, SCS": (SCS, lambda rig: rig[1].impede(1.5), ("blocked",)),
+    "torque limit taken away, STS": (STS, at_once(Torque_Limit=20), ("weak",)),
+    "too hot at once, STS": (
+        STS, lambda rig: setattr(rig[1], "temperature", 85.0), ("overheating", "heats up"),
+    ),
+    "overload, STS": (STS, lambda rig: rig[1].overload(), ("overload",)),
+    "overload, SCS": (SCS, lambda rig: rig[1].overload(), ("overload",)),
+    "operating mode, STS": (STS, at_once(Operating_Mode=1), ("wrong mode",)),
+    "another master, STS": (STS, _other_master, ("overruled",)),
+}  # fmt: skip
 
 
-STANDING = ("wheel mode", "another master", "pushed away")
+STANDING = ("wheel mode", "another master", "another master, STS", "pushed away")
 """What befalls a head that stands: on one that swings, their sign depends on where it just is."""
 
 
@@ -385,7 +403,7 @@ def health(rig: Rig) -> set[Symptom]:
     return set(rig.bus.statistics().servos[0].symptoms)
 
 
-@pytest.mark.parametrize("model", [AX, XM], ids=["AX", "X"])
+@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
 def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
     rig = Rig(model).connect()
     rig.still = True
@@ -422,7 +440,7 @@ def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
     assert outcome(rig) == "not reached: the servo does not answer"
 
 
-@pytest.mark.parametrize("model", [AX, XM], ids=["AX", "X"])
+@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_no_fault_is_named_where_there_is_none(model, seed: int) -> None:
     """Swings and stands in turns, with noise and lost replies."""

@@ -20,7 +20,7 @@ from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 PERIOD = 0.02
 APART = 12  # ticks; what accelerating and friction make of a stiff bracket
-MODELS = ["XM430-W350", "MX-28", "AX-12"]
+MODELS = ["XM430-W350", "MX-28", "AX-12", "STS3215"]
 
 
 class Pair:

@@ -52,10 +52,19 @@ class Expected:
         self.wanted = False
 
 
+LINES = [
+    ("AX-12", "XM430-W350"),
+    ("XL-320", "MX-28"),
+    ("STS3215", "STS3032"),
+    ("SCS0009", "SCS0009"),
+]
+"""Models that share a line."""
+
+
 class Requests(RuleBasedStateMachine):
     """Two joints on one line."""
 
-    @initialize(names=st.sampled_from([("AX-12", "XM430-W350"), ("XL-320", "MX-28")]))
+    @initialize(names=st.sampled_from(LINES))
     def start_bus(self, names: tuple[str, str]) -> None:
         models = [servo_model(name) for name in names]
         self.servos = {

@@ -112,7 +112,7 @@ class Rig:
         return [servo.register("Torque Enable") for servo in self.servos]
 
 
-MODELS = ["AX-12", "MX-28", "XM430-W350", "XL-320"]
+MODELS = ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"]
 
 
 # A fault is a fact, whatever else is asked of the joint
@@ -165,7 +165,9 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 # EEPROM
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320"])
+@pytest.mark.parametrize(
+    "name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320", "STS3215"]
+)
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
@@ -282,7 +284,7 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
         release.set()
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
 def test_closing_brakes_before_it_relaxes(name: str) -> None:
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
@@ -349,7 +351,7 @@ def test_the_driver_never_speaks_while_a_servo_does(names: list[str]) -> None:
 
 @pytest.mark.parametrize("latency", [0.0, 0.016])
 @pytest.mark.parametrize("baud_rate", [1_000_000, 57_600])
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
 def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     name: str, baud_rate: int, latency: float
 ) -> None:
@@ -381,7 +383,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350"])
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
 def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
     servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
     rig = Rig(*servos)

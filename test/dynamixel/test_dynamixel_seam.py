@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
+    ConfigurationError,
     EventKind,
     Goal,
     JointConfiguration,
@@ -244,3 +245,56 @@ def test_extended_position_mode_is_refused() -> None:
     with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0
+
+
+def reversed_in_memory(mode: int, reverse: bool | None) -> tuple[SimulatedServo, ServoBus]:
+    model = servo_model("XL430-W250")
+    servo = SimulatedServo(1, model, position=2100)
+    servo.set_register("Drive Mode", mode)
+    bench = Bench([servo])
+    joint = JointConfiguration(
+        "j", 1, 2048, 1024, 2901, controller="c", model=model, reverse=reverse
+    )
+    return servo, ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
+
+
+@pytest.mark.parametrize(("mode", "reverse"), [(0, True), (1, False)])
+def test_a_servo_that_another_driver_has_reversed_is_refused(mode: int, reverse: bool) -> None:
+    servo, bus = reversed_in_memory(mode, reverse)
+    with pytest.raises(ServoSetupError):
+        bus.connect()
+    assert servo.register("Torque Enable") == 0
+    assert servo.register("Drive Mode") == mode
+
+
+@pytest.mark.parametrize(("mode", "reverse"), [(0, False), (1, True), (1, None), (0, None)])
+def test_a_servo_that_counts_as_configured_is_used(mode: int, reverse: bool | None) -> None:
+    _, bus = reversed_in_memory(mode, reverse)
+    bus.connect()
+    bus.close()
+
+
+def test_mirrored_values_fit_the_other_drive_mode() -> None:
+    """The same angles of the shaft are named by init, min and max of both Drive Modes."""
+    servo, _ = reversed_in_memory(1, None)
+    model = servo_model("XL430-W250")
+    joint = JointConfiguration("j", 1, 2048, 1024, 2901, controller="c", model=model)
+    before = joint.position(servo.true_ticks)
+    servo.set_register("Drive Mode", 0)
+    init, low, high = joint.mirrored()
+    other = JointConfiguration("j", 1, init, low, high, controller="c", model=model)
+    assert other.position(servo.true_ticks) == pytest.approx(before)
+    assert (other.lower, other.upper) == pytest.approx((joint.lower, joint.upper))
+
+
+def test_a_time_based_profile_is_refused() -> None:
+    """Its profile velocity would be milliseconds: as another vendor's driver leaves it."""
+    servo, bus = reversed_in_memory(4, None)
+    with pytest.raises(ServoSetupError):
+        bus.connect()
+    assert servo.register("Torque Enable") == 0
+
+
+def test_a_model_without_drive_mode_has_no_reverse() -> None:
+    with pytest.raises(ConfigurationError):
+        JointConfiguration("j", 1, controller="c", reverse=True)

@@ -11,13 +11,13 @@ from std_srvs.srv import SetBool
 from waiting import wait_for
 
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 JOINTS = ["head_pan_joint", "head_tilt_joint"]

@@ -13,8 +13,8 @@ from head_tracking.run.node_sets import started_on_request
 from head_tracking.vision.opencv import OpenCVMissingError
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 NAME = "simulated_camera"

@@ -15,19 +15,17 @@ from head_tracking.dynamixel import (
     ServoState,
     ServoStatistics,
 )
-from head_tracking.dynamixel.state import Torque
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.advice import advice, troubles
+from head_tracking.page.robot import SilenceWatch
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import Health as PageHealth
 from head_tracking.ros.kit.diagnostics import Level, health_from_message
-from head_tracking.viewer.advice import advice, troubles
-from head_tracking.viewer.robot import SilenceWatch
-from head_tracking.viewer.status_panel import ROWS, health_table
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 
 SERVO = ServoStatistics(
@@ -49,17 +47,18 @@ def servo(**changes: object) -> PageHealth:
     return health_from_message(bus_diagnostics(replace(STATUS, statistics=statistics))[1])
 
 
-def test_every_column_is_filled():
-    assert set(ROWS.values()) <= servo().values.keys()
-    table = health_table([servo()])
-    for value in ("on", "35", "11.9", "0.10", "28.6°", "none", "AX-12"):
-        assert f"<td>{value}</td>" in table
+def test_there_is_a_value_for_every_gauge_of_the_page():
+    values = servo().values
+    for name, value in (("temperature", 35.0), ("voltage", 11.9), ("load", 0.1)):
+        (text,) = (text for key, text in values.items() if key.startswith(name))
+        assert float(text) == pytest.approx(value)
 
 
-def test_a_servo_that_is_lost_keeps_its_row():
-    table = health_table([servo(health=Health.LOST, torque=Torque.OFF_UNTIL_COMMANDED.value)])
-    assert "<td>off</td>" in table
-    assert "lost: it does not answer" in table
+def test_what_can_be_cleared_comes_with_its_button():
+    faulted = servo(health=Health.FAULTED, errors=HardwareErrors.OVERLOAD)
+    assert [one.mend for one in troubles([faulted], Observation(0))] == ["recover"]
+    lost = servo(health=Health.LOST)
+    assert [one.mend for one in troubles([lost], Observation(0))] == [""]
 
 
 @pytest.mark.parametrize(

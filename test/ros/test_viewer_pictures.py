@@ -5,8 +5,8 @@ import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from head_tracking.page.other_topics import pixels_of
 from head_tracking.ros.kit.images import image_message
-from head_tracking.viewer.other_topics import pixels_of
 
 RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
 

@@ -14,18 +14,18 @@ from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.head_modes import Mode
+from head_tracking.page.path import Path
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.viewer.head_modes import Mode
-from head_tracking.viewer.path import Path
 
 DEGREE = math.radians(1)
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 
 
@@ -63,28 +63,6 @@ def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
     wait_for(lambda: head_is_at(robot, 0.0))
     robot.at_rest(1.0)
     assert head_is_at(robot, 0.0)
-
-
-def test_nothing_is_commanded_while_a_recording_is_shown_but_stop(robot, seen):
-    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    seen.hold.reason = "a recording is shown"
-    for refused in (
-        seen.modes.look_at("base_link", (1.0, -0.8, 0.4)),
-        seen.modes.set_mode(Mode.OFF),
-        seen.modes.set_mode(Mode.FICTITIOUS),
-        seen.modes.centre(),
-        seen.modes.start("simulated_camera"),
-        seen.joints.move({"head_pan_joint": -0.5}),
-        seen.joints.set_torque("", False),
-        seen.joints.recover(),
-        seen.parameters.set("/head_tracker", "k_pan", 2.0),
-    ):
-        assert refused == (False, "a recording is shown")
-    assert seen.modes.mode() is Mode.TRACK
-    robot.at_rest(1.0)
-    assert head_is_at(robot, bearing(1.0, 0.8))
-    assert "head_pan_joint relaxed" in seen.stop_everything().text
 
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
@@ -305,7 +283,7 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         parse_arguments(["--sim", "--viewer"])
     assert ended.value.code == 2
-    assert "pip install 'head_tracking[viewer]'" in capsys.readouterr().err
+    assert "pip install 'head_tracking[page]'" in capsys.readouterr().err
     monkeypatch.setattr("head_tracking.nodes.viewer.installed", lambda: False)
     with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()

@@ -13,14 +13,14 @@ from rclpy.parameter import Parameter
 from waiting import wait_for
 
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.head_modes import Mode
+from head_tracking.page.path import Path
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.viewer.head_modes import Mode
-from head_tracking.viewer.path import Path
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 

@@ -1,6 +1,6 @@
 """What strangers publish on the topics that the page listens to: nothing of the page ends."""
 
-import http.client
+import json
 import math
 import random
 from collections.abc import Callable
@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import wait_for
+from websockets.sync.client import connect
 
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.diagnostics import Level
@@ -20,8 +21,8 @@ from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNod
 from head_tracking.transforms import Rotation, Transform
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 NUMBERS = (0.0, -1.0, 1e-320, 1e308, math.nan, math.inf, -math.inf)
@@ -79,13 +80,13 @@ def message_with(rnd: random.Random, kind: type) -> Any:
     return kind(**{name: filled(rnd, of) for name, of in fields.items()})
 
 
-def status(viewer: ViewerNode, what: str = "status") -> int:
-    connection = http.client.HTTPConnection("127.0.0.1", viewer.page.port, timeout=30)
-    try:
-        connection.request("GET", f"/head/{what}", headers={"X-Head-Tracking": "page"})
-        return connection.getresponse().status
-    finally:
-        connection.close()
+def told(viewer: ViewerNode) -> dict[str, Any]:
+    """What a browser that comes now is told first, of what changes slowly."""
+    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
+        while True:
+            said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
+            if said["type"] == "about":
+                return said
 
 
 def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens") -> Any:
@@ -111,7 +112,7 @@ def test_diagnostics_of_any_level_are_shown(threads, viewer, level, shown):
     publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
     assert diagnosed(publisher, viewer.robot, level).level is shown
     assert threads.failure is None
-    assert status(viewer) == 200
+    assert told(viewer)["failing"] == {}
     stranger.destroy_node()
 
 
@@ -141,7 +142,7 @@ def test_no_message_ends_the_page(threads, viewer):
     assert diagnosed(
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
     )
-    assert status(viewer) == 200
+    assert told(viewer)
     wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
     assert "stop" in bus.calls
     stranger.destroy_node()
@@ -150,7 +151,7 @@ def test_no_message_ends_the_page(threads, viewer):
 @pytest.fixture
 def gone_soon(monkeypatch) -> None:
     """A frame that is silent for a second is gone."""
-    monkeypatch.setattr("head_tracking.viewer.robot._GONE", 1.0, raising=False)
+    monkeypatch.setattr("head_tracking.page.robot._GONE", 1.0, raising=False)
 
 
 def test_frames_of_people_who_are_gone_are_left_out(gone_soon, viewer):

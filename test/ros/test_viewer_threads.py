@@ -18,15 +18,15 @@ from std_msgs.msg import Header
 from waiting import wait_for
 
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.ros.targets.placed_target import NewestTarget
 from head_tracking.transforms import Transform, TransformBuffer
-from head_tracking.viewer.head_modes import Mode
 
 pytestmark = pytest.mark.skipif(
-    find_spec("viser") is None,
-    reason="viser is missing: pip install -r requirements/viewer.txt",
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
 )
 PATIENCE = 30.0
 

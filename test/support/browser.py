@@ -5,9 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import os
-import re
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,17 +21,8 @@ PATIENCE = 120.0
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
 
 _POLITE = Path(__file__).with_name("polite_chromium")
-_ON_SCREEN = """([name, x, y, z]) => {
-  const {nodeRefFromName, camera, canvas} = window.__viserMutable, node = nodeRefFromName[name];
-  node.updateWorldMatrix(true, false);
-  camera.updateMatrixWorld();
-  const point = node.position.clone().set(x, y, z).applyMatrix4(node.matrixWorld).project(camera);
-  const {left, top, width, height} = canvas.getBoundingClientRect();
-  return [left + (point.x + 1) / 2 * width, top + (1 - point.y) / 2 * height];
-}"""
-
 _NEEDED = {
-    "viser": "pip install -r requirements/viewer.txt",
+    "nicegui": "pip install -r requirements/viewer.txt",
     "mcap_ros2": "pip install -r requirements/viewer.txt",
     "playwright": "pip install playwright",
 }
@@ -78,85 +67,82 @@ def open_browser() -> Iterator[Any]:
             browser.close()
 
 
-def open_page(
-    browser: Any, port: int, width: int = 900, height: int = 700, sharpness: float = 0.5
-) -> Any:
-    """The viewer's page, once its control panel is there."""
-    page = browser.new_page(viewport={"width": width, "height": height})
+def open_page(browser: Any, port: int, width: int = 900, height: int = 700, **context: Any) -> Any:
+    """Return the page, once the robot is there; without the welcome.
+
+    Args:
+        browser: opens it.
+        port: where the page is.
+        width: of the window [pixels].
+        height: of the window [pixels].
+        context: options of Playwright's new_page.
+    """
+    page = browser.new_page(viewport={"width": width, "height": height}, **context)
     page.set_default_timeout(1e3 * PATIENCE)
-    page.goto(f"http://127.0.0.1:{port}/?fixedDpr={sharpness}")
-    page.get_by_role("tab", name="Joints").wait_for()
+    page.add_init_script("localStorage.setItem('head-welcomed', '1')")
+    page.goto(f"http://127.0.0.1:{port}/")
+    page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
     return page
 
 
 def press(page: Any, name: str) -> None:
-    """Clicks a button, wherever it is scrolled to."""
+    """Click a button by its name, wherever it is scrolled to."""
+    button = page.get_by_role("button", name=name).first
+    button.wait_for()
     # not waiting for it to stand still, which takes ages where every picture does
-    page.get_by_role("button", name=name).first.click(force=True)
+    button.dispatch_event("click")
 
 
 def open_tab(page: Any, name: str) -> None:
-    """Brings a tab of the control panel to the front."""
-    tab = page.get_by_role("tab", name=name)
-    deadline = time.monotonic() + PATIENCE
-    while tab.get_attribute("aria-selected") != "true":
-        assert time.monotonic() < deadline, f"the tab {name} does not open"
-        tab.click(force=True)
-        page.wait_for_timeout(200)
+    """Go to a place of the page."""
+    page.locator(f"#tab-{name.lower()}").dispatch_event("click")
+    page.locator(f"#{name.lower()}").wait_for()
 
 
-def row(page: Any, label: str) -> Any:
-    """The line of the control panel with this label."""
-    labels = page.locator("label").filter(has_text=re.compile(f"^{re.escape(label)}$"))
-    return labels.locator("xpath=ancestor::*[.//input][1]").first
+def choose(page: Any, menu: str, option: str) -> None:
+    """Choose from a menu, once it offers that.
+
+    Args:
+        page: has the menu.
+        menu: its id.
+        option: the value.
+    """
+    page.locator(f"#{menu} option[value={option!r}]").wait_for(state="attached")
+    page.locator(f"#{menu}").select_option(option)
 
 
-def choose(page: Any, label: str, option: str) -> None:
-    """Chooses from a menu."""
-    entry = page.get_by_role("option", name=option, exact=True)
-    deadline = time.monotonic() + PATIENCE
-    while not entry.is_visible():
-        assert time.monotonic() < deadline, f"the menu {label} does not open, or has no {option}"
-        row(page, label).locator("input").first.click(force=True)
-        page.wait_for_timeout(1e3)  # a busy page opens it late, and a click too many closes it
-    entry.click(force=True)
+def choose_mode(page: Any, mode: str) -> None:
+    """Press the card of a mode, once that is possible, and wait until the robot has it."""
+    card = page.locator(f'#cards button[data-mode="{mode}"]')
+    page.wait_for_function(
+        "mode => document.querySelector(`#cards button[data-mode='${mode}']`)?.disabled === false",
+        arg=mode,
+    )
+    card.dispatch_event("click")
+    page.locator(f'#cards button[data-mode="{mode}"][aria-pressed=true]').wait_for()
 
 
-def type_number(page: Any, label: str, *values: float) -> None:
-    """Types into the number fields of a line, and leaves each."""
-    fields = row(page, label).locator("input:visible")
-    for field, value in zip(fields.all(), values, strict=False):
-        field.fill(str(value))
-        field.press("Enter")
+def fill(page: Any, field: str, value: Any) -> None:
+    """Type into an input and leave it."""
+    page.locator(f"#{field}").fill(str(value))
+    page.locator(f"#{field}").press("Enter")
 
 
-def node_position(page: Any, name: str) -> tuple[float, ...]:
-    """Where the page draws a node of the scene, in its parent [m]."""
-    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].position"))
+def point_head(page: Any, frame: str, x: float, y: float, z: float) -> None:
+    """Point the head at a point of a frame [m]."""
+    choose(page, "frame", frame)
+    for name, value in zip("xyz", (x, y, z), strict=True):
+        page.locator(f"#{name}").fill(str(value))
+    page.locator("#go").dispatch_event("click")
 
 
-def node_wxyz(page: Any, name: str) -> tuple[float, ...]:
-    """How the page turns a node of the scene, in its parent."""
-    return tuple(page.evaluate(f"window.__viserMutable.nodePoseData[{name!r}].wxyz"))
-
-
-_TWO_FRAMES = "() => new Promise((d) => requestAnimationFrame(() => requestAnimationFrame(d)))"
-
-
-def drag(
-    page: Any, name: str, start: tuple[float, float, float], end: tuple[float, float, float]
-) -> None:
-    """Drags with the mouse from one point of a node of the scene to another, in its frame [m]."""
-    (x, y), (to_x, to_y) = (page.evaluate(_ON_SCREEN, [name, *point]) for point in (start, end))
-    page.mouse.move(x, y)
-    page.evaluate(_TWO_FRAMES)  # what lies under the mouse is found out when a frame is drawn
-    page.mouse.down()
-    page.mouse.move(to_x, to_y, steps=4)
-    page.mouse.up()
+def word(page: Any) -> str:
+    """Return what the head does, by the pill."""
+    return str(page.locator("#pill").get_attribute("data-word"))
 
 
 def pixels(page: Any) -> npt.NDArray[np.uint8]:
-    """The page as it looks, shape (height, width, 3)."""
-    import imageio.v3 as iio
+    """Return the page as it looks, shape (height, width, 3)."""
+    from PIL import Image
 
-    return np.asarray(iio.imread(io.BytesIO(page.screenshot())))[..., :3]
+    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))

@@ -296,7 +296,7 @@ class Chaos:
                 yield program(name, f"head_tracking.{NODES[name]}.{name}", *ros)
         else:
             yield program("run", "head_tracking", "--port", str(link), "--params", files[1])
-        if importlib.util.find_spec("viser"):
+        if importlib.util.find_spec("nicegui"):
             yield program(
                 "page", f"head_tracking.{NODES['viewer']}.viewer", "--ros-args", "-p", "port:=0"
             )

@@ -6,11 +6,11 @@ import math
 from contextlib import suppress
 from random import Random
 
+from dynamixel_fakes import submit
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     BusReading,
-    DynamixelError,
     EventKind,
     Goal,
     GoalError,
@@ -20,7 +20,6 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo, WriteLog
 
 PERIOD = 0.02
@@ -74,8 +73,7 @@ class Ordeal:
 
     def recover(self) -> None:
         if any(self.bus.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self.joints):
-            with suppress(DynamixelError):
-                run(self.bus.recovering())
+            submit(self.bus, self.bus.recovering())  # others may be taking steps for the joint
 
     def check(self, reading: BusReading) -> None:
         """What is told was true when it was stamped."""

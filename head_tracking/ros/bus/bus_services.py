@@ -10,7 +10,6 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -23,7 +22,7 @@ from head_tracking.dynamixel import (
     TorqueError,
 )
 from head_tracking.ros.kit.joint_owners import offer_stop
-from head_tracking.ros.kit.own_thread import OwnThread
+from head_tracking.ros.kit.urgent_services import UrgentServices
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart
@@ -36,8 +35,8 @@ Request = Callable[[ServoBus, Joints], object]
 class BusServices:
     """Offers torque, relaxing, recovery, stopping and starting, and the servos' memory.
 
-    They have an executor and threads of their own: no callback of another node of the process
-    delays them, and none of them another one, least of all `stop`.
+    No callback of another node of the process delays them, and none of them another one, least of
+    all `stop`; see `UrgentServices`.
 
     Args:
         bus: the node servo_bus.
@@ -58,22 +57,21 @@ class BusServices:
     ) -> None:
         self._servos, self._loop, self._eeprom = servos, loop, eeprom
         everything = tuple(joint.joint_name for joint in servos.joints)
-        self._own = OwnThread(bus, f"{bus.get_name()}_services", concurrent=True)
+        self._services = UrgentServices(bus)
         for joint in servos.joints:
             self._offer_for_joint(joint.controller, (joint.joint_name,))
-        own = f"{bus.get_fully_qualified_name()}/"
-        prefixes = (own, "") if short_names else (own,)
+        prefixes = ("~/", "") if short_names else ("~/",)
         for prefix in prefixes:
             self._offer_torque(f"{prefix}torque_enable", everything)
             self._offer(f"{prefix}relax", lambda _: self._switch(everything, False))
             self._offer(f"{prefix}recover", lambda _: self._recover(everything))
-        self._offer(f"{own}write_eeprom", lambda _: self._write_eeprom(everything))
-        offer_stop(self._own.node, loop.stop, servos.resume, prefixes)
-        self._own.start()
+        self._offer("~/write_eeprom", lambda _: self._write_eeprom(everything))
+        offer_stop(self._services, loop.stop, servos.resume, prefixes)
+        self._services.start()
 
     def close(self) -> None:
         """Offers nothing any more."""
-        self._own.close()
+        self._services.close()
 
     def _offer_for_joint(self, controller: str, joint: Joints) -> None:
         self._offer_torque(f"{controller}/torque_enable", joint)
@@ -94,8 +92,7 @@ class BusServices:
                 response.success, response.message = False, str(error)
             return response
 
-        group = MutuallyExclusiveCallbackGroup()  # of its own: no other service waits for it
-        self._own.node.create_service(kind, name, callback, callback_group=group)
+        self._services.offer(kind, name, callback)
 
     def _switch(self, joints: Joints, on: bool) -> str:
         if not on and self._loop.owners.stopped:  # relaxed they are; a cable may have been out

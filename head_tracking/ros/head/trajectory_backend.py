@@ -12,7 +12,7 @@ from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
-from head_tracking.ros.kit.own_thread import OwnThread
+from head_tracking.ros.kit.urgent_services import UrgentServices
 from head_tracking.tracking import SetpointStream
 
 try:
@@ -28,9 +28,8 @@ class TrajectoryBackend:
     """A `JointBackend`: streams trajectories of one point to a joint_trajectory_controller.
 
     Nobody but that controller can relax the joints. So `stop` and `resume`, which it offers in the
-    place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. They have
-    an executor and a thread of their own. In the loop it comes after the controller of the head,
-    and lets the last command go on.
+    place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. In the
+    loop it comes after the controller of the head, and lets the last command go on.
 
     Args:
         node: turns the head.
@@ -68,21 +67,21 @@ class TrajectoryBackend:
         self._publisher = node.create_publisher(JointTrajectory, topic, 10)
         self._lock = threading.Lock()
         self._loop = loop
-        self._own = OwnThread(node, f"{node.get_name()}_stop")
-        OwnersOutput(self._own.node, loop.owners, joints)
-        offer_stop(self._own.node, loop.stop, loop.owners.resume)
+        self._services = UrgentServices(node)
+        OwnersOutput(node, loop.owners, joints)
+        offer_stop(self._services, loop.stop, loop.owners.resume, ("~/", ""))
         node.get_logger().info(
             f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
         )
 
     def start(self) -> None:
         """See `JointBackend`."""
-        self._own.start()
+        self._services.start()
         self._loop.add(self)
 
     def close(self) -> None:
         """See `JointBackend`: withdraw the services."""
-        self._own.close()
+        self._services.close()
 
     def claim(self) -> None:
         """See `JointBackend`; no servo bus has owners of these joints."""

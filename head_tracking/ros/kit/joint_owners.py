@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -14,6 +13,7 @@ from std_srvs.srv import Trigger
 from head_tracking.control import STOPPED, JointOwners
 from head_tracking.dynamixel import StoppedError
 from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.urgent_services import UrgentServices
 
 _OWNER = "owner of "
 
@@ -90,7 +90,7 @@ def resume_report(resumed: Iterable[str]) -> str:
 
 
 def offer_stop(
-    node: Node,
+    services: UrgentServices,
     stop: Callable[[], Mapping[str, str]],
     resume: Callable[[], Iterable[str]],
     prefixes: Iterable[str] = ("",),
@@ -98,7 +98,7 @@ def offer_stop(
     """Offer the services `stop` and `resume`.
 
     Args:
-        node: offers them.
+        services: offer them.
         stop: STOP; returns for each joint what went wrong, or an empty string.
         resume: ends it; returns the controllers that go on.
         prefixes: of their names.
@@ -120,8 +120,7 @@ def offer_stop(
 
     for prefix in prefixes:
         for name, callback in (("stop", on_stop), ("resume", on_resume)):
-            group = MutuallyExclusiveCallbackGroup()  # nothing else keeps STOP waiting
-            node.create_service(Trigger, f"{prefix}{name}", callback, callback_group=group)
+            services.offer(Trigger, f"{prefix}{name}", callback)
 
 
 class OwnersOutput:

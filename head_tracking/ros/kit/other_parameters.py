@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.other_services import Hold, Outcome, wait_for_answer
+from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
 
 _SERVICES = {
     "list_parameters": ListParameters,
@@ -67,14 +67,12 @@ class OtherParameters:
         node: asks the other nodes.
         graph: the nodes.
         ignored: nodes to leave alone.
-        hold: keeps what a person sets back.
     """
 
-    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str], hold: Hold) -> None:
+    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str]) -> None:
         self._node = node
         self._graph = graph
         self._ignored = ignored
-        self._hold = hold
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
         self._fixed: dict[str, dict[str, Any]] = {}
@@ -131,8 +129,6 @@ class OtherParameters:
 
     def set(self, owner: str, name: str, value: Any) -> Outcome:
         """Sets a parameter; says what its node answered."""
-        if self._hold.reason:
-            return Outcome(False, self._hold.reason)
         clients = self._clients.get(owner)
         if clients is None:
             return Outcome(False, f"{owner} is not there any more")

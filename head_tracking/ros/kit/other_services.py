@@ -18,29 +18,15 @@ class Outcome(NamedTuple):
     text: str
 
 
-class Hold:
-    """Why nothing is commanded from the page for the time being; STOP and Resume are.
-
-    Attributes:
-        reason: for the person who wants something; empty: everything may be commanded.
-    """
-
-    reason = ""
-
-
 class OtherServices:
     """Clients for the switches and triggers of other nodes.
 
     Args:
         node: has the clients; another thread must spin it.
-
-    Attributes:
-        hold: keeps back what a person commands.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.hold = Hold()
         self._clients: dict[str, Any] = {}
         self._lock = threading.Lock()
 
@@ -65,8 +51,6 @@ class OtherServices:
         return self._call(name, SetBool.Request(data=on))
 
     def _call(self, name: str, request: Any) -> Outcome:
-        if self.hold.reason:
-            return Outcome(False, self.hold.reason)
         if not self.offered(name):
             return Outcome(False, f"nobody offers {name}; is its node running?")
         answer = wait_for_answer(self._clients[name], request)

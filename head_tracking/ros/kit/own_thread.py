@@ -6,12 +6,7 @@ import threading
 import time
 import traceback
 
-from rclpy.executors import (
-    Executor,
-    ExternalShutdownException,
-    MultiThreadedExecutor,
-    SingleThreadedExecutor,
-)
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 _POLL = 1.0  # s
@@ -27,15 +22,13 @@ class OwnThread:
     Args:
         beside: the node that it belongs to.
         name: of the new one, which offers no parameters.
-        concurrent: whether all its services, each in a callback group of its own, may wait at the
-            same time; each has a thread then while it does.
 
     Attributes:
-        node: the new node. Clients, services and subscriptions may be added from any thread until
-            `start`, afterwards from its callbacks.
+        node: the new node. Clients and subscriptions may be added from any thread until `start`,
+            afterwards from its callbacks.
     """
 
-    def __init__(self, beside: Node, name: str, *, concurrent: bool = False) -> None:
+    def __init__(self, beside: Node, name: str) -> None:
         self.node = Node(
             name,
             namespace=beside.get_namespace(),
@@ -45,17 +38,10 @@ class OwnThread:
         self._ending = threading.Event()
         # At Executor.wake spin_once looks around and waits on.
         self._end = self.node.create_guard_condition(lambda: None)
-        self._concurrent = concurrent
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def start(self) -> None:
         """Spins from now on."""
-        context = self.node.context
-        self._executor: Executor = (
-            MultiThreadedExecutor(1 + len(list(self.node.services)), context=context)
-            if self._concurrent
-            else SingleThreadedExecutor(context=context)
-        )
         self._thread.start()
 
     def close(self) -> None:
@@ -68,7 +54,7 @@ class OwnThread:
             self.node.destroy_node()
 
     def _spin(self) -> None:
-        executor = self._executor
+        executor = SingleThreadedExecutor(context=self.node.context)
         executor.add_node(self.node)
         try:
             while not self._ending.is_set() and self.node.context.ok():

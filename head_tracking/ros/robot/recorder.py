@@ -12,7 +12,6 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.other_parameters import OtherParameters
-from head_tracking.ros.kit.other_services import Hold
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.tf import listening_buffer
 
@@ -39,7 +38,7 @@ class RecorderNode(Node):
         super().__init__("recorder", **options)
         parameters = NodeParameters(self, RecorderParameters).value
         self._graph = Graph(self)
-        self._others = OtherParameters(self, self._graph, (self.get_name(),), Hold())
+        self._others = OtherParameters(self, self._graph, (self.get_name(),))
         self.recorder = Recorder(
             self,
             self._graph.is_below,

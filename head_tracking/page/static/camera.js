@@ -1,0 +1,109 @@
+// The camera's picture with an SVG overlay: click to look there, drag to look around, tap a face.
+import { by, element, write } from "./dom.js";
+
+const DRAG = 6, DRAG_PERIOD = 120; // pixels, ms
+
+export class CameraPicture {
+  /**
+   * @param {(u: number, v: number, stamp: string) => void} look receives a place in the picture, in shares.
+   * @param {(frame: string) => void} follow receives the frame of a face.
+   */
+  constructor(look, follow) {
+    this.image = by("picture");
+    this.look = look;
+    this.follow = follow;
+    this.times = [];
+    this.faces = new Map();
+    this.layout = "";
+    const card = by("camera");
+    card.addEventListener("pointerdown", (event) => {
+      if (event.button || event.target.closest("button, label")) return;
+      this.pressed = { x: event.clientX, y: event.clientY };
+      card.setPointerCapture(event.pointerId);
+    });
+    card.addEventListener("pointermove", (event) => {
+      if (!this.pressed) return;
+      const moved = Math.hypot(event.clientX - this.pressed.x, event.clientY - this.pressed.y) > DRAG;
+      this.pressed.dragged ||= moved;
+      if (this.pressed.dragged && performance.now() > (this.dragDue ?? 0)) {
+        this.dragDue = performance.now() + DRAG_PERIOD;
+        this.point(event);
+      }
+    });
+    card.addEventListener("pointerup", (event) => { if (this.pressed) this.point(event); this.pressed = null; });
+    card.addEventListener("pointercancel", () => { this.pressed = null; });
+    new ResizeObserver(() => this.place()).observe(card);
+  }
+
+  point(event) {
+    if (!this.image.naturalWidth) return;
+    const inner = this.inner(), outer = by("camera").getBoundingClientRect();
+    const u = (event.clientX - outer.left - inner.left) / inner.width;
+    const v = (event.clientY - outer.top - inner.top) / inner.height;
+    if (u >= 0 && u <= 1 && v >= 0 && v <= 1) this.look(u, v, this.stamp);
+  }
+
+  async show(data) {
+    this.stamp = new DataView(data).getBigInt64(0, true).toString();
+    await this.showBlob(new Blob([data.slice(16)], { type: "image/jpeg" }));
+    const now = performance.now();
+    this.times = [...this.times.filter((time) => now - time < 2000), now];
+    write(by("fps"), `Live · ${Math.round(this.times.length / 2)} fps`);
+  }
+
+  async showBlob(blob) {
+    const before = this.image.src;
+    this.image.src = URL.createObjectURL(blob);
+    await this.image.decode().catch(() => {});
+    if (before) URL.revokeObjectURL(before);
+    this.place();
+  }
+
+  clear() {
+    if (this.image.src) URL.revokeObjectURL(this.image.src);
+    this.image.removeAttribute("src");
+    this.mark([]);
+  }
+
+  /** Return where the picture is inside its card: it covers the card as far as 4:3 allows. */
+  inner() {
+    const { clientWidth, clientHeight } = by("camera");
+    const { naturalWidth: across, naturalHeight: down } = this.image;
+    const scale = Math.min(clientWidth / across, clientHeight / down);
+    const width = across * scale, height = down * scale;
+    return { left: (clientWidth - width) / 2, top: (clientHeight - height) / 2, width, height };
+  }
+
+  /** Put the overlay over the picture where that has moved. */
+  place() {
+    if (!this.image.naturalWidth) return;
+    const inner = this.inner(), layout = JSON.stringify(inner);
+    if (layout === this.layout) return;
+    this.layout = layout;
+    for (const id of ["overlay", "labels"]) for (const [key, value] of Object.entries(inner)) by(id).style[key] = `${value}px`;
+  }
+
+  /** Mark what was found; a box without a frame is what the head follows. */
+  mark(boxes) {
+    const seen = new Set(boxes.map((one) => one.frame));
+    for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
+    for (const one of boxes) {
+      const { box, label } = this.faces.get(one.frame) ?? this.add(one.frame);
+      const [x, y, width, height] = one.box;
+      for (const [key, value] of Object.entries({ x, y, width, height })) box.setAttribute(key, value);
+      label.style.left = `${100 * Math.min(Math.max(x, 0), 0.8)}%`;
+      label.style.top = `${100 * Math.min(Math.max(y, 0.1), 1)}%`;
+      label.hidden = x > 1 || x + width < 0;
+      write(label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
+    }
+  }
+
+  add(frame) {
+    const box = element(by("overlay"), "rect", { rx: 0.02 });
+    const label = element(by("labels"), "button", { type: "button" });
+    if (frame) label.onclick = () => this.follow(frame);
+    else for (const node of [box, label]) node.classList.add("on");
+    this.faces.set(frame, { box, label });
+    return this.faces.get(frame);
+  }
+}

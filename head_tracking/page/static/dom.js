@@ -1,0 +1,63 @@
+// Small helpers for the page's elements, and requests to its server.
+const SVG = "http://www.w3.org/2000/svg";
+
+export const by = (id) => document.getElementById(id);
+export const degrees = (radians) => (radians * 180) / Math.PI;
+export const radians = (angle) => (angle * Math.PI) / 180;
+
+/** Add an element to a parent; SVG below SVG. */
+export function element(parent, name, attributes = {}, text = "") {
+  const made = name === "svg" || parent.namespaceURI === SVG ? document.createElementNS(SVG, name) : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text) made.textContent = text;
+  return parent.appendChild(made);
+}
+
+/** Add a button with what it does. */
+export function button(parent, text, act, attributes = {}) {
+  const made = element(parent, "button", { type: "button", ...attributes }, text);
+  made.onclick = act;
+  return made;
+}
+
+/** Set a text only where it changes: screen readers announce each change. */
+export function write(node, text) { if (node.textContent !== text) node.textContent = text; }
+
+/** Offer options in a menu; the choice stays while it is still offered. */
+export function offer(menu, options, chosen = menu.value) {
+  const wanted = JSON.stringify(options);
+  if (menu.offered !== wanted) {
+    menu.offered = wanted;
+    menu.replaceChildren();
+    for (const [value, text] of options) element(menu, "option", { value }, text);
+  }
+  if (options.some(([value]) => value === chosen)) menu.value = chosen;
+}
+
+export function toast(text, seconds = 6) {
+  const node = by("toast");
+  write(node, text);
+  node.hidden = !text;
+  clearTimeout(toast.timer);
+  toast.timer = setTimeout(() => { node.hidden = true; }, 1000 * seconds);
+}
+
+/** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown. */
+export async function send(path, body = {}, method = "POST") {
+  try {
+    const answer = await fetch(path, { method, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
+    const isJson = (answer.headers.get("Content-Type") ?? "").includes("json");
+    const outcome = isJson ? await answer.json() : { done: false, text: await answer.text() };
+    if (outcome.done === false) toast(outcome.text, 12);
+    return outcome;
+  } catch {
+    toast("The page's server does not answer. Use the power switch of the servos if they must stop.", 12);
+    return { done: false, text: "" };
+  }
+}
+export const get = (path) => send(path, null, "GET");
+export const command = (name, body) => send(`/head/do/${name}`, body);
+
+/** Return whether somebody changes an input now: it must not be overwritten. */
+export const isHeld = (input) => document.activeElement === input || performance.now() < (input.heldUntil ?? 0);
+export function hold(input) { input.heldUntil = performance.now() + 1500; }

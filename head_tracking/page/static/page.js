@@ -1,0 +1,244 @@
+// The page: the live websocket, STOP, and the places. What a person sets stays in their browser.
+import { CameraPicture } from "./camera.js";
+import { Chart } from "./chart.js";
+import { button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
+import { Joints, Recordings, Tuning, showHealth } from "./places.js";
+import { Replay } from "./replay.js";
+import { RobotScene } from "./scene.js";
+import { Steering } from "./steer.js";
+
+const SILENT = 3000; // ms without a state: the server hangs
+const STEPS = [
+  ["This is your head", "The page shows what its camera sees, and the robot as it stands. Click into the picture and the head looks there."],
+  ["This is STOP: try it", "STOP, or the key Esc, relaxes all servos at once. Nothing moves again until you press Resume."],
+  ["Let it follow you", "Choose Face, and the head follows the nearest person. Hands off leaves it alone."],
+];
+
+class Page {
+  constructor() {
+    this.state = null;
+    this.about = null;
+    this.scene = new RobotScene(by("scene"), (point) => this.steer.command("look", { point, take_over: true }));
+    this.chart = new Chart(by("lines"));
+    this.steer = new Steering(() => this.canSteer());
+    this.camera = new CameraPicture(
+      (u, v, stamp) => this.steer.command("look", { u, v, stamp, topic: by("source").value, take_over: true }),
+      (frame) => this.steer.command("mode", { mode: "follow a frame", frame }),
+    );
+    this.joints = new Joints((joints) => this.steer.aim(joints));
+    this.tuning = new Tuning();
+    this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob) : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
+    this.recordings = new Recordings((opened) => { this.replay.open(opened); this.go("live"); });
+    by("stop").onclick = () => this.stop();
+    by("resume").onclick = () => { by("resume").blur(); send("/head/resume"); };
+    by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
+    addEventListener("keydown", (event) => this.onKey(event));
+    this.makeTabs();
+    this.makeTheme();
+    this.makeView();
+    this.connect();
+    setInterval(() => { if (performance.now() - this.heard > SILENT && !document.hidden) this.disconnected("no state has come for 3 s"); }, 500);
+    if (!localStorage.getItem("head-welcomed")) this.welcome(0);
+  }
+
+  /** Return whether commands may be sent: a recording is no robot. */
+  canSteer() {
+    if (this.replay.opened) toast("A recording is shown in this browser: press Back to the robot first.");
+    return !this.replay.opened;
+  }
+
+  async stop() {
+    const { text } = await send("/head/stop");
+    if (text) toast(text, 12);
+  }
+
+  /** Esc is STOP where nothing is open that it closes. */
+  onKey(event) {
+    if (event.key !== "Escape" || event.repeat) return;
+    const dialog = document.querySelector("dialog[open]");
+    if (dialog) { dialog.close(); event.preventDefault(); return; }
+    if (document.activeElement?.tagName === "SELECT") { document.activeElement.blur(); return; }
+    this.stop();
+  }
+
+  makeTabs() {
+    const tabs = [...document.querySelectorAll("[role=tab]")];
+    for (const [number, tab] of tabs.entries()) {
+      tab.onclick = () => this.go(tab.dataset.place);
+      tab.onkeydown = (event) => {
+        const step = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 }[event.key];
+        if (!step) return;
+        event.preventDefault();
+        const next = tabs[(number + step + tabs.length) % tabs.length];
+        next.focus();
+        this.go(next.dataset.place);
+      };
+    }
+  }
+
+  go(place) {
+    for (const tab of document.querySelectorAll("[role=tab]")) {
+      tab.setAttribute("aria-selected", tab.dataset.place === place);
+      tab.tabIndex = tab.dataset.place === place ? 0 : -1;
+    }
+    for (const section of document.querySelectorAll("section[data-place]")) section.hidden = section.dataset.place !== place;
+    const home = place === "tune" ? by("tune") : by("live"); // the chart shows what a change does
+    if (by("chart").parentNode !== home) home.prepend(by("chart"));
+    if (place === "tune") this.tuning.refresh();
+    if (place === "record") this.recordings.refresh();
+    this.chooseCamera();
+  }
+
+  makeTheme() {
+    const system = matchMedia("(prefers-color-scheme: dark)");
+    const apply = () => { document.documentElement.dataset.theme = localStorage.getItem("head-theme") ?? (system.matches ? "dark" : "light"); };
+    system.onchange = apply;
+    by("theme").onclick = () => { localStorage.setItem("head-theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); apply(); };
+    apply();
+  }
+
+  makeView() {
+    for (const [part, wanted] of Object.entries(this.scene.wanted)) {
+      const label = element(by("drawn").querySelector("div"), "label");
+      const box = element(label, "input", { type: "checkbox" });
+      box.checked = wanted;
+      box.onchange = () => this.scene.want(part, box.checked);
+      element(label, "span", {}, part);
+    }
+  }
+
+  welcome(step) {
+    const end = () => by("welcome").close();
+    by("welcome").onclose = () => localStorage.setItem("head-welcomed", "1");
+    write(by("welcome-title"), `${step + 1}. ${STEPS[step][0]}`);
+    write(by("welcome-text"), STEPS[step][1]);
+    write(by("welcome-next"), step === STEPS.length - 1 ? "Begin" : "Next");
+    by("welcome-next").onclick = () => (step === STEPS.length - 1 ? end() : this.welcome(step + 1));
+    by("welcome-end").onclick = end;
+    if (!by("welcome").open) by("welcome").show();
+  }
+
+  connect() {
+    const socket = (this.socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/head/live`));
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => this.chooseCamera();
+    socket.onmessage = async ({ data }) => {
+      this.heard = performance.now();
+      if (typeof data !== "string") {
+        if (!this.replay.opened) {
+          await this.camera.show(data);
+          this.scene.showPicture(this.camera.image);
+        }
+        if (socket.readyState === WebSocket.OPEN) socket.send("got");
+        return;
+      }
+      const said = JSON.parse(data);
+      if (said.type === "robot") this.setRobot((this.robot = said), true);
+      else if (said.type === "about") this.showAbout(said);
+      else if (!this.replay.opened) this.show(said);
+    };
+    socket.onclose = ({ code, reason }) => {
+      this.disconnected(code === 4008 ? reason : "the page's server does not answer; trying again");
+      setTimeout(() => this.connect(), 1000);
+    };
+  }
+
+  disconnected(why) {
+    if (this.robot && !by("pill").dataset.word.includes("disconnected")) by("live").inert = by("joints").inert = true;
+    this.showWord("disconnected", why);
+  }
+
+  chooseCamera() {
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    this.socket.send(by("live").hidden || by("source").value === "none" ? "blind" : `camera ${by("source").value}`);
+  }
+
+  setRobot(robot, isLive) {
+    if (!robot || (this.replay.opened && isLive)) return;
+    write(by("name"), robot.name);
+    document.title = robot.name;
+    this.scene.setRobot(robot);
+    this.steer.setRobot(robot);
+    this.shownRobot = robot;
+    this.chart.clear();
+    if (isLive) this.joints.setRobot(robot);
+  }
+
+  /** Show joints, target and faces: what changes 25 times a second. */
+  show(state) {
+    this.state = state;
+    const names = this.shownRobot?.independent ?? [];
+    const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
+    const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
+    this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp);
+    this.camera.mark(state.boxes ?? []);
+    this.chart.add(state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
+    this.steer.showPad(pan, tilt, state.wanted);
+    if (!this.replay.opened) this.joints.follow(state.joints ?? []);
+    const values = by("angles").querySelectorAll("dd");
+    if (!values.length) for (const name of ["pan", "tilt"]) { const part = element(by("angles"), "div"); element(part, "dt", {}, name); element(part, "dd", { id: name }); }
+    else [pan, tilt].forEach((value, number) => write(values[number], Number.isFinite(value) ? `${degrees(value).toFixed(1)}°` : "–"));
+    if (state.word) this.showWord(state.word, state.text);
+    else if (this.about) this.showLiveWord();
+  }
+
+  showLiveWord() {
+    const { word, text, stop } = this.about, { error } = this.state ?? {};
+    const off = error == null || word === "stopped" ? "" : `${degrees(error).toFixed(1)}° off`;
+    this.showWord(word, [text, stop, off].filter(Boolean).join(" · "));
+  }
+
+  showWord(word, why) {
+    by("pill").dataset.word = word;
+    write(by("word"), word);
+    write(by("why"), why);
+    by("pill").title = why;
+  }
+
+  /** Show modes, servos and health: what changes four times a second at most. */
+  showAbout(about) {
+    by("live").inert = by("joints").inert = false;
+    this.about = about;
+    by("resume").hidden = !about.can_resume;
+    offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
+    if (JSON.stringify(about) === this.slow) return;
+    this.slow = JSON.stringify(about);
+    this.steer.show(about);
+    this.joints.show(about);
+    this.recordings.show(about);
+    showServos(about.servos);
+    showHealth(about);
+    if (!about.images.length) this.showNoPicture(about.can_start_camera);
+  }
+
+  showNoPicture(canStart) {
+    by("nopicture").replaceChildren();
+    element(by("nopicture"), "span", {}, "No picture yet");
+    if (canStart) button(by("nopicture"), "Simulate the camera", () => command("camera"));
+  }
+}
+
+function showServos(servos) {
+  by("gauges").replaceChildren();
+  for (const servo of servos) {
+    const row = element(by("gauges"), "div", { class: "servo" });
+    const name = element(row, "div");
+    element(name, "div", { title: servo.joint }, (servo.joint || servo.controller).replace(/_(joint|controller)$/, "").replaceAll("_", " "));
+    element(name, "small", { class: servo.torque ? "holds" : "" }, servo.torque === null ? "torque unknown" : servo.torque ? "torque on" : "relaxed");
+    for (const [key, unit, full, scale] of [["temperature", "°C", 80, 1], ["voltage", "V", 16, 1], ["load", "load %", 100, 100]]) {
+      const [, text] = Object.entries(servo.values).find(([about]) => about.startsWith(key)) ?? [];
+      gauge(row, Math.abs(scale * Number.parseFloat(text)), unit, full);
+    }
+  }
+}
+
+function gauge(parent, value, unit, full) {
+  const known = Number.isFinite(value);
+  const svg = element(parent, "svg", { viewBox: "0 0 54 54", class: "gauge", role: "img", "aria-label": known ? `${value.toFixed(1)} ${unit}` : `${unit} unknown` });
+  element(svg, "circle", { cx: 27, cy: 27, r: 24 });
+  if (known) element(svg, "circle", { class: "value", cx: 27, cy: 27, r: 24, pathLength: 100, "stroke-dasharray": `${Math.min(100, (100 * value) / full)} 100`, transform: "rotate(-90 27 27)" });
+  element(svg, "text", { x: 27, y: 28 }, known ? String(Math.round(value * 10) / 10) : "–");
+  element(svg, "text", { x: 27, y: 39 }, unit);
+}
+
+window.headPage = new Page();

@@ -1,0 +1,272 @@
+// The places Joints, Tune, Health and Record.
+import { button, by, command, degrees, element, get, hold, isHeld, offer, radians, send, toast, write } from "./dom.js";
+
+const REFRESH = 1000; // ms
+const isSlide = (joint) => joint.type === "prismatic";
+const shown = (joint, position) => (isSlide(joint) ? 1000 * position : degrees(position));
+const meant = (joint, value) => (isSlide(joint) ? value / 1000 : radians(value));
+
+export class Joints {
+  /** @param {(joints: Object<string, number>) => void} aim receives joint positions [rad or m]. */
+  constructor(aim) {
+    this.aim = aim;
+    by("middle").onclick = () => this.all((low, high) => (low <= 0 && high >= 0 ? 0 : (low + high) / 2));
+    by("randomise").onclick = () => this.all((low, high) => low + Math.random() * (high - low));
+    by("torque-on").onclick = () => command("torque", { on: true });
+    this.sliders = [];
+  }
+
+  all(choose) {
+    const movable = this.sliders.filter(({ slider }) => !slider.disabled);
+    if (!movable.length) return toast("No joint can be moved from here. Is torque switched on?");
+    this.aim(Object.fromEntries(movable.map(({ joint }) => [joint.name, choose(...joint.limits)])));
+  }
+
+  setRobot(robot) {
+    by("sliders").replaceChildren();
+    this.sliders = robot.independent.map((name, number) => {
+      const joint = robot.joints.find((one) => one.name === name);
+      if (name === robot.pan) joint.limits = robot.pan_limits;
+      if (name === robot.tilt) joint.limits = robot.tilt_limits;
+      const [low, high] = joint.limits.map((limit) => shown(joint, limit).toFixed(1));
+      const row = element(by("sliders"), "div", { class: "slider" });
+      element(row, "span", { id: `joint-${number}` }, name);
+      const about = { "aria-labelledby": `joint-${number}`, min: low, max: high, step: 0.1 };
+      const slider = element(row, "input", { type: "range", ...about });
+      const field = element(row, "input", { type: "number", ...about });
+      element(row, "span", {}, isSlide(joint) ? "mm" : "°");
+      const move = (value) => { hold(slider); hold(field); this.aim({ [name]: meant(joint, value) }); };
+      slider.oninput = () => { field.value = slider.value; move(Number(slider.value)); };
+      field.onchange = () => { if (field.value !== "") move(Number(field.value)); field.blur(); };
+      return { joint, slider, field, number };
+    });
+  }
+
+  /** Follow the robot: what a person moves stays where it was put for a moment. */
+  follow(positions) {
+    for (const { joint, slider, field, number } of this.sliders) {
+      if (positions[number] == null) continue;
+      const value = shown(joint, positions[number]).toFixed(1);
+      for (const input of [slider, field]) if (input.value !== value && !isHeld(input)) input.value = value;
+    }
+  }
+
+  show(state) {
+    for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = !state.movable.includes(joint.name);
+    const relaxed = state.servos.filter((servo) => servo.torque === false).map((servo) => servo.joint);
+    const hints = state.free ? ["No hardware: the sliders say where the joints are (joint_states)."] : state.servos.length ? [] : ["No servo bus is known yet: the sliders only show the joints."];
+    if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. The sliders follow the hand.`);
+    if (state.servos.some((servo) => servo.refuses)) hints.push("Switch torque on to move joints from here.");
+    write(by("hint"), hints.join(" "));
+    const names = JSON.stringify(state.servos.map((servo) => servo.controller));
+    if (this.names !== names) {
+      this.names = names;
+      by("torques").replaceChildren();
+      for (const { controller } of state.servos) {
+        const label = element(by("torques"), "label", { class: "switch" });
+        const box = element(label, "input", { type: "checkbox", "data-controller": controller });
+        element(label, "span", {}, controller.replace(/_controller$/, ""));
+        box.onchange = () => { hold(box); box.blur(); command("torque", { controller, on: box.checked }); };
+      }
+    }
+    for (const { controller, torque } of state.servos) {
+      const box = by("torques").querySelector(`[data-controller="${controller}"]`);
+      if (torque !== null && !isHeld(box)) box.checked = torque;
+    }
+  }
+}
+
+export class Tuning {
+  constructor() {
+    this.inputs = new Map();
+    by("reset").onclick = async () => { await this.tell(command("reset")); this.refresh(); };
+    setInterval(() => { if (!by("tune").hidden && !document.hidden) this.refresh(); }, REFRESH);
+  }
+
+  async tell(answer) {
+    const outcome = await answer;
+    write(by("refusal"), outcome.done ? "" : `refused: ${outcome.text}`);
+    if (outcome.done && outcome.text) toast(outcome.text, 3);
+    return outcome;
+  }
+
+  async refresh() {
+    const said = await get("/head/parameters");
+    if (!said.parameters) return;
+    this.makePresets(said.presets);
+    const keys = new Set();
+    for (const one of said.parameters) {
+      const key = `${one.node}/${one.name}`;
+      keys.add(key);
+      const known = this.inputs.get(key) ?? this.add(key, one);
+      known.about = one;
+      known.show(one.value);
+    }
+    for (const [key, { row }] of this.inputs) if (!keys.has(key)) { row.remove(); this.inputs.delete(key); }
+    for (const group of by("parameters").querySelectorAll("fieldset")) group.hidden = !group.querySelector(".parameter");
+    if (by("experts")) by("experts").hidden = !by("experts").querySelector(".parameter");
+  }
+
+  makePresets(presets) {
+    if (by("presets").children.length) return;
+    for (const [name, values] of Object.entries(presets)) {
+      const card = button(by("presets"), "", async () => { await this.tell(command("preset", { name })); this.refresh(); }, { "data-preset": name });
+      element(card, "b", {}, name[0].toUpperCase() + name.slice(1));
+      const numbers = Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${value}${what.endsWith("acceleration") ? "°/s²" : "°/s"}`);
+      element(card, "span", {}, numbers.join(", ") || "as this page found it");
+    }
+  }
+
+  group(one) {
+    const parent = one.expert ? (by("experts") ?? this.makeExperts()) : by("parameters");
+    const found = [...parent.querySelectorAll(":scope > fieldset")].find((group) => group.dataset.node === one.node);
+    if (found) return found;
+    const group = element(parent, "fieldset", { "data-node": one.node });
+    element(group, "legend", {}, one.node.split("/").at(-1));
+    if (!one.expert && by("experts")) by("parameters").append(by("experts"));
+    return group;
+  }
+
+  makeExperts() {
+    const experts = element(by("parameters"), "details", { id: "experts" });
+    element(experts, "summary", {}, "For experts");
+    return experts;
+  }
+
+  add(key, one) {
+    const row = element(this.group(one), "div", { class: "parameter", title: `${one.name}: ${one.hint}` });
+    const id = `parameter-${key.replace(/[^a-z0-9]/gi, "-")}`;
+    element(row, "label", { for: id }, one.unit ? `${one.label} (${one.unit})` : one.label);
+    const known = { row, about: one };
+    const set = async (input, value) => {
+      if (known.about.careful && !(await this.ask(`${one.label}: ${known.about.value} becomes ${value}. This value protects the servos.`))) return known.show(known.about.value, true);
+      hold(input);
+      const outcome = await this.tell(command("set", { node: one.node, name: one.name, value }));
+      if (!outcome.done) known.show(known.about.value, true);
+    };
+    let input;
+    if (typeof one.value === "boolean") {
+      input = element(row, "input", { id, type: "checkbox" });
+      input.onchange = () => set(input, input.checked);
+    } else if (one.choices.length) {
+      input = element(row, "select", { id });
+      offer(input, one.choices.map((choice) => [choice, choice]), one.value);
+      input.onchange = () => { input.blur(); set(input, input.value); };
+    } else if (typeof one.value === "number") {
+      input = element(row, "input", { id, type: "number", step: "any" });
+      input.onchange = () => { if (input.value !== "") set(input, Number(input.value)); else known.show(known.about.value, true); input.blur(); };
+      if (one.low !== null && one.high !== null) this.addSlider(row, known, input, set);
+    } else {
+      input = element(row, "input", { id, type: "text" });
+      input.onchange = () => { set(input, input.value); input.blur(); };
+    }
+    const follow = known.follow ?? (() => {});
+    known.show = (value, force = false) => {
+      if (!force && isHeld(input)) return;
+      if (input.type === "checkbox") input.checked = value;
+      else input.value = typeof value === "number" ? Number(value.toPrecision(6)) : value;
+      follow(value);
+    };
+    this.inputs.set(key, known);
+    return known;
+  }
+
+  /** Add a slider beside a number; logarithmic over decades, with 0 at its left end. */
+  addSlider(row, known, input, set) {
+    const { low, high, logarithmic, whole, label } = known.about;
+    const least = low > 0 ? low : high / 1e4;
+    const toValue = (share) => (!logarithmic ? low + share * (high - low) : share === 0 ? low : least * (high / least) ** share);
+    const toShare = (value) => (!logarithmic ? (value - low) / (high - low || 1) : value <= least ? 0 : Math.log(value / least) / Math.log(high / least));
+    const slider = element(row, "input", { type: "range", min: 0, max: 1, step: 0.002, "aria-label": label });
+    const value = () => { const exact = toValue(Number(slider.value)); return whole ? Math.round(exact) : Number(exact.toPrecision(3)); };
+    slider.oninput = () => { hold(input); hold(slider); input.value = value(); };
+    slider.onchange = () => { set(input, value()); slider.blur(); };
+    known.follow = (current) => { if (!isHeld(slider)) slider.value = toShare(current); };
+  }
+
+  /** Ask whether a person is sure; this concerns their browser only. */
+  ask(text) {
+    write(by("sure-text"), text);
+    by("sure").show();
+    by("sure-no").focus();
+    return new Promise((resolve) => {
+      by("sure-yes").onclick = () => { resolve(true); by("sure").close(); };
+      by("sure-no").onclick = () => by("sure").close();
+      by("sure").onclose = () => resolve(false);
+    });
+  }
+}
+
+const MENDS = { recover: "Clear faults" };
+
+export function showHealth(state) {
+  by("alarm").hidden = !state.troubles.length;
+  by("troubles").replaceChildren();
+  if (!state.troubles.length) element(by("troubles"), "li", { class: "ok" }, "No faults.");
+  for (const { what, advice, mend } of state.troubles) {
+    const row = element(by("troubles"), "li", { class: "error" });
+    element(row, "strong", {}, what);
+    element(row, "span", {}, advice);
+    if (MENDS[mend] && state.can_recover) button(row, MENDS[mend], () => command(mend));
+  }
+  const open = new Set([...by("faults").querySelectorAll("details[open]")].map((one) => one.dataset.name));
+  by("faults").replaceChildren();
+  for (const one of state.health) {
+    const row = element(by("faults"), "li", { class: one.level });
+    element(row, "b", {}, one.level);
+    element(row, "strong", {}, one.name);
+    element(row, "span", {}, one.message);
+    if (!Object.keys(one.values).length) continue;
+    const details = element(row, "details", { "data-name": one.name });
+    details.open = open.has(one.name);
+    element(details, "summary", {}, "Values");
+    const list = element(details, "dl");
+    for (const [name, value] of Object.entries(one.values)) { const part = element(list, "div"); element(part, "dt", {}, name); element(part, "dd", {}, value); }
+  }
+  by("notices").replaceChildren();
+  const failing = Object.entries(state.failing).map(([part, why]) => `${part} can't be shown: ${why}`);
+  for (const line of [...failing, ...state.notices, ...state.warnings]) element(by("notices"), "li", {}, line);
+  if (!by("notices").children.length) element(by("notices"), "li", {}, "None.");
+}
+
+export class Recordings {
+  /** @param {(opened: object, name: string) => void} replay receives an open recording. */
+  constructor(replay) {
+    this.replay = replay;
+    by("recorder").onclick = async () => { by("recorder").blur(); const outcome = await command("record", { on: !this.runs }); if (outcome.done) toast(outcome.text); this.refresh(); };
+    by("replay-last").onclick = () => this.open("/head/replay/open", {}, "the last minute");
+    by("upload").onchange = async () => {
+      const [file] = by("upload").files;
+      if (file) await this.open("/head/replay/upload", file, file.name);
+      by("upload").value = "";
+    };
+  }
+
+  async open(path, body, name) {
+    toast("The recording is being read: half a minute for each hour.", 60);
+    const opened = await send(path, body);
+    if (!opened.key) return;
+    toast(opened.notice || `${name}: ${opened.duration.toFixed(1)} s`);
+    this.replay(opened, name);
+  }
+
+  show(state) {
+    this.runs = state.recording;
+    write(by("recorder"), state.recording ? "End recording" : "Record everything");
+    by("recorder").classList.toggle("on", state.recording);
+    write(by("recording"), state.recorder);
+  }
+
+  async refresh() {
+    const files = await get("/head/recordings");
+    if (!Array.isArray(files)) return;
+    by("recordings").replaceChildren();
+    for (const { name, size } of files) {
+      const row = element(by("recordings"), "li");
+      element(row, "span", {}, `${name} · ${(size / 1e6).toFixed(1)} MB`);
+      button(row, "Replay", () => this.open("/head/replay/open", { name }, name), { "aria-label": `Replay ${name}` });
+      element(row, "a", { class: "button", href: `/head/recordings/${encodeURIComponent(name)}`, download: name, "aria-label": `Download ${name}` }, "Download");
+    }
+    if (!files.length) element(by("recordings"), "li", {}, "There are no recordings yet.");
+  }
+}

@@ -1,0 +1,76 @@
+// A recording on the time line of this browser; other browsers go on with the robot.
+import { by, element, get, offer, write } from "./dom.js";
+
+const PERIOD = 66, MOST_MARKS = 200; // ms
+
+export class Replay {
+  /**
+   * @param {(state: object) => void} show receives what was seen.
+   * @param {(blob: Blob | null) => void} showPicture receives what the camera saw.
+   * @param {(robot: object | null) => void} change receives the recorded robot; null: back to the live one.
+   */
+  constructor(show, showPicture, change) {
+    Object.assign(this, { show, showPicture, change, opened: null, speed: 1 });
+    by("play").onclick = () => this.play(!this.playing);
+    by("back").onclick = () => this.close();
+    by("time").oninput = () => { this.play(false); this.go(Number(by("time").value)); };
+    by("speed").onchange = () => { this.speed = Number(by("speed").value); by("speed").blur(); };
+    by("moments").onchange = () => { if (by("moments").value) this.go(Number(by("moments").value)); by("moments").blur(); };
+  }
+
+  open(opened) {
+    this.opened = opened;
+    this.at = 0;
+    by("replaying").hidden = false;
+    by("time").max = opened.duration;
+    offer(by("moments"), [["", opened.moments.length ? "Go to ..." : "No marks"], ...opened.moments.map(({ time, text }) => [String(time), `${time.toFixed(1)} s: ${text}`])], "");
+    by("marks").replaceChildren();
+    for (const { time, text } of opened.moments.slice(0, MOST_MARKS)) element(by("marks"), "i", { title: text, style: `left:${(100 * time) / (opened.duration || 1)}%` });
+    this.change(opened.robot);
+    this.play(false);
+    this.go(0);
+  }
+
+  close() {
+    this.play(false);
+    this.opened = null;
+    by("replaying").hidden = true;
+    this.change(null);
+  }
+
+  play(on) {
+    this.playing = on;
+    write(by("play"), on ? "Pause" : "Play");
+    clearInterval(this.timer);
+    if (!on) return;
+    if (this.at >= this.opened.duration) this.at = 0;
+    let before = performance.now();
+    this.timer = setInterval(() => {
+      const now = performance.now();
+      const next = Math.min(this.at + (this.speed * (now - before)) / 1000, this.opened.duration);
+      before = now;
+      this.go(next);
+      if (next >= this.opened.duration) this.play(false);
+    }, PERIOD);
+  }
+
+  /** Go to a time [s]; while a request is under way only the latest time is kept. */
+  async go(time) {
+    this.at = time;
+    by("time").value = time;
+    write(by("clock"), `${time.toFixed(1)} / ${this.opened.duration.toFixed(1)} s`);
+    if (this.asking) return;
+    this.asking = true;
+    let asked = null;
+    while (this.opened && asked !== this.at) {
+      const { opened } = this;
+      asked = this.at;
+      const address = `/head/replay/${opened.key}`;
+      const [state, picture] = await Promise.all([get(`${address}/at?time=${asked}`), opened.pictures ? fetch(`${address}/picture?time=${asked}`).catch(() => null) : null]);
+      if (this.opened !== opened || state.done === false) break;
+      this.show(state);
+      this.showPicture(picture?.status === 200 ? await picture.blob() : null);
+    }
+    this.asking = false;
+  }
+}

@@ -1,0 +1,248 @@
+// The robot in 3D: forward kinematics in the browser from one array of joint positions.
+import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
+
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
+const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
+
+function lineOf(colour, points, kind = THREE.Line) {
+  const line = new kind(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+  line.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * points), 3));
+  line.geometry.setDrawRange(0, 0);
+  line.frustumCulled = false;
+  return line;
+}
+
+function draw(line, points) {
+  const attribute = line.geometry.attributes.position;
+  points.forEach((point, number) => attribute.setXYZ(number, ...point));
+  attribute.needsUpdate = true;
+  line.geometry.setDrawRange(0, points.length);
+}
+
+function put(node, [x, y, z, qx, qy, qz, qw]) {
+  node.position.set(x, y, z);
+  node.quaternion.set(qx, qy, qz, qw);
+}
+
+function geometryOf({ kind, size }) {
+  if (kind === "box") return new THREE.BoxGeometry(...size);
+  if (kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
+  return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
+}
+
+export class RobotScene {
+  /** @param {(point: number[]) => void} onFloor receives a point of the floor [m]. */
+  constructor(place, onFloor) {
+    this.place = place;
+    THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    place.append(this.renderer.domElement);
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 50);
+    this.camera.position.set(1.6, -1.9, 1.1);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.addEventListener("change", () => this.request());
+    this.controls.addEventListener("start", () => { this.moved = true; });
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8088a0, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.8);
+    sun.position.set(2, -3, 4);
+    this.scene.add(sun);
+    const grid = new THREE.GridHelper(6, 24, 0x8890a0, 0x8890a0).rotateX(Math.PI / 2);
+    grid.material.transparent = true;
+    grid.material.opacity = 0.18;
+    this.scene.add(grid);
+    this.root = this.scene.add(new THREE.Group()).children.at(-1);
+    this.target = new THREE.Mesh(new THREE.SphereGeometry(0.035, 24, 16), new THREE.MeshStandardMaterial({ color: COLOURS.target, emissive: 0x700c50 }));
+    this.target.visible = false;
+    this.trail = lineOf(COLOURS.trail, MOST_TRAIL);
+    this.prediction = lineOf(COLOURS.prediction, 64);
+    this.points = [];
+    this.parts = { trail: this.trail, prediction: this.prediction };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
+    this.scene.add(this.target, this.trail, this.prediction);
+    this.listen(onFloor);
+    new ResizeObserver(() => this.resize()).observe(place);
+  }
+
+  /** A click on the floor that is no drag of the view. */
+  listen(onFloor) {
+    const canvas = this.renderer.domElement;
+    let pressed = null;
+    canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+    canvas.addEventListener("pointerup", (event) => {
+      if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > CLICK) return;
+      const { left, top, width, height } = canvas.getBoundingClientRect();
+      const at = new THREE.Vector2((2 * (event.clientX - left)) / width - 1, 1 - (2 * (event.clientY - top)) / height);
+      const ray = new THREE.Raycaster();
+      ray.setFromCamera(at, this.camera);
+      const point = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), new THREE.Vector3());
+      if (point && point.distanceTo(this.camera.position) < FARTHEST) onFloor(point.toArray());
+    });
+  }
+
+  /** Draw a part, or leave it out. */
+  want(part, isWanted) {
+    this.wanted[part] = isWanted;
+    for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
+    this.request();
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.place;
+    if (!clientWidth || !clientHeight) return;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(clientWidth, clientHeight);
+    this.camera.aspect = clientWidth / clientHeight;
+    this.camera.updateProjectionMatrix();
+    this.request();
+  }
+
+  /** Draw once, soon; nothing while nothing changes. Rests twice as long as a frame takes. */
+  request() {
+    if (this.requested || !this.place.clientWidth) return;
+    this.requested = true;
+    const render = () => {
+      const start = performance.now();
+      this.requested = false;
+      this.renderer.render(this.scene, this.camera);
+      requestAnimationFrame((now) => { this.due = now + 2 * (now - start); });
+    };
+    setTimeout(() => requestAnimationFrame(render), Math.max(0, (this.due ?? 0) - performance.now()));
+  }
+
+  setRobot(robot) {
+    this.robot = robot;
+    this.root.clear();
+    this.links = { [robot.root]: this.root };
+    const link = (name) => (this.links[name] ??= new THREE.Group());
+    this.joints = robot.joints.map((joint) => {
+      const origin = new THREE.Group();
+      put(origin, joint.origin);
+      link(joint.parent).add(origin);
+      origin.add(link(joint.child));
+      return { ...joint, origin, axis: new THREE.Vector3(...joint.axis), node: link(joint.child) };
+    });
+    const loader = new STLLoader();
+    for (const shape of robot.shapes) {
+      const [red, green, blue, alpha] = shape.rgba;
+      const colour = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
+      const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.7, transparent: alpha < 1, opacity: alpha });
+      const add = (geometry) => {
+        const mesh = new THREE.Mesh(geometry, material);
+        put(mesh, shape.place);
+        link(shape.link).add(mesh);
+        this.added();
+      };
+      if (shape.kind === "coloured") {
+        new GLTFLoader().load(shape.mesh, ({ scene }) => {
+          put(scene, shape.place);
+          link(shape.link).add(scene);
+          this.added();
+        });
+      } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
+      else add(geometryOf(shape));
+    }
+    this.screen = null;
+    if (robot.camera) this.addGaze(robot, link(robot.camera));
+    this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
+    for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
+    this.shown = "";
+    this.framed = this.moved = false;
+  }
+
+  /** A mesh has come: show the robot as a whole again, unless a person has moved the view. */
+  added() {
+    if (!this.moved) this.framed = false;
+    this.shown = "";
+    this.request();
+  }
+
+  addGaze(robot, camera) {
+    const [across, aspect, sight] = robot.view ?? this.view ?? [1, 4 / 3, 3];
+    this.view = [across, aspect, sight];
+    const view = camera.add(new THREE.Group()).children.at(-1), { axis } = robot;
+    if (axis[2] < 0.999) { // a body frame: make z forward, y down
+      const forward = new THREE.Vector3(...axis), up = new THREE.Vector3(0, 0, 1);
+      const right = forward.clone().cross(up);
+      if (right.length() < 1e-9) right.set(0, -1, 0);
+      right.normalize();
+      view.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(right, forward.clone().cross(right), forward));
+    }
+    const line = lineOf(COLOURS["line of sight"], 2);
+    draw(line, [[0, 0, 0], [0, 0, sight]]);
+    const field = lineOf(COLOURS["reachable field"], robot.field.length / 3, THREE.LineSegments);
+    draw(field, Array.from({ length: robot.field.length / 3 }, (_, number) => robot.field.slice(3 * number, 3 * number + 3)));
+    const cone = new THREE.Group();
+    view.add(line, cone);
+    this.root.add(field);
+    Object.assign(this.parts, { "line of sight": line, "view cone": cone, "reachable field": field });
+    this.addFrustum(cone, AHEAD * Math.tan(across / 2), aspect);
+  }
+
+  addFrustum(view, right, aspect) {
+    const down = right / aspect;
+    const corners = [[-right, -down], [right, -down], [right, down], [-right, down]].map(([x, y]) => [x, y, AHEAD]);
+    const edges = corners.flatMap((corner, number) => [0, 0, 0, ...corner, ...corner, ...corners[(number + 1) % 4]]);
+    const lines = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(edges, 3));
+    view.add(new THREE.LineSegments(lines, new THREE.LineBasicMaterial({ color: COLOURS["view cone"] })));
+    this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2 * right, 2 * down).rotateX(Math.PI), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
+    this.screen.position.z = AHEAD;
+    this.screen.visible = false;
+    view.add(this.screen);
+  }
+
+  showPicture(image) {
+    if (!this.screen || performance.now() < (this.pictureDue ?? 0)) return;
+    this.pictureDue = performance.now() + 200;
+    this.canvas ??= Object.assign(document.createElement("canvas"), { width: 160, height: 120 });
+    this.canvas.getContext("2d").drawImage(image, 0, 0, 160, 120);
+    const { material } = this.screen;
+    if (!material.map) {
+      material.map = new THREE.CanvasTexture(this.canvas);
+      material.map.colorSpace = THREE.SRGBColorSpace;
+      material.needsUpdate = true;
+    }
+    material.map.needsUpdate = true;
+    this.screen.visible = true;
+    this.request();
+  }
+
+  show(positions, target, predicted = [], stamp = 0) {
+    if (!this.robot) return;
+    const shown = JSON.stringify([positions, target, predicted]);
+    if (shown === this.shown) return;
+    this.shown = shown;
+    for (const joint of this.joints) {
+      const leader = positions[joint.leader];
+      if (leader == null) continue;
+      const position = joint.ratio * leader + joint.offset;
+      if (joint.type === "prismatic") joint.node.position.copy(joint.axis).multiplyScalar(position);
+      else joint.node.quaternion.setFromAxisAngle(joint.axis, position);
+    }
+    this.target.visible = Boolean(target);
+    const before = this.points.at(-1);
+    if (!target || (before && (stamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) this.points = [];
+    if (target) {
+      this.target.position.set(...target);
+      this.points.push({ stamp, at: target });
+      while (this.points[0].stamp < stamp - (this.robot.trail ?? 5) || this.points.length > MOST_TRAIL) this.points.shift();
+    }
+    draw(this.trail, this.points.map(({ at }) => at));
+    draw(this.prediction, target ? predicted.slice(0, 64) : []);
+    if (!this.framed) this.frame();
+    this.request();
+  }
+
+  /** Show robot and frustum as a whole, once. */
+  frame() {
+    const box = new THREE.Box3();
+    this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
+    if (box.isEmpty()) return;
+    this.framed = true;
+    const ball = box.getBoundingSphere(new THREE.Sphere());
+    const away = (ball.radius * 1.25) / Math.sin((this.camera.fov * Math.PI) / 360);
+    this.controls.target.copy(ball.center);
+    this.camera.position.copy(ball.center).add(new THREE.Vector3(0.35, -0.85, 0.38).normalize().multiplyScalar(away));
+    this.controls.update();
+  }
+}

@@ -1,0 +1,157 @@
+// What the head looks at: mode cards with their options, and the pad for pan and tilt.
+import { button, by, command, element, offer, write } from "./dom.js";
+
+const ICONS = {
+  face: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm-3 7v1m6-1v1m-6.5 4a5 5 0 0 0 7 0", ball: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm0 0v18M3 12h18M6 5.5c4 3.5 4 9.5 0 13m12-13c-4 3.5-4 9.5 0 13",
+  marker: "M4 4h6v6H4zm10 0h6v6h-6zM4 14h6v6H4zm10 0h2v2h-2zm4 4h2v2h-2z", point: "M12 2v4m0 12v4M2 12h4m12 0h4m-10-5a5 5 0 1 0 0 10 5 5 0 0 0 0-10Z",
+  track: "M12 2v4m0 12v4M2 12h4m12 0h4m-10-1a1 1 0 1 0 0 2 1 1 0 0 0 0-2Z", path: "M7 8c-6 0-6 8 0 8 5 0 5-8 10-8 6 0 6 8 0 8-5 0-5-8-10-8Z", nothing: "M4 4l16 16M8 11V6a1.5 1.5 0 0 1 3 0m0 2V4.5a1.5 1.5 0 0 1 3 0V10m0-3a1.5 1.5 0 0 1 3 0v8M8 12l-2-2m2 9a6 6 0 0 0 4 2",
+  frame: "M5 19V5m0 14h14M5 19l8-8m-8-6-2 2m2-2 2 2m10 10 2 2-2 2",
+};
+const CARDS = {
+  face: ["Face", "the nearest person", "face"], ball: ["Ball", "the coloured one", "ball"], marker: ["Marker", "on the wall", "marker"],
+  point: ["Point", "turn to it once", "point"], track: ["Track", "stay on a point", "track"], path: ["Path", "circle, square, eight", "path"],
+  "follow a frame": ["Frame", "wherever it goes", "frame"], nothing: ["Hands off", "leave it alone", "nothing"],
+  "fictitious target": ["Simulated", "the moving point", "path"], target_mux: ["Mux", "what target_mux says", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
+};
+const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"], ["points", "Points of my own"]];
+const reach = ([low, high]) => Math.max(-low, high, 0.01);
+const within = (value, [low, high]) => Math.min(Math.max(value, low), high);
+
+export class Steering {
+  /** @param {() => boolean} canSteer says whether commands may be sent now. */
+  constructor(canSteer) {
+    this.canSteer = canSteer;
+    this.points = [];
+    this.makeOptions();
+    this.makePad();
+    by("centre").onclick = () => this.command("centre");
+  }
+
+  command(name, body) { return this.canSteer() ? command(name, body) : { done: false }; }
+
+  setRobot(robot) { this.robot = robot; }
+
+  makeOptions() {
+    const form = by("options");
+    form.onsubmit = (event) => { event.preventDefault(); this.go(); };
+    const field = (name, text, make) => { const label = element(form, "label", { "data-for": name }); element(label, "span", {}, text); return make(label); };
+    this.frame = field("frame", "Frame", (label) => element(label, "select", { id: "frame" }));
+    this.xyz = ["x", "y", "z"].map((name, number) => field("point", `${name} (m)`, (label) => element(label, "input", { id: name, type: "number", step: 0.05, value: [1, 0, 0.5][number], required: "" })));
+    this.shape = field("path", "Shape", (label) => element(label, "select", { id: "shape" }));
+    offer(this.shape, SHAPES, "circle");
+    this.size = field("path", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
+    this.speed = field("path", "Speed (m/s)", (label) => element(label, "input", { id: "speed-of-path", type: "number", min: 0.01, max: 3, step: 0.01, value: 0.2 }));
+    this.addPoint = button(form, "Add point", () => { this.points.push(this.xyz.map((input) => Number(input.value))); this.showOptions(); }, { "data-for": "points" });
+    this.clearPoints = button(form, "Clear points", () => { this.points = []; this.showOptions(); }, { "data-for": "points" });
+    this.submit = element(form, "button", { type: "submit", id: "go" }, "Point head");
+    this.shape.onchange = () => { this.shape.blur(); this.showOptions(); };
+    this.frame.onchange = () => { this.frame.blur(); if (this.mode === "follow a frame") this.go(); };
+  }
+
+  /** Do what the options of the mode say. */
+  async go() {
+    const speed = Number(this.speed.value);
+    if (this.mode === "follow a frame") await this.command("mode", { mode: this.mode, frame: this.frame.value });
+    else if (this.mode !== "path") await this.command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value, wait: true });
+    else if (this.shape.value === "points") await this.command("path", { points: this.points, speed });
+    else await this.command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
+  }
+
+  choose(mode) {
+    this.opened = mode;
+    if (mode === "path") { this.mode = mode; return this.go(); }
+    return this.command("mode", { mode, frame: this.frame.value });
+  }
+
+  show(state) {
+    this.mode = state.mode;
+    offer(this.frame, state.frames.map((name) => [name, name]), this.frame.value || (state.frames.includes("base_link") ? "base_link" : state.frames[0]));
+    write(by("target"), state.target_text);
+    for (const [mode, [title, text, icon]] of Object.entries(CARDS)) {
+      const possible = state.modes.includes(mode), rare = !["face", "ball", "marker", "point", "path", "nothing"].includes(mode);
+      let card = by("cards").querySelector(`[data-mode="${mode}"]`);
+      if (rare && !possible && mode !== state.mode) { card?.remove(); continue; }
+      if (!card) {
+        card = button(by("cards"), "", () => this.choose(mode), { "data-mode": mode });
+        element(element(card, "svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }), "path", { d: ICONS[icon] });
+        element(card, "b", {}, title);
+        element(card, "span", {}, text);
+      }
+      card.setAttribute("aria-pressed", state.mode === mode);
+      card.disabled = !possible;
+    }
+    this.showOptions();
+  }
+
+  showOptions() {
+    const { mode } = this, own = this.shape.value === "points";
+    const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode) || (mode === "path" && own), path: mode === "path", points: mode === "path" && own };
+    for (const node of by("options").querySelectorAll("[data-for]")) node.hidden = !wanted[node.dataset.for];
+    by("options").hidden = !Object.values(wanted).some(Boolean);
+    write(this.submit, mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
+    write(this.addPoint, `Add point (${this.points.length} so far)`);
+  }
+
+  makePad() {
+    const pad = by("pad");
+    for (const r of [0.34, 0.67, 1]) element(pad, "circle", { r });
+    for (const angle of [0, 90, 180, 270]) element(pad, "path", { d: "M-.06 -1.04 0 -1.1 .06 -1.04", transform: `rotate(${angle})` });
+    this.padTarget = element(pad, "circle", { r: 0.16, class: "target" });
+    this.padHead = element(pad, "circle", { r: 0.1, class: "head" });
+    const steer = (event) => {
+      if (!(event.buttons & 1)) return;
+      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(pad.getScreenCTM().inverse());
+      this.aimAt(at.x, at.y);
+    };
+    pad.onpointerdown = (event) => { pad.setPointerCapture(event.pointerId); steer(event); };
+    pad.onpointermove = steer;
+    pad.onkeydown = (event) => {
+      const step = { ArrowLeft: [-0.05, 0], ArrowRight: [0.05, 0], ArrowUp: [0, -0.05], ArrowDown: [0, 0.05] }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      this.aimAt(Number(this.padHead.getAttribute("cx")) + step[0], Number(this.padHead.getAttribute("cy")) + step[1]);
+    };
+  }
+
+  /** Aim at a place of the pad: its edge is the joint limit that is farthest from 0. */
+  aimAt(x, y) {
+    const { robot } = this;
+    if (!robot?.pan) return;
+    this.aim({ [robot.pan]: within(this.left() * -x * reach(robot.pan_limits), robot.pan_limits), [robot.tilt]: within(y * reach(robot.tilt_limits) * this.down(), robot.tilt_limits) });
+  }
+
+  /** Send joint positions; while one is under way only the latest is kept. */
+  async aim(joints) {
+    this.wanted = { ...this.wanted, ...joints };
+    if (this.aiming) return;
+    this.aiming = true;
+    while (this.wanted) {
+      const next = this.wanted;
+      this.wanted = null;
+      await this.command("aim", { joints: next });
+    }
+    this.aiming = false;
+  }
+
+  /** Return 1 where a positive pan looks left, -1 where it looks right. */
+  left() { return this.sign("pan", 2); }
+
+  /** Return 1 where a positive tilt looks down, -1 where it looks up. */
+  down() { return this.sign("tilt", 1); }
+
+  sign(which, axis) { return (this.robot.joints.find((joint) => joint.name === this.robot[which])?.axis[axis] ?? 1) < 0 ? -1 : 1; }
+
+  showPad(pan, tilt, wanted) {
+    const { robot } = this;
+    if (!robot?.pan) return;
+    const place = (node, x, y) => {
+      const known = Number.isFinite(x) && Number.isFinite(y);
+      node.style.display = known ? "" : "none";
+      if (!known) return;
+      node.setAttribute("cx", Math.min(Math.max((-this.left() * x) / reach(robot.pan_limits), -1), 1));
+      node.setAttribute("cy", Math.min(Math.max((this.down() * y) / reach(robot.tilt_limits), -1), 1));
+    };
+    place(this.padHead, pan, tilt);
+    place(this.padTarget, wanted?.[0] ?? NaN, wanted?.[1] ?? NaN);
+  }
+}

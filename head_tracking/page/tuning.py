@@ -1,0 +1,232 @@
+"""Parameters of other nodes in the page's words and units, and presets of some of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from head_tracking.ros.kit.other_parameters import OtherParameters, Setting
+from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.tracking import LAWS
+
+_DECADES = 99.0
+"""A range of this ratio is set on a logarithmic scale (two decades, rounded in degrees)."""
+
+_DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
+_OFFERED = {
+    "head_tracker": {
+        *("law", "max_joint_speed", "target_timeout", "recenter_timeout", "enable_target_search"),
+        *("search_target_timeout", "default_joint_speed"),
+    },
+    "point_head": None,
+    "fictitious_target": None,
+    "visual_target": None,
+    "frame_target": None,
+    "target_mux": None,
+}
+"""What is not for experts only, by node; None: everything, as of a law all of its own."""
+
+_CAREFUL = {"servo_bus"}
+"""Nodes whose limits protect the servos: the page asks before it sets them."""
+
+PRESETS: Mapping[str, Mapping[str, float]] = {
+    "calm": {
+        "max_joint_speed": 45.0, "max_joint_acceleration": 400.0,
+        "default_joint_speed": 10.0, "max_velocity": 30.0,
+    },
+    "normal": {},
+    "fast": {
+        "max_joint_speed": 500.0, "max_joint_acceleration": 6000.0,
+        "default_joint_speed": 60.0, "max_velocity": 200.0,
+    },
+}  # fmt: skip
+"""Values in degrees, of head_tracker and point_head; what is left out is as the page found it."""
+
+_PRESET_NODES = ("head_tracker", "point_head")
+
+
+class Tuning:
+    """Lists and sets the parameters of other nodes; for any thread.
+
+    Args:
+        parameters: of the other nodes.
+    """
+
+    def __init__(self, parameters: OtherParameters) -> None:
+        self._parameters = parameters
+        self._found: dict[tuple[str, str], Any] = {}
+        self._lock = threading.Lock()
+
+    def listed(self) -> list[dict[str, Any]]:
+        """Return the parameters that have an effect now, for JSON; see `described`."""
+        everything = self._settings()
+        laws = {one.node: one.value for one in everything if one.name == "law"}
+        return [described(one) for one in everything if not _of_another_law(one, laws)]
+
+    def set(self, node: str, name: str, shown: Any) -> Outcome:
+        """Set a parameter to a value in the page's unit; the outcome says what its node answered.
+
+        Raises:
+            ValueError: there is no such parameter, or the value does not fit its type.
+        """
+        for one in self._settings():
+            if (one.node, one.name) == (node, name):
+                return self._parameters.set(node, name, sent_value(one, shown))
+        raise ValueError(f"{node} has no parameter {name!r} that can be changed.")
+
+    def reset(self, names: Sequence[str] = ()) -> Outcome:
+        """Set parameters to what the page found first: those with these names, or all."""
+        with self._lock:
+            found = dict(self._found)
+        wanted = [
+            (one, found.get((one.node, one.name), one.value))
+            for one in self._settings()
+            if not names or (_base(one.node) in _PRESET_NODES and one.name in names)
+        ]
+        return self._set_all([(one, value) for one, value in wanted if one.value != value])
+
+    def choose(self, preset: str) -> Outcome:
+        """Set the parameters of a preset.
+
+        Raises:
+            ValueError: there is no such preset.
+        """
+        if preset not in PRESETS:
+            raise ValueError(f"There is no preset {preset!r}: choose {', '.join(PRESETS)}.")
+        if not PRESETS[preset]:
+            return self.reset([name for values in PRESETS.values() for name in values])
+        return self._set_all(
+            [
+                (one, min(max(math.radians(PRESETS[preset][one.name]), one.minimum), one.maximum))
+                for one in self._settings()
+                if _base(one.node) in _PRESET_NODES and one.name in PRESETS[preset]
+            ]
+        )
+
+    def _settings(self) -> tuple[Setting, ...]:
+        settings = self._parameters.settings()
+        with self._lock:
+            for one in settings:
+                self._found.setdefault((one.node, one.name), one.value)
+        return settings
+
+    def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> Outcome:
+        outcomes = [self._parameters.set(one.node, one.name, value) for one, value in wanted]
+        refused = [one.text for one in outcomes if not one.done]
+        done = f"{len(wanted)} parameters set" if wanted else "All values are so already."
+        return Outcome(not refused, "; ".join(refused) or done)
+
+
+def described(setting: Setting) -> dict[str, Any]:
+    """Return a parameter for JSON: its value, range and label in the page's unit."""
+    factor, unit = _factor(setting), _unit(setting)
+    low, high = factor * setting.minimum, factor * setting.maximum
+    if factor != 1.0 and 1.0 < high - low < math.inf:  # no farther than its node allows
+        low, high = math.ceil(100.0 * low) / 100.0, math.floor(100.0 * high) / 100.0
+    return {
+        "node": setting.node,
+        "name": setting.name,
+        "label": label(setting),
+        "unit": _DEGREES.get(unit, unit) if factor != 1.0 else unit,
+        "hint": setting.description,
+        "value": shown_value(setting),
+        "whole": isinstance(setting.value, int) and not isinstance(setting.value, bool),
+        "low": low if math.isfinite(low) else None,
+        "high": high if math.isfinite(high) else None,
+        "logarithmic": math.isfinite(high) and _spans_decades(setting, low, high),
+        "choices": list(setting.choices),
+        "expert": _is_expert(setting),
+        "careful": _base(setting.node) in _CAREFUL,
+    }
+
+
+def label(setting: Setting) -> str:
+    """Return a parameter's name in words."""
+    *groups, name = setting.name.split(".")
+    group = " ".join(groups).replace("_controller", "").replace("_", " ")
+    return (f"{group}: {name}" if group else name).replace("_", " ")
+
+
+def shown_value(setting: Setting) -> Any:
+    """Return a parameter's value as the page shows it: angles in degrees, lists as text."""
+    value = setting.value
+    if isinstance(value, list):
+        return ", ".join(f"{number:g}" for number in value)
+    factor = _factor(setting)
+    return value if factor == 1.0 else round(value * factor, 3)
+
+
+def sent_value(setting: Setting, shown: Any) -> Any:
+    """Return a value that the page shows, as its parameter's type and in its unit.
+
+    Raises:
+        ValueError: it does not fit the type.
+    """
+    if isinstance(setting.value, list):
+        return [_number(word) for word in str(shown).replace(",", " ").split()]
+    if isinstance(setting.value, bool):
+        if not isinstance(shown, bool):
+            raise ValueError(f"{setting.name} must be true or false, not {shown!r}.")
+        return shown
+    if isinstance(setting.value, str):
+        return str(shown)
+    number = _number(shown)
+    if isinstance(setting.value, int):
+        if number != round(number):
+            raise ValueError(f"{setting.name} must be a whole number, not {shown!r}.")
+        return int(number)
+    return number / _factor(setting)
+
+
+def _number(shown: Any) -> float:
+    try:
+        number = float(shown)
+    except (TypeError, ValueError):
+        raise ValueError(f"{shown!r} is not a number.") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{shown!r} is not a finite number.")
+    return number
+
+
+def _spans_decades(setting: Setting, low: float, high: float) -> bool:
+    """Return whether a range spans two decades, or begins at a 0 with a meaning of its own."""
+    if low == 0.0:
+        return re.search(r"\b0(:| for) ", setting.description) is not None
+    return low > 0.0 and high / low >= _DECADES
+
+
+def _unit(setting: Setting) -> str:
+    """Return the unit that stands at the end of a description, in brackets."""
+    text = setting.description
+    return text[text.rindex("[") + 1 : -1] if text.endswith("]") else ""
+
+
+def _factor(setting: Setting) -> float:
+    angle = isinstance(setting.value, float) and _unit(setting) in _DEGREES
+    return math.degrees(1.0) if angle else 1.0
+
+
+def _base(node: str) -> str:
+    return node.rpartition("/")[2]
+
+
+def _is_expert(setting: Setting) -> bool:
+    offered = _OFFERED.get(_base(setting.node), set())
+    if offered is None or setting.name in offered:
+        return False
+    return not any(setting.name in _names_of(law) for law in LAWS)
+
+
+def _of_another_law(setting: Setting, laws: Mapping[str, Any]) -> bool:
+    """Return whether a parameter belongs only to laws that do not steer the head now."""
+    active = laws.get(setting.node)
+    users = [law for law in LAWS if setting.name in _names_of(law)]
+    return active is not None and bool(users) and active not in users
+
+
+def _names_of(law: str) -> set[str]:
+    return {field.name for field in dataclasses.fields(LAWS[law].Parameters)}

@@ -1,0 +1,225 @@
+"""The page's server over HTTP and its websocket, with a robot whose answers a test decides."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+from waiting import wait_for
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from head_tracking.page import server
+from head_tracking.page.live import ViewParameters
+from head_tracking.page.server import Page, PageParameters
+from head_tracking.parameters import ParameterError
+from head_tracking.ros.kit.other_services import Outcome
+
+_MARK = {"X-Head-Tracking": "page"}
+
+
+class _Robot:
+    """Answers STOP at once; a mode only when the test lets it. Its observations fail."""
+
+    def __init__(self) -> None:
+        self.stops, self.go_on, self.asked = 0, threading.Event(), threading.Semaphore(0)
+        self.modes = SimpleNamespace(set_mode=self._set_mode, mode=lambda: "nothing")
+        self.recorder = SimpleNamespace(files=tuple)
+        self.parameters = SimpleNamespace(settings=tuple)
+        self.stop = SimpleNamespace(resume=lambda: Outcome(True, ""))
+
+    def model(self) -> Any:
+        raise RuntimeError("the robot fails")
+
+    def head_of(self, model: Any) -> None:
+        return None
+
+    def stop_everything(self) -> Outcome:
+        self.stops += 1
+        return Outcome(True, "relaxed")
+
+    def _set_mode(self, mode: Any, frame: str) -> Outcome:
+        self.asked.release()
+        self.go_on.wait(60.0)
+        return Outcome(True, str(mode))
+
+
+@pytest.fixture(scope="module")
+def robot() -> _Robot:
+    return _Robot()
+
+
+@pytest.fixture(scope="module")
+def page(robot: _Robot) -> Iterator[Page]:
+    failing: list[str] = []
+    served = Page(
+        robot,  # type: ignore[arg-type]
+        PageParameters(port=0, max_browsers=2),
+        ViewParameters(),
+        lambda _: None,
+        failing.append,
+    )
+    yield served
+    robot.go_on.set()
+    served.close()
+
+
+@pytest.fixture
+def client(page: Page) -> Iterator[httpx.Client]:
+    transport = httpx.HTTPTransport(retries=5)
+    base = f"http://127.0.0.1:{page.port}"
+    with httpx.Client(base_url=base, transport=transport, timeout=30.0) as opened:
+        yield opened
+
+
+def test_stop_does_not_wait_for_commands_that_hang(
+    robot: _Robot, page: Page, client: httpx.Client
+) -> None:
+    def ask() -> None:
+        httpx.post(
+            f"http://127.0.0.1:{page.port}/head/do/mode",
+            json={"mode": "face"},
+            headers=_MARK,
+            timeout=60.0,
+        )
+
+    threads = [threading.Thread(target=ask) for _ in range(12)]
+    for thread in threads:
+        thread.start()
+    for _ in range(8):  # every thread for commands is taken
+        assert robot.asked.acquire(timeout=30.0)
+    before = robot.stops
+    assert client.post("/head/stop", headers=_MARK).json() == {"done": True, "text": "relaxed"}
+    assert robot.stops == before + 1
+    assert all(thread.is_alive() for thread in threads)
+    robot.go_on.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_stop_needs_the_mark_of_the_page(robot: _Robot, client: httpx.Client) -> None:
+    before = robot.stops
+    assert client.post("/head/stop").status_code == 403
+    assert robot.stops == before
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "status"),
+    [
+        ("nonsense", b"{}", 404),
+        ("mode", b"[1]", 400),
+        ("mode", b"\xff", 400),
+        ("mode", b"{}", 400),
+        ("mode", b'{"mode": "dance"}', 400),
+        ("aim", b'{"joints": {"a": "far"}}', 400),
+        ("aim", b'{"joints": {"a": NaN}}', 400),
+        ("aim", b" " * 70_000, 413),
+    ],
+)
+def test_bad_requests_are_refused(
+    client: httpx.Client, name: str, body: bytes, status: int
+) -> None:
+    assert client.post(f"/head/do/{name}", content=body, headers=_MARK).status_code == status
+
+
+@contextmanager
+def browser(page: Page) -> Iterator[ClientConnection]:
+    with connect(f"ws://127.0.0.1:{page.port}/head/live") as opened:
+        yield opened
+
+
+def until(opened: ClientConnection, kind: str) -> dict[str, Any]:
+    """The next message of a kind."""
+    while True:
+        said: dict[str, Any] = json.loads(opened.recv(timeout=30.0))
+        if said["type"] == kind:
+            return said
+
+
+def test_a_part_that_fails_is_named_and_the_page_goes_on(page: Page) -> None:
+    with browser(page) as opened:
+        opened.send("\0 nonsense")
+        assert {"robot", "motion", "state"} <= until(opened, "about")["failing"].keys()
+        until(opened, "state")
+
+
+def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:
+    wait_for(lambda: page.browsers == 0, 30.0)
+    with browser(page) as first, browser(page) as second:
+        until(first, "state")
+        until(second, "state")
+        with browser(page) as third, pytest.raises(ConnectionClosed) as refused:
+            third.recv(timeout=30.0)
+        assert refused.value.rcvd is not None
+        assert refused.value.rcvd.code == 4008
+        assert page.browsers == 2
+    wait_for(lambda: page.browsers == 0, 30.0)
+    with browser(page) as opened:
+        until(opened, "state")
+
+
+def test_uploads_are_limited_by_the_size_that_comes(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sent in chunks: no size is declared."""
+    monkeypatch.setattr(server, "_LARGEST_RECORDING", 1000)
+    chunks = iter([b" " * 100] * 50)
+    answer = client.post("/head/replay/upload", content=chunks, headers=_MARK)
+    assert answer.status_code == 413
+    answer = client.post("/head/replay/upload", content=b"no recording", headers=_MARK)
+    assert answer.status_code == 400
+    assert answer.json()["done"] is False
+
+
+@pytest.mark.parametrize("name", ["nothing.mcap", "..%2f..%2fetc%2fpasswd", "%2e%2e"])
+def test_only_recordings_that_are_listed_are_sent(client: httpx.Client, name: str) -> None:
+    assert client.get(f"/head/recordings/{name}").status_code == 404
+    answer = client.post("/head/replay/open", json={"name": name}, headers=_MARK)
+    assert answer.status_code == 400
+
+
+def test_the_page_and_three_js_are_served_from_here(client: httpx.Client) -> None:
+    """The path of three.js in NiceGUI's wheel is not a documented interface."""
+    index = client.get("/").text
+    imports = json.loads(index.partition('<script type="importmap">')[2].partition("</script>")[0])
+    module = client.get(imports["imports"]["nicegui-scene"])
+    assert module.status_code == 200
+    assert all(f" as {name}" in module.text for name in ("THREE", "STLLoader"))
+    assert "OrbitControls" in module.text
+    assert 'font-family: "Roboto"' in client.get("/head/font/fonts.css").text
+    for part in re.findall(r'(?:href|src)="(/[^"]+)"', index):
+        if not part.endswith(".mcap"):
+            assert client.get(part).status_code == 200, part
+
+
+def test_an_address_of_another_machine_is_refused(robot: _Robot) -> None:
+    with pytest.raises(ParameterError):
+        Page(
+            robot,  # type: ignore[arg-type]
+            PageParameters(host="192.0.2.1", port=0),
+            ViewParameters(),
+            lambda _: None,
+            print,
+        )
+
+
+def test_a_port_that_is_taken_is_left_to_who_has_it(robot: _Robot, page: Page) -> None:
+    second = Page(
+        robot,  # type: ignore[arg-type]
+        PageParameters(port=page.port),
+        ViewParameters(),
+        lambda _: None,
+        print,
+    )
+    try:
+        assert second.port != page.port
+        assert httpx.get(f"http://127.0.0.1:{second.port}/", timeout=30.0).status_code == 200
+    finally:
+        second.close()

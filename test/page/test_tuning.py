@@ -1,0 +1,128 @@
+"""Parameters in the page's units, and presets."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from head_tracking.page.tuning import Tuning, described, label, sent_value, shown_value
+from head_tracking.ros.kit.other_parameters import Setting
+from head_tracking.ros.kit.other_services import Outcome
+
+
+def setting(name: str, value: Any, unit: str = "") -> Setting:
+    description = f"What it does. [{unit}]" if unit else "What it does."
+    return Setting("/node", name, value, description, -math.inf, math.inf)
+
+
+class Parameters:
+    """Parameters of nodes that accept everything."""
+
+    def __init__(self, *settings: Setting) -> None:
+        self.now = {(one.node, one.name): one for one in settings}
+
+    def settings(self) -> tuple[Setting, ...]:
+        return tuple(self.now.values())
+
+    def set(self, node: str, name: str, value: Any) -> Outcome:
+        self.now[node, name] = replace(self.now[node, name], value=value)
+        return Outcome(True, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "shown", "shown_unit"),
+    [
+        ("max_velocity", "rad/s", "max velocity", "°/s"),
+        ("dead_band", "rad", "dead band", "°"),
+        ("target_timeout", "s", "target timeout", "s"),
+        ("law", "", "law", ""),
+        ("head_pan_controller.motor.max", "ticks", "head pan motor: max", "ticks"),
+    ],
+)
+def test_names_and_units(name, unit, shown, shown_unit):
+    one = setting(name, 1.0, unit)
+    assert label(one) == shown
+    assert described(one)["unit"] == shown_unit
+
+
+def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
+    angle = setting("dead_band", math.radians(30.0), "rad")
+    assert shown_value(angle) == pytest.approx(30.0)
+    assert sent_value(angle, 45.0) == pytest.approx(math.radians(45.0))
+    seconds = setting("target_timeout", 0.5, "s")
+    assert (shown_value(seconds), sent_value(seconds, 0.7)) == (0.5, 0.7)
+    whole = setting("motor.max", 1023, "ticks")
+    assert sent_value(whole, 1000) == 1000
+    assert sent_value(setting("center", [0.0, 1.0], "m"), "1, 2 3") == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(1.0, "far"), (1.0, None), (1.0, math.nan), (1, 1.5), (True, "yes"), ([1.0], "1, b")],
+)
+def test_values_that_do_not_fit_are_refused(value, shown):
+    with pytest.raises(ValueError):
+        sent_value(setting("name", value), shown)
+
+
+def test_only_the_parameters_of_the_law_that_steers_are_listed():
+    law = Setting("/head_tracker", "law", "speed", "", 0, 0, ("predictive", "speed"))
+    others = [
+        Setting("/head_tracker", name, 1.0, "[s]", 0.0, 9.0) for name in ("k_pan", "dead_band")
+    ]
+    parameters = Parameters(law, *others)
+    tuning = Tuning(parameters)
+    assert {one["name"] for one in tuning.listed()} == {"law", "k_pan"}
+    parameters.set("/head_tracker", "law", "predictive")
+    assert {one["name"] for one in tuning.listed()} == {"law", "dead_band"}
+
+
+def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_found():
+    speed = Setting("/head_tracker", "max_joint_speed", 3.0, "Speed. [rad/s]", 0.0, 4.0)
+    other = Setting("/visual_target", "max_joint_speed", 3.0, "Another one. [rad/s]", 0.0, 4.0)
+    parameters = Parameters(speed, other)
+    tuning = Tuning(parameters)
+
+    def values() -> list[float]:
+        return [one.value for one in parameters.settings()]
+
+    assert tuning.choose("calm").done
+    assert values() == [pytest.approx(math.radians(45.0)), 3.0]
+    assert tuning.choose("fast").done
+    assert values() == [4.0, 3.0]
+    assert tuning.choose("normal").done
+    assert values() == [3.0, 3.0]
+    assert tuning.set("/visual_target", "max_joint_speed", 10.0).done
+    assert tuning.reset().done
+    assert values() == [3.0, 3.0]
+    with pytest.raises(ValueError):
+        tuning.choose("furious")
+    with pytest.raises(ValueError):
+        tuning.set("/head_tracker", "serial_port", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "value", "description", "logarithmic"),
+    [
+        (0.1, 20.0, 1.5, "Speed per error.", True),
+        (math.radians(1.0), math.radians(100.0), 0.1, "Lead. [rad]", True),
+        (1, 100, 5, "Images.", True),
+        (1, 5, 3, "Images.", False),
+        (0.0, 3600.0, 10.0, "So long; 0: never. [s]", True),
+        (0.0, 0.1, 0.01, "Errors below this are left alone. [rad]", False),
+        (-1.0, 100.0, 0.0, "Anything.", False),
+    ],
+)
+def test_ranges_over_decades_get_a_logarithmic_slider(low, high, value, description, logarithmic):
+    assert (
+        described(Setting("/node", "name", value, description, low, high))["logarithmic"]
+        is logarithmic
+    )
+
+
+def test_what_protects_the_servos_and_what_experts_need_is_marked():
+    careful = described(Setting("/servo_bus", "motor.max", 1, "", 0, 9))
+    assert (careful["careful"], careful["expert"]) == (True, True)
+    plain = described(Setting("/point_head", "max_velocity", 1.0, "", 0, 9))
+    assert (plain["careful"], plain["expert"]) == (False, False)

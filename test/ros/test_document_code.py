@@ -1,0 +1,167 @@
+"""Every code block of README and docs runs as it stands.
+
+A block that cannot run here begins with a comment that says what it needs. Servos are no such need:
+simulated ones of the robot that the block names stand behind /dev/ttyUSB0.
+"""
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+from ros_domain import own_domain
+
+from head_tracking.configuration import configured_head
+from head_tracking.share import robot_parameters
+from head_tracking.simulation import SimulatedPort, SimulatedServo
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NEEDS = re.compile(r"# Needs [\w ]+")
+PORT = "/dev/ttyUSB0"
+PATIENCE = 90  # s; other tests may keep the machine busy
+SECONDS = 6  # a program that does not end is ended by SIGINT after so long
+LONG = ("./scripts/run", "ros2 run", "head_tracking", "python examples/")
+STAND_IN = Path(__file__).parents[1] / "support" / "document_commands.py"
+
+
+def blocks(language: str) -> list[pytest.param]:
+    """Return the blocks in a language, named by document and line."""
+    return [
+        pytest.param(
+            match[2], id=f"{path.relative_to(ROOT)}:{text[: match.start()].count(chr(10))}"
+        )
+        for path in DOCUMENTS
+        for text in [path.read_text()]
+        for match in BLOCK.finditer(text)
+        if match[1] == language
+    ]
+
+
+def cannot_run(code: str) -> bool:
+    return NEEDS.match(code) is not None
+
+
+@contextmanager
+def servos(code: str, folder: Path) -> Iterator[str]:
+    """Serve simulated servos of the robot that the code names, and name their port in the code."""
+    if PORT not in code:
+        yield code
+        return
+    named = re.search(r'robot[= ]"?([a-z]\w+)', code)
+    configured = configured_head(robot_parameters(named[1] if named else "kinectbot")).servos
+    simulated = [
+        SimulatedServo(servo.id, servo.model.name)
+        for joint in configured
+        for servo in joint.calibrations
+    ]
+    with SimulatedPort(simulated, link=folder / "bus") as port:
+        yield code.replace(PORT, port.port_name)
+
+
+def run(command: list[str], folder: Path, domain: str) -> None:
+    programs = folder / "bin"
+    programs.mkdir()
+    for name in ("head_tracking", "ros2"):
+        (programs / name).write_text(
+            f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {STAND_IN} {name} "$@"\n'
+        )
+        (programs / name).chmod(0o755)
+    environment = os.environ | {
+        "PATH": f"{programs}:{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.getenv("PYTHONPATH")])),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": domain,
+        "HOME": str(folder),
+    }
+    answer = subprocess.run(
+        ["env", "--default-signal", *command],
+        check=False,
+        cwd=ROOT,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert answer.returncode == 0, answer.stdout
+
+
+def commands(code: str) -> Iterator[str]:
+    """Yield the commands of a block, those that may go on for ever with an end."""
+    end = f"timeout --signal INT --kill-after 20 {SECONDS}"
+    for line in code.replace("\\\n", " ").splitlines():
+        words, _, _ = line.partition(" #")
+        if words.startswith(LONG) and words.rstrip().endswith("&"):
+            yield f"{end} {words}"
+        elif words.startswith(LONG):
+            yield f"{end} {words} || (($? == 124))"
+        else:
+            yield words
+    yield "wait || true"
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python(code: str, tmp_path: Path) -> None:
+    if cannot_run(code):
+        ast.parse(code)
+        return
+    with ExitStack() as stack:
+        domain = stack.enter_context(own_domain())
+        code = stack.enter_context(servos(code, tmp_path))
+        (tmp_path / "program.py").write_text(code)
+        command = [sys.executable, str(tmp_path / "program.py")]
+        if "rclpy.spin" in code:
+            command = ["timeout", "--preserve-status", "--signal", "TERM", "4", *command]
+        run(command, tmp_path, domain)
+
+
+@pytest.mark.parametrize("code", blocks("bash"))
+def test_commands(code: str, tmp_path: Path) -> None:
+    if cannot_run(code):
+        subprocess.run(["bash", "-n"], input=code, text=True, check=True)
+        return
+    with ExitStack() as stack:
+        domain = stack.enter_context(own_domain())
+        code = stack.enter_context(servos(code, tmp_path))
+        script = "\n".join(("set -eo pipefail", *commands(code)))
+        run(["bash", "-c", script.replace("./scripts/run", "head_tracking")], tmp_path, domain)
+
+
+@pytest.mark.parametrize("code", blocks("yaml"))
+def test_parameters_have_names_that_nodes_know(code: str) -> None:
+    known = set(
+        re.findall(r"^\| `(\S+)`", (ROOT / "docs/reference/parameters.md").read_text(), re.M)
+    )
+
+    def names(values: dict[str, object], prefix: str = "") -> Iterator[str]:
+        for name, value in values.items():
+            if isinstance(value, dict):
+                yield from names(value, f"{prefix}{name}.")
+            else:
+                yield prefix + name
+
+    for node in yaml.safe_load(code).values():
+        for name in names(node["ros__parameters"]):
+            assert re.sub(r"^\w+_controller\.", "<controller>.", name) in known
+
+
+@pytest.mark.parametrize("code", blocks("xml"))
+def test_xml_is_well_formed(code: str) -> None:
+    ET.fromstring(f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">{code}</robot>')
+
+
+def test_every_block_has_a_language_that_is_tested() -> None:
+    for path in DOCUMENTS:
+        for match in BLOCK.finditer(path.read_text()):
+            assert match[1] in ("python", "bash", "yaml", "xml", "text"), match[2]

@@ -1,6 +1,0 @@
-import pytest
-
-for library in ("viser", "mcap_ros2"):
-    pytest.importorskip(
-        library, reason=f"{library} is missing: pip install -r requirements/viewer.txt"
-    )
