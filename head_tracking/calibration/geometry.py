@@ -1,4 +1,4 @@
-"""What a head with errors would see: the model of the robot, and what a calibration changes in it."""
+"""What a head with errors would see: the robot's model, and what a calibration changes in it."""
 
 from __future__ import annotations
 
@@ -52,6 +52,38 @@ logarithm of a factor.
 FOCAL_LENGTH: Final = 7
 
 
+class Estimate(NamedTuple):
+    """A number that was estimated, or not.
+
+    Attributes:
+        value: how far it is from the model [rad, m, or a ratio]; 0 if the scene does not tell it.
+        deviation: one standard deviation.
+        observable: whether the scene tells it.
+    """
+
+    value: float
+    deviation: float
+    observable: bool
+
+
+class Solution(NamedTuple):
+    """What views have told of a head.
+
+    Attributes:
+        changes: of `PARAMETERS`, shape (10,).
+        estimates: by name of the parameter; what was not asked for is missing.
+        noise: of a corner in the picture, one standard deviation [px].
+        views: that were used.
+        left_out: views that contradict the others.
+    """
+
+    changes: Array
+    estimates: dict[str, Estimate]
+    noise: float
+    views: int
+    left_out: int
+
+
 @dataclass(frozen=True, slots=True)
 class HeadGeometry:
     """The frames between the base of a head and its camera, and which joints a calibration changes.
@@ -79,9 +111,7 @@ class HeadGeometry:
     before_camera: Transform
 
     @staticmethod
-    def of(
-        model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str
-    ) -> HeadGeometry:
+    def of(model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str) -> HeadGeometry:
         """Return the geometry of a robot's head.
 
         Raises:

@@ -12,12 +12,20 @@ from xml.etree import ElementTree
 
 import yaml
 
-from head_tracking.calibration.geometry import FOCAL_LENGTH, PARAMETERS, HeadGeometry
-from head_tracking.calibration.solver import Estimate, Solution
+from head_tracking.calibration.geometry import (
+    FOCAL_LENGTH,
+    PARAMETERS,
+    Estimate,
+    HeadGeometry,
+    Solution,
+)
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
 
 _TIME: Final = "%Y-%m-%dT%H:%M:%S"
+_MALFORMED: Final = (
+    yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError,
+)  # fmt: skip
 _SAME: Final = 1e-6  # m, and of a quaternion
 
 
@@ -98,7 +106,7 @@ class Calibration:
         )
 
     def save(self, path: Path) -> None:
-        """Write the calibration into a YAML file; a file that is there is kept until all is written."""
+        """Write a YAML file; one that is there is kept until all is written."""
         document = {
             "robot": self.robot,
             "made": time.strftime(_TIME, time.localtime(self.made)),
@@ -162,7 +170,7 @@ class Calibration:
             )
         except OSError as error:
             raise CalibrationFileError(path, error.strerror or str(error)) from error
-        except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        except _MALFORMED as error:
             raise CalibrationFileError(
                 path,
                 f"this is no calibration of a head ({type(error).__name__}: {error}); "

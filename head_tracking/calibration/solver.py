@@ -18,7 +18,9 @@ from head_tracking.calibration.geometry import (
     FOCAL_LENGTH,
     PARAMETERS,
     Array,
+    Estimate,
     HeadGeometry,
+    Solution,
     rotation_matrices,
 )
 from head_tracking.exceptions import HeadTrackingError
@@ -76,38 +78,6 @@ class View(NamedTuple):
     tilt: float
     marker: int
     corners: Array
-
-
-class Estimate(NamedTuple):
-    """A number that was estimated, or not.
-
-    Attributes:
-        value: how far it is from the model [rad, m, or a ratio]; 0 if the scene does not tell it.
-        deviation: one standard deviation.
-        observable: whether the scene tells it.
-    """
-
-    value: float
-    deviation: float
-    observable: bool
-
-
-class Solution(NamedTuple):
-    """What views have told of a head.
-
-    Attributes:
-        changes: of `PARAMETERS`, shape (10,).
-        estimates: by name of the parameter; what was not asked for is missing.
-        noise: of a corner in the picture, one standard deviation [px].
-        views: that were used.
-        left_out: views that contradict the others.
-    """
-
-    changes: Array
-    estimates: dict[str, Estimate]
-    noise: float
-    views: int
-    left_out: int
 
 
 def solve(
@@ -408,7 +378,8 @@ def _first_poses(
 
 def _square(size: float) -> Array:
     half = size / 2.0
-    return np.array([[-half, half, 0.0], [half, half, 0.0], [half, -half, 0.0], [-half, -half, 0.0]])
+    signs = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    return np.asarray(half * signs)
 
 
 def _shown(k: int, value: float) -> str:
