@@ -1,6 +1,6 @@
 """A pan/tilt head that looks at things: transforms, gaze, tracking and a Dynamixel servo bus.
 
-`from head_tracking import Head` is for Python programs; see `head_tracking.head`.
+`from head_tracking import Head` is for Python programs; see `head_tracking.head.program`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from head_tracking.head import (
+    from head_tracking.head.program import (
         FrameError,
         Head,
         HeadState,
@@ -39,6 +39,6 @@ def __getattr__(name: str) -> Any:
     """Load `Head` and what belongs to it when a program asks for it: no node needs it."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from head_tracking import head
+    from head_tracking.head import program
 
-    return getattr(head, name)
+    return getattr(program, name)

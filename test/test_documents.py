@@ -28,3 +28,43 @@ def test_no_link_is_dead(document: Path) -> None:
         assert file.exists(), target
         if anchor:
             assert anchor in anchors(file), f"{target}#{anchor}"
+
+
+def test_documents_name_the_version_of_the_package() -> None:
+    text = (ROOT / "package.xml").read_text()
+    version = re.search(r"<version>(.*)</version>", text)
+    assert version is not None
+    assert f"Version {version[1]}." in (ROOT / "README.md").read_text()
+    assert f"\n{version[1]} " in (ROOT / "CHANGELOG.rst").read_text()
+
+
+MOST_WORDS = 30
+
+
+def sentences(text: str) -> list[str]:
+    """Return the sentences that somebody wrote: no tables, no headings, no output of benchmarks."""
+    text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^(\||#|!\[| {4}).*$", "", text, flags=re.MULTILINE)
+    paragraphs = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text)
+    return [
+        sentence
+        for paragraph in paragraphs
+        for sentence in re.split(r"(?<=[.!?:;])\s+", " ".join(paragraph.split()))
+    ]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_sentences_are_short(document: Path) -> None:
+    assert [each for each in sentences(prose(document)) if len(each.split()) > MOST_WORDS] == []
+
+
+FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|yaml|xacro|rviz))`")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_that_a_document_names_exist(document: Path) -> None:
+    for name in FILE.findall(prose(document)):
+        if "NAME" in name:
+            continue
+        assert (ROOT / name).exists() or (ROOT / "head_tracking" / name).exists(), name

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from head_tracking.cli.client import Client, ClientError, running_client
 from head_tracking.command_line import seconds, writable_file
-from head_tracking.control.head_parameters import HeadParameters
+from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters

@@ -15,6 +15,12 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.parameters import parameter
 
+_ANY_OFFSET: Final = -(2**31)
+_OFFSET: Final = (
+    "What the servo's memory added to its position (Position, Homing or Multi Turn Offset) when "
+    "init, min and max were measured; a servo with another one is refused. The default: it is not "
+    "checked."
+)
 _REVERSE: Final = (
     "Bit 0 (reverse) of Drive Mode that min and max belong to; a servo with another one is "
     "refused; -1: it is not checked."
@@ -158,6 +164,7 @@ class MotorParameters:
     init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
     min: int = parameter(0, "The joint's lower limit.", unit="ticks")
     max: int = parameter(1023, "The joint's upper limit.", unit="ticks")
+    offset: int = parameter(_ANY_OFFSET, _OFFSET, unit="ticks", fixed=True)
     reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
 
 
@@ -171,6 +178,7 @@ class SecondMotorParameters:
     init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
     min: int = parameter(0, "The joint's lower limit.", unit="ticks", fixed=True)
     max: int = parameter(1023, "The joint's upper limit.", unit="ticks", fixed=True)
+    offset: int = parameter(_ANY_OFFSET, _OFFSET, unit="ticks", fixed=True)
     reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
 
 
@@ -221,6 +229,7 @@ def configured_joint(
             second_motor.min,
             second_motor.max,
             model,
+            offset=_offset(second_motor),
             reverse=_reverse(second_motor),
         )
     return JointConfiguration(
@@ -234,8 +243,13 @@ def configured_joint(
         max_speed=controller.max_speed or None,
         model=model,
         second=second,
+        offset=_offset(motor),
         reverse=_reverse(motor),
     )
+
+
+def _offset(motor: MotorParameters | SecondMotorParameters) -> int | None:
+    return None if motor.offset == _ANY_OFFSET else motor.offset
 
 
 def _reverse(motor: MotorParameters | SecondMotorParameters) -> bool | None:

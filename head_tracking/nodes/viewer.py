@@ -11,8 +11,8 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
-from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters

@@ -11,8 +11,8 @@ from contextlib import suppress
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
-from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.gaze import PanTiltHead
+from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page.badge import Badge, badge
 from head_tracking.page.head_modes import POINTER, TRACKER, HeadModes, Mode
 from head_tracking.page.joint_control import JointControl

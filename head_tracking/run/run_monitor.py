@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from head_tracking.control.head_control import HeadControl
+from head_tracking.head.head_control import HeadControl
 from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.run.status_line import Mood
 from head_tracking.tracking import ErrorStatistics, TrackingJudge

@@ -340,6 +340,10 @@ class Mount(Protocol):
         """-1 if rising ticks are falling positions, else 1."""
 
     @property
+    def offset(self) -> int | None:
+        """What its memory adds to its position, ticks; None: nothing."""
+
+    @property
     def reverse(self) -> bool | None:
         """Whether its Drive Mode counts ticks in reverse; None: it does not."""
 
@@ -398,12 +402,18 @@ class SimulatedJoints:
 
 
 def _servo(mount: Mount) -> SimulatedServo:
-    """Return a servo that stands at its joint's position 0."""
-    if not mount.reverse:
-        return SimulatedServo(mount.id, mount.model, position=mount.init)
-    center = simulated_model(mount.model).center
-    servo = SimulatedServo(mount.id, mount.model, position=2 * center - mount.init)
-    servo.set_register("Drive Mode", 1)
+    """Return a servo that stands at its joint's position 0, with the memory that it needs."""
+    model, init = simulated_model(mount.model), mount.init
+    if mount.offset and model.is_feetech:
+        init = (init + mount.offset) % model.ticks
+    elif mount.offset and model.control == "profile":
+        init -= mount.offset
+    position = 2 * model.center - init if mount.reverse else init
+    servo = SimulatedServo(mount.id, mount.model, position=position)
+    if mount.reverse:
+        servo.set_register("Drive Mode", 1)
+    if mount.offset:
+        servo.set_offset(mount.offset)
     return servo
 
 

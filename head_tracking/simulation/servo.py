@@ -6,7 +6,7 @@ from random import Random
 from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.feetech import RESTART, FeetechRegisters
+from head_tracking.simulation.feetech import RESTART, FeetechRegisters, to_sign_magnitude
 from head_tracking.simulation.models import Named, Register, SimulatedModel, simulated_model
 from head_tracking.simulation.motion import Coupling, Drive
 from head_tracking.simulation.packets import (
@@ -227,6 +227,14 @@ class SimulatedServo:
             raise SimulationError(f"{name} cannot hold {value}") from cause
         self._registers[name] = value
         self._configure()
+
+    def set_offset(self, ticks: int) -> None:
+        """Set what its memory adds to its position; raises as `set_register` does."""
+        if self.model.is_feetech:
+            self.set_register("Position Offset", to_sign_magnitude(ticks, 11))
+        else:
+            homing = "Homing Offset" in self._registers
+            self.set_register("Homing Offset" if homing else "Multi Turn Offset", ticks)
 
     def _find(self, name: str) -> Register:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ Array = npt.NDArray[np.float64]
 _SPAN = 3.0  # s
 _ROOM = 2048  # readings; half of them are kept when the room is full
 _VELOCITY_WINDOW = 0.06  # s
+_FARTHEST = 1e4  # rad; no joint has turned so far
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,12 @@ class JointReadings:
         self._start = self._end = 0
 
     def append(self, stamp: float, positions: tuple[float, float]) -> bool:
-        """Accept pan and tilt [rad] measured at `stamp` [s]; return False if it is not newer."""
+        """Accept pan and tilt [rad] measured at `stamp` [s]; return whether it was accepted.
+
+        A reading that is not newer than the latest, or not a number, is ignored.
+        """
+        if not (math.isfinite(stamp) and all(abs(position) < _FARTHEST for position in positions)):
+            return False
         if self.latest is not None and stamp <= self.latest.stamp:
             return False
         rows = self._rows

@@ -311,6 +311,7 @@ class _JointLaw:
 
 
 _LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
+_SHORTEST = 1e-4  # s between two commands; simulated clocks can stand still
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
 _MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
@@ -421,6 +422,7 @@ class PredictiveLaw(TrackingLaw):
         elapsed = now - self._stepped
         self._stepped = now
         anew = not 0.0 <= elapsed <= max(_LONGEST_PAUSE, 3.0 * self._period)
+        elapsed = max(elapsed, _SHORTEST)
         if anew:
             self._aimed, elapsed = None, self._period
         for joint, position, velocity in zip(

@@ -134,7 +134,7 @@ class Tracker:
         return Delays(*ages, law.delays, law.deviations)
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """Takes pan and tilt [rad] as measured at `stamp` [s]; only newer ones count."""
+        """Accept pan and tilt [rad] as measured at `stamp` [s]; only newer, finite ones count."""
         self._readings.append(stamp, positions)
 
     def target_seen(

@@ -34,7 +34,7 @@ def main() -> int:
         face(visitor)
         visitor.page.wait_for_timeout(1e3 * SETTLING)
         sizes.append(take(visitor, folder / "viewer.png"))
-        for place in ("joints", "tune", "health", "record"):
+        for place in ("joints", "tune", "health"):
             open_tab(visitor.page, place)
             sizes.append(take(visitor, folder / f"viewer-{place}.png"))
         visitor.page.close()

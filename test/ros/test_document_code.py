@@ -21,7 +21,7 @@ from ros_domain import own_domain
 
 from head_tracking.configuration import configured_head
 from head_tracking.share import robot_parameters
-from head_tracking.simulation import SimulatedPort, SimulatedServo
+from head_tracking.simulation import SimulatedJoints
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -52,20 +52,15 @@ def cannot_run(code: str) -> bool:
 
 
 @contextmanager
-def servos(code: str, folder: Path) -> Iterator[str]:
+def servos(code: str) -> Iterator[str]:
     """Serve simulated servos of the robot that the code names, and name their port in the code."""
     if PORT not in code:
         yield code
         return
     named = re.search(r'robot[= ]"?([a-z]\w+)', code)
     configured = configured_head(robot_parameters(named[1] if named else "kinectbot")).servos
-    simulated = [
-        SimulatedServo(servo.id, servo.model.name)
-        for joint in configured
-        for servo in joint.calibrations
-    ]
-    with SimulatedPort(simulated, link=folder / "bus") as port:
-        yield code.replace(PORT, port.port_name)
+    with SimulatedJoints(configured) as simulated:
+        yield code.replace(PORT, simulated.port_name)
 
 
 def run(command: list[str], folder: Path, domain: str) -> None:
@@ -118,12 +113,11 @@ def test_python(code: str, tmp_path: Path) -> None:
         return
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())
-        code = stack.enter_context(servos(code, tmp_path))
+        code = stack.enter_context(servos(code))
         (tmp_path / "program.py").write_text(code)
-        command = [sys.executable, str(tmp_path / "program.py")]
-        if "rclpy.spin" in code:
-            command = ["timeout", "--preserve-status", "--signal", "TERM", "4", *command]
-        run(command, tmp_path, domain)
+        end = "timeout --signal TERM 4" if "rclpy.spin" in code else ""
+        command = f"{end} {sys.executable} {tmp_path}/program.py || (({bool(end):d} && $? == 124))"
+        run(["bash", "-c", command], tmp_path, domain)
 
 
 @pytest.mark.parametrize("code", blocks("bash"))
@@ -133,7 +127,7 @@ def test_commands(code: str, tmp_path: Path) -> None:
         return
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())
-        code = stack.enter_context(servos(code, tmp_path))
+        code = stack.enter_context(servos(code))
         script = "\n".join(("set -eo pipefail", *commands(code)))
         run(["bash", "-c", script.replace("./scripts/run", "head_tracking")], tmp_path, domain)
 

@@ -12,7 +12,7 @@ FOR_ROS, WITHOUT_ROS = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), 
 def test_the_program_for_tf2_ros(pointing_robot):
     names = {"__name__": "document"}
     exec(FOR_ROS, names)
-    pointing_robot.threads.start(names["Where"]())
+    pointing_robot.threads.start(names["CameraHeight"]())
     height, x, y = map(
         float, re.findall(r"-?[\d.]+", pointing_robot.logged("m high, looking at"))[:3]
     )
@@ -23,6 +23,6 @@ def test_the_program_for_tf2_ros(pointing_robot):
 
 def test_the_program_without_ros():
     names: dict = {}
-    exec(WITHOUT_ROS.replace("my_robot.urdf.xacro", str(robot_file("kinectbot"))), names)
+    exec(WITHOUT_ROS.replace("urdf/kinectbot.urdf.xacro", str(robot_file("kinectbot"))), names)
     assert names["x"] > 0.9
     assert 0.1 < names["y"] < 0.3

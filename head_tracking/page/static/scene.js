@@ -236,6 +236,7 @@ export class RobotScene {
   /** Show robot and frustum as a whole, once. */
   frame() {
     const box = new THREE.Box3();
+    this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
     if (box.isEmpty()) return;
     this.framed = true;

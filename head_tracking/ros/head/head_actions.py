@@ -8,9 +8,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from head_tracking.control.head_control import HeadControl
-from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd, TrajectoryTask
 from head_tracking.gaze import PointingParameters
+from head_tracking.head.head_control import HeadControl
+from head_tracking.head.tasks import HeadTask, PointTask, TaskEnd, TrajectoryTask
 from head_tracking.ros.head.goal_server import Goal, GoalServer
 from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters

@@ -12,10 +12,10 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop, JointBackend
-from head_tracking.control.head_control import HeadControl, TargetMode
-from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.head.head_control import HeadControl, TargetMode
+from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend

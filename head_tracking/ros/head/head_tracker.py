@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from head_tracking.control import ControlLoop
-from head_tracking.control.modes import Following, FollowingSettings
+from head_tracking.head.modes import Following, FollowingSettings
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_interface import HeadInterface
 from head_tracking.ros.kit.diagnostics import in_namespace

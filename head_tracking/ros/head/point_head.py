@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.control import ControlLoop
-from head_tracking.control.modes import LookingOnce
 from head_tracking.gaze import PointingParameters
+from head_tracking.head.modes import LookingOnce
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_interface import HeadInterface

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from head_tracking.control.head_control import HeadControl, TargetMode
-from head_tracking.control.tasks import HeadReading
 from head_tracking.gaze import HeadCommand, PanTiltHead, PointingParameters, together
+from head_tracking.head.head_control import HeadControl, TargetMode
+from head_tracking.head.tasks import HeadReading
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,

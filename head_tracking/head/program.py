@@ -23,10 +23,6 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from head_tracking.configuration import ConfiguredHead, configured_head
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
-from head_tracking.control.head_control import HeadControl
-from head_tracking.control.head_parameters import HeadParameters
-from head_tracking.control.modes import Following
-from head_tracking.control.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import (
     BusStatistics,
     BusStoppedError,
@@ -43,6 +39,10 @@ from head_tracking.exceptions import (
     UnreachableError,
 )
 from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
+from head_tracking.head.head_control import HeadControl
+from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.head.modes import Following
+from head_tracking.head.tasks import HeadTask, PointTask, TaskEnd
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker
 from head_tracking.transforms import (

@@ -25,7 +25,7 @@ from head_tracking.tracking import (
 from head_tracking.transforms import TransformException, Vector3
 
 if TYPE_CHECKING:
-    from head_tracking.control.head_control import HeadControl
+    from head_tracking.head.head_control import HeadControl
 
 _PERIOD = 0.02  # s
 _PROGRESS_PERIOD = 0.035  # s

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from head_tracking.control.head_parameters import HeadParameters
 from head_tracking.control.loop import ControlLoop
 from head_tracking.control.owners import STOPPED, OwnershipError
-from head_tracking.control.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
+from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.head.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     ClockWatch,

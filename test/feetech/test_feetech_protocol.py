@@ -1,0 +1,138 @@
+"""Packets of Feetech servos, as the maker's page prints them (ftservo-wiki 9522ce1, ft-scs.md)."""
+
+from __future__ import annotations
+
+import pytest
+
+from head_tracking.dynamixel import servo_model
+from head_tracking.dynamixel.control_table import decode_sign_magnitude, encode_sign_magnitude
+from head_tracking.dynamixel.exceptions import RangeError
+from head_tracking.dynamixel.protocol import (
+    decode_status,
+    encode_packet,
+    read_packet,
+    sync_read_packet,
+    sync_write_packet,
+    write_packet,
+)
+from head_tracking.simulation import SimulatedBus, SimulatedServo
+
+STS = servo_model("STS3215")
+SPEED_1000 = bytes.fromhex("00 08 00 00 E8 03")  # position 2048, time 0, 1000 steps/s
+
+VECTORS = {
+    "ping": ("FF FF 01 02 01 FB", encode_packet(1, 1, 0x01)),
+    "read position": ("FF FF 01 04 02 38 02 BE", read_packet(1, 1, 56, 2)),
+    "write id": ("FF FF FE 04 03 05 01 F4", write_packet(1, 254, 5, b"\x01")),
+    "write goal": (
+        "FF FF 01 09 03 2A 00 08 00 00 E8 03 D5",
+        write_packet(1, 1, 42, SPEED_1000),
+    ),
+    "sync write": (
+        "FF FF FE 20 83 2A 06 01 00 08 00 00 E8 03 02 00 08 00 00 E8 03 "
+        "03 00 08 00 00 E8 03 04 00 08 00 00 E8 03 58",
+        sync_write_packet(1, 42, dict.fromkeys((1, 2, 3, 4), SPEED_1000)),
+    ),
+    "sync read": ("FF FF FE 06 82 38 08 01 02 36", sync_read_packet(1, (1, 2), 56, 8)),
+}
+
+
+@pytest.mark.parametrize(("printed", "ours"), VECTORS.values(), ids=VECTORS)
+def test_the_driver_sends_what_the_maker_prints(printed: str, ours: bytes) -> None:
+    assert ours == bytes.fromhex(printed)
+
+
+def test_the_driver_reads_what_the_maker_prints() -> None:
+    status = decode_status(1, bytes.fromhex("FF FF 01 04 00 18 05 DD"))
+    assert status is not None
+    assert STS.control_table.block("Present Position").decode(status.data) == (1304,)
+    status = decode_status(1, bytes.fromhex("FF FF 02 0A 00 FF 07 00 00 00 00 77 23 53"))
+    assert status is not None
+    assert STS.feedback.decode(status.data) == (2047, 0, 0, 0x77, 0x23)
+
+
+def test_a_goal_is_what_the_maker_prints_with_an_acceleration_of_0_before() -> None:
+    values = STS.goal_values(2048, 1000)
+    assert STS.goal.encode(*values) == b"\0" + SPEED_1000
+    assert STS.goal_layout.pack(2048, 1000) == b"\0" + SPEED_1000
+    assert STS.goal.address == 41
+
+
+def test_values_of_scs_servos_have_the_high_byte_first() -> None:
+    scs = servo_model("SCS0009")
+    assert scs.goal.encode(*scs.goal_values(0x0123, 0x0245)) == bytes.fromhex("01 23 00 00 02 45")
+    assert scs.control_table.block("Model Number").decode(b"\x05\x04") == (1284,)
+    assert STS.control_table.block("Model Number").decode(b"\x09\x03") == (777,)
+
+
+# The simulator, by the same vectors
+
+
+def servos() -> SimulatedBus:
+    one, two = SimulatedServo(1, STS, position=1304), SimulatedServo(2, STS, position=2047)
+    return SimulatedBus([one, two])
+
+
+def exchange(bus: SimulatedBus, sent: str) -> list[bytes]:
+    return [answer.data for answer in bus.receive(bytes.fromhex(sent), 0)]
+
+
+def test_simulated_servos_answer_what_the_maker_prints() -> None:
+    bus = servos()
+    assert exchange(bus, "FF FF 01 02 01 FB") == [bytes.fromhex("FF FF 01 02 00 FC")]
+    read = exchange(bus, "FF FF 01 04 02 38 02 BE")
+    assert read == [bytes.fromhex("FF FF 01 04 00 18 05 DD")]
+    done = exchange(bus, "FF FF 01 09 03 2A 00 08 00 00 E8 03 D5")
+    assert done == [bytes.fromhex("FF FF 01 02 00 FC")]
+    assert bus[1].register("Goal Position") == 2048
+    assert bus[1].register("Moving Speed") == 1000
+    assert bus[1].register("Torque Enable") == 1
+
+
+def test_simulated_servos_answer_a_sync_read_in_its_order() -> None:
+    bus = servos()
+    for servo in bus:
+        servo.supply_voltage, servo.temperature = 11.9, 35.0
+    one, two = exchange(bus, "FF FF FE 06 82 38 08 01 02 36")
+    assert one[:7] == bytes.fromhex("FF FF 01 0A 00 18 05")
+    assert two == bytes.fromhex("FF FF 02 0A 00 FF 07 00 00 00 00 77 23 53")
+
+
+def test_a_simulated_servo_keeps_a_write_for_later_and_calibrates_itself() -> None:
+    bus = servos()
+    done = exchange(bus, "FF FF 01 09 04 2A 00 08 00 00 E8 03 D4")
+    assert done == [bytes.fromhex("FF FF 01 02 00 FC")]
+    assert bus[1].register("Torque Enable") == 0 and bus[1].register("Registered") == 1
+    assert exchange(bus, "FF FF FE 02 05 FA") == []
+    assert bus[1].register("Goal Position") == 2048 and bus[1].register("Torque Enable") == 1
+    assert exchange(bus, "FF FF 02 02 0B F0") == [bytes.fromhex("FF FF 02 02 00 FB")]
+    assert bus[2].register("Present Position") == 2048
+    assert exchange(bus, "FF FF 02 04 0B 00 04 EA") == [bytes.fromhex("FF FF 02 02 00 FB")]
+    assert bus[2].register("Present Position") == 1024
+
+
+def test_what_is_written_under_the_lock_is_forgotten_at_power_off() -> None:
+    servo = SimulatedServo(1, STS)
+    bus = SimulatedBus([servo])
+    bus.receive(write_packet(1, 1, 13, b"\x3c"), 0)
+    assert servo.register("Temperature Limit") == 60
+    servo.power_off()
+    servo.power_on()
+    assert servo.register("Temperature Limit") == 70
+    bus.receive(write_packet(1, 1, 55, b"\0"), 1_000_000_000)
+    bus.receive(write_packet(1, 1, 13, b"\x3c"), 1_000_000_000)
+    servo.power_off()
+    servo.power_on()
+    assert servo.register("Temperature Limit") == 60
+
+
+@pytest.mark.parametrize("bit", [10, 11, 15])
+def test_signed_numbers_are_a_magnitude_and_a_sign_bit(bit: int) -> None:
+    largest = (1 << bit) - 1
+    for number in (0, 1, -1, 100, -100, largest, -largest):
+        raw = encode_sign_magnitude(number, bit)
+        assert raw == abs(number) + (1 << bit if number < 0 else 0)
+        assert decode_sign_magnitude(raw, bit) == number
+    for number in (largest + 1, -largest - 1):
+        with pytest.raises(RangeError):
+            encode_sign_magnitude(number, bit)

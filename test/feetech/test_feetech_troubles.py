@@ -1,0 +1,289 @@
+"""What users of Feetech servos have met, and what becomes of it here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from simulated_device import Bench
+
+from head_tracking.cli.servo.bench import ToolError, find_servo
+from head_tracking.cli.servo.register_values import parse_value
+from head_tracking.configuration.bus_parameters import (
+    ControllerParameters,
+    MotorParameters,
+    SecondMotorParameters,
+    configured_joint,
+)
+from head_tracking.dynamixel import (
+    BusEvent,
+    ConfigurationError,
+    EventKind,
+    Goal,
+    JointConfiguration,
+    ServoBus,
+    ServoSetupError,
+    Symptom,
+    Torque,
+    check_configuration,
+    servo_model,
+)
+from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.feetech import FeetechErrors
+from head_tracking.simulation import SimulatedJoints, SimulatedServo
+
+PERIOD = 0.02
+STS, SCS = servo_model("STS3215"), servo_model("SCS0009")
+JOINT = JointConfiguration("pan", 1, 2048, 1024, 3072, controller="pan", model=STS)
+
+
+class Rig:
+    """A bus with one joint, and its simulated servo."""
+
+    def __init__(self, servo: SimulatedServo, joint: JointConfiguration = JOINT) -> None:
+        self.servo, self.bench = servo, Bench([servo])
+        self.joint = joint
+        now = self.bench.now
+        self.bus = ServoBus(
+            self.bench.port, [joint], now, monotonic=now, pause=self.bench.pass_time
+        )
+        self.events: list[BusEvent] = []
+
+    def steps(self, seconds: float) -> Rig:
+        for _ in range(round(seconds / PERIOD)):
+            self.bench.pass_time(PERIOD)
+            reading = self.bus.step()
+            self.events += reading.events
+            self.states = reading.states
+        return self
+
+    def go(self, position: float, seconds: float = 1.0) -> Rig:
+        self.bus.command({"pan": Goal(position, 2.0)})
+        return self.steps(seconds)
+
+    @property
+    def kinds(self) -> list[EventKind]:
+        return [event.kind for event in self.events]
+
+    def restart(self) -> None:
+        self.bench.bus.advance(self.bench.now())
+        self.servo.power_off()
+        self.servo.power_on()
+
+
+# Offsets (lerobot issue 1296: "Magnitude 2114 exceeds 2047")
+
+
+@pytest.mark.parametrize("offset", [2048, 2114, -2048, 9000])
+def test_an_offset_that_overflows_is_refused(offset: int) -> None:
+    register = STS.control_table["Position Offset"]
+    with pytest.raises(ToolError):
+        parse_value(register, str(offset))
+    with pytest.raises(ConfigurationError):
+        replace(JOINT, offset=offset)
+
+
+def test_an_offset_is_written_with_its_sign() -> None:
+    servo = SimulatedServo(1, STS, position=2000)
+    bench = Bench([servo])
+    bench.port.open()
+    link = Servo(bench.port, 1, STS)
+    raw = parse_value(STS.control_table["Position Offset"], "-85")
+    assert raw == 2048 + 85
+    run(link.write_eeprom({"Position Offset": raw}), bench.pass_time)
+    assert link.get("Position Offset") == raw
+    assert link.get("Present Position") == 2085
+    assert link.get("EEPROM Lock") == 1
+    bench.bus.advance(bench.now())
+    servo.power_off()
+    servo.power_on()
+    assert servo.register("Position Offset") == raw
+
+
+def test_a_model_without_an_offset_takes_none() -> None:
+    with pytest.raises(ConfigurationError):
+        JointConfiguration("pan", 1, 512, 100, 900, controller="pan", model=SCS, offset=10)
+
+
+@pytest.mark.parametrize(("register", "value"), [("Phase", 28), ("Phase", 8)])
+def test_a_servo_that_counts_turns_or_coarse_speeds_is_refused_and_relaxed(
+    register: str, value: int
+) -> None:
+    """lerobot PR 3348: bit 4 of Phase let positions run beyond 0 to 4095."""
+    servo = SimulatedServo(1, STS)
+    servo.set_register(register, value)
+    servo.set_register("Torque Enable", 1)
+    with pytest.raises(ServoSetupError):
+        Rig(servo).bus.connect()
+    assert servo.register("Torque Enable") == 0
+
+
+# A calibration that is not that of the servo (lerobot issues 1342, 1360)
+
+
+@pytest.mark.parametrize("offset", [85, -85, 2047, -2047])
+def test_a_calibration_is_checked_against_the_memory_at_the_start(offset: int) -> None:
+    servo = SimulatedServo(1, STS)
+    servo.set_offset(offset)
+    with pytest.raises(ServoSetupError):
+        Rig(servo, replace(JOINT, offset=0)).bus.connect()
+    assert servo.register("Torque Enable") == 0
+
+
+def test_a_calibration_that_fits_is_used_again_after_a_restart() -> None:
+    servo = SimulatedServo(1, STS)
+    servo.set_offset(-85)
+    for _ in range(2):
+        rig = Rig(servo, replace(JOINT, offset=-85))
+        rig.bus.connect()
+        assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
+        assert rig.bus.close() == ()
+        servo = SimulatedServo(1, STS, position=servo.true_ticks - 85, boot_time=0.0)
+        servo.set_offset(-85)
+
+
+def test_the_offset_comes_from_the_parameters_of_the_joint() -> None:
+    controller = ControllerParameters(joint_name="pan")
+    motor = MotorParameters(model="STS3215", id=1, init=2048, min=1024, max=3072)
+    none = SecondMotorParameters()
+    assert configured_joint("pan", controller, motor, none).offset is None
+    joint = configured_joint("pan", controller, replace(motor, offset=-85), none)
+    assert joint.offset == -85
+    with SimulatedJoints([joint]) as simulated:  # its servo has that memory
+        assert simulated.true_position("pan") == pytest.approx(0.0, abs=1e-9)
+        assert simulated.port.use(lambda bus: bus[1].register("Position Offset")) == 2048 + 85
+
+
+# Power (SO-ARM100 issue 132: brown-outs reset servos or misplace them)
+
+
+def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
+    rig = Rig(SimulatedServo(1, STS, boot_time=0.3))
+    rig.bus.connect()
+    rig.go(0.5)
+    rig.restart()
+    rig.servo._drive.angle -= 1.0  # it has fallen meanwhile
+    fallen = rig.servo.true_position
+    rig.steps(1.0)
+    assert {EventKind.LOST, EventKind.TORQUE_LOST, EventKind.RETURNED} & set(rig.kinds)
+    assert rig.servo.true_position == pytest.approx(fallen, abs=1e-3)
+    assert rig.bus.joint("pan").torque is Torque.OFF_UNTIL_COMMANDED
+    assert rig.states["pan"].position == pytest.approx(fallen, abs=0.01)
+    rig.go(0.2)
+    goals = rig.bench.bus.write_log.goals(1)
+    first = goals[len(goals) - goals[::-1].index(2048 + round(0.5 / JOINT.resolution)) :][0]
+    assert first == pytest.approx(2048 + fallen / JOINT.resolution, abs=3)  # from where it stands
+    assert rig.states["pan"].position == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_supply_that_sags_under_load_is_named() -> None:
+    rig = Rig(SimulatedServo(1, STS))
+    rig.bus.connect()
+    rig.go(0.5)
+    rig.servo.supply_voltage = 8.0
+    rig.steps(0.3)
+    assert {Symptom.SUPPLY, Symptom.SAG} & set(rig.bus.statistics().servos[0].symptoms)
+
+
+def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same() -> None:
+    """lerobot issue 1010: the voltage bit in every reply was read as a failure."""
+    joint = replace(JOINT, model=servo_model("STS3215-C001"))
+    rig = Rig(SimulatedServo(1, "STS3215-C001", supply_voltage=12.0), joint)
+    rig.bus.connect()
+    assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
+    assert rig.states["pan"].error == FeetechErrors.INPUT_VOLTAGE
+    assert EventKind.ALARM in rig.kinds and EventKind.FAULTED not in rig.kinds
+
+
+def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported() -> None:
+    """lelamp_runtime issue 9: torque off was answered with the overload bit."""
+    rig = Rig(SimulatedServo(1, STS))
+    rig.servo.set_register("Shutdown", 0)  # it drives on with its holding torque
+    rig.bus.connect()
+    rig.go(0.3)
+    rig.servo.overload()
+    rig.servo.alarms.forced = int(FeetechErrors.OVERLOAD)
+    rig.steps(0.2)
+    assert rig.states["pan"].error == FeetechErrors.OVERLOAD
+    run(rig.bus.switching_torque(None, False))
+    assert rig.servo.register("Torque Enable") == 0
+    assert rig.bus.joint("pan").torque is Torque.OFF_ON_REQUEST
+
+
+@pytest.mark.parametrize("model", [STS, SCS], ids=["STS", "SCS"])
+def test_a_servo_that_has_shut_down_restarts_when_it_is_told_to_recover(model) -> None:
+    center, quarter = model.center, model.ticks // 4
+    joint = replace(JOINT, model=model, init=center, min=center - quarter, max=center + quarter)
+    rig = Rig(SimulatedServo(1, model, boot_time=0.2), joint)
+    rig.bus.connect()
+    rig.go(0.3)
+    rig.servo.overload()
+    rig.steps(0.2)
+    assert rig.bus.joint("pan").torque is Torque.OFF_BY_FAULT
+    assert rig.servo.register("Torque Enable") == 0
+    run(rig.bus.recovering(), rig.bench.pass_time)
+    rig.steps(1.0)
+    assert rig.bus.joint("pan").torque is Torque.OFF_UNTIL_COMMANDED
+    assert rig.go(0.1).states["pan"].position == pytest.approx(0.1, abs=0.02)
+
+
+# One line
+
+
+def test_two_servos_with_one_id_are_named() -> None:
+    """lerobot issue 526: new servos all have id 1."""
+    rig = Rig(SimulatedServo(1, STS))
+    rig.bus.connect()
+    rig.go(0.3)
+    rig.bench.bus._servos = (rig.servo, SimulatedServo(1, STS, position=100))
+    rig.steps(1.0)
+    assert any("two servos" in event.text for event in rig.events)
+
+
+@pytest.mark.parametrize("other", ["SCS0009", "AX-12", "XM430-W350"])
+def test_families_that_cannot_share_a_line_are_refused(other: str) -> None:
+    model = servo_model(other)
+    center = model.center
+    tilt = JointConfiguration(
+        "tilt", 2, center, center - 100, center + 100, controller="tilt", model=model
+    )
+    with pytest.raises(ConfigurationError):
+        check_configuration([JOINT, tilt])
+
+
+def test_no_goal_speed_is_read_as_full_speed() -> None:
+    """Below 0.732 rpm an STS servo has no speed but 0, which is full speed."""
+    rig = Rig(SimulatedServo(1, STS))
+    rig.bus.connect()
+    rig.bus.command({"pan": Goal(0.5, 0.001)})
+    rig.steps(0.5)
+    speeds = [write.speed for write in rig.bench.bus.write_log.writes if write.goal]
+    assert min(speeds) >= 50
+    assert rig.servo.true_position < 0.1
+
+
+def test_a_goal_resets_the_acceleration_that_another_program_left() -> None:
+    servo = SimulatedServo(1, STS)
+    servo.set_register("Acceleration", 10)
+    rig = Rig(servo)
+    rig.bus.connect()
+    rig.go(0.5)
+    assert servo.register("Acceleration") == 0
+    assert rig.states["pan"].position == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("minor", [9, 10])
+def test_the_firmware_does_not_matter(minor: int) -> None:
+    """lerobot issue 1010: firmware 3.9 with a program that needs 3.10."""
+    servo = SimulatedServo(1, STS)
+    servo.set_register("Firmware Minor Version", minor)
+    rig = Rig(servo)
+    rig.bus.connect()
+    assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("model", [STS, SCS], ids=["STS", "SCS"])
+def test_a_servo_is_found_by_its_own_registers(model) -> None:
+    bench = Bench([SimulatedServo(9, model)])
+    bench.port.open()
+    assert find_servo(bench.port, 9).model is model
