@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import random
 import time
-from collections.abc import Callable, Iterable, Iterator
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.exceptions import UnreachableError
-from head_tracking.head import Head
-from head_tracking.transforms import LATEST
+from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, pictures
 from head_tracking.vision.candidate import Frame
@@ -34,8 +33,23 @@ _DISTANCE: Final = 2.0  # m: of what is looked at
 _STEPS: Final = 5  # in each direction
 
 
+class TurningHead(Protocol):
+    """What looks around; `Head` is one."""
+
+    @property
+    def frames(self) -> TransformBuffer:
+        """The robot's frames."""
+
+    @property
+    def joints(self) -> Mapping[str, float]:
+        """The measured positions of pan and tilt [rad]."""
+
+    def look_at(self, point: Vector3, frame: str, *, max_velocity: float) -> object:
+        """Turn to a point [m], at most at this speed [rad/s]; wait for the arrival."""
+
+
 def calibrate_camera(
-    head: Head,
+    head: TurningHead,
     camera: int | str | Iterable[tuple[float, Pixels]] = 0,
     *,
     marker: MarkerParameters,
@@ -96,7 +110,7 @@ class _Observer:
 
     def __init__(
         self,
-        head: Head,
+        head: TurningHead,
         source: Iterator[tuple[float, Pixels]],
         camera: Camera,
         marker: MarkerParameters,
@@ -131,7 +145,7 @@ class _Observer:
 
 def _gather(
     observer: _Observer,
-    head: Head,
+    head: TurningHead,
     geometry: HeadGeometry,
     camera: Camera,
     report: Callable[[str], object],
@@ -176,7 +190,7 @@ def _directions(camera: Camera) -> list[tuple[float, float]]:
 
 
 def _point_beside(
-    head: Head, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
+    head: TurningHead, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
 ) -> tuple[float, float, float]:
     """Return what to look at so that a marker comes to x and y, at z = 1, in the picture [m]."""
     u, v = seen.corners.mean(axis=0).tolist()

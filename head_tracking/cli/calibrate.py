@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from head_tracking.calibration import Calibration, summary
 from head_tracking.command_line import between
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.head import Head
+from head_tracking.head.program import Head
 from head_tracking.transforms import Rotation, Transform
 
 if TYPE_CHECKING:
