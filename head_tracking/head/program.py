@@ -12,10 +12,10 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -432,7 +432,8 @@ class Head:
         if self._owners.stopped:
             self._owners.resume(epoch)
         self._switch_torque(True, epoch)
-        self._enable()
+        with _refused_if_stopped():
+            self._control.enable()
         self._relaxed = False
 
     def close(self) -> None:
@@ -581,12 +582,6 @@ class Head:
         else:
             result.set_exception(FrameError(target.frame_id, task.result.reason))
 
-    def _enable(self) -> None:
-        try:
-            self._control.enable()
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
-
     def _require_open(self) -> None:
         if self._closed:
             raise RefusedCommandError(HeadState.CLOSED)
@@ -594,10 +589,8 @@ class Head:
     def _permit(self, epoch: int | None = None) -> int:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
         self._require_open()
-        try:
+        with _refused_if_stopped():
             now = self._owners.permit()
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
         if self._relaxed:
             raise RefusedCommandError(HeadState.RELAXED)
         if epoch not in (None, now):
@@ -626,9 +619,8 @@ class Head:
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
         (switched,) = self._servos.switch_torque(None, on, epoch)
         try:
-            switched.result(_PATIENCE)
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
+            with _refused_if_stopped():
+                switched.result(_PATIENCE)
         except FutureTimeoutError:
             raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
 
@@ -672,6 +664,15 @@ def _known(look_up: Callable[[], _T], frame: str) -> _T:
         return look_up()
     except TransformException as error:
         raise FrameError(frame, str(error)) from error
+
+
+@contextmanager
+def _refused_if_stopped() -> Iterator[None]:
+    """Raise RefusedCommandError where a STOP keeps something from being done."""
+    try:
+        yield
+    except StoppedError:
+        raise RefusedCommandError(HeadState.STOPPED) from None
 
 
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
