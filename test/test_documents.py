@@ -12,7 +12,7 @@ LINK = re.compile(r"\]\((?!https?://)([^)#\s]*)(?:#([^)\s]+))?\)")
 
 def prose(path: Path) -> str:
     """Return the text of a document without its code blocks."""
-    return re.sub(r"^```.*?^```$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"^( *)```.*?^\1```$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
 
 
 def anchors(path: Path) -> set[str]:
@@ -57,3 +57,14 @@ def sentences(text: str) -> list[str]:
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_sentences_are_short(document: Path) -> None:
     assert [each for each in sentences(prose(document)) if len(each.split()) > MOST_WORDS] == []
+
+
+FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|yaml|xacro|rviz))`")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_that_a_document_names_exist(document: Path) -> None:
+    for name in FILE.findall(prose(document)):
+        if "NAME" in name:
+            continue
+        assert (ROOT / name).exists() or (ROOT / "head_tracking" / name).exists(), name

@@ -22,7 +22,7 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import EventKind
-from head_tracking.dynamixel.torque import pin, relaxing, release
+from head_tracking.dynamixel.torque import pin, relaxing, release, unless
 
 _T = TypeVar("_T")
 _CONVINCED: Final = 3  # times that a servo must seem unusable
@@ -146,8 +146,8 @@ class Procedures:
         """Carry out a STOP that could not wait until the owner's thread had left the port."""
         self.obeyed = self._requests.epoch.value
         self._requests.discard_older()
-        joints = tuple(self._bus.joints.values())
-        self._requests.start(self.relaxing(joints), despite_stop=True)
+        steps = self.relaxing(tuple(self._bus.joints.values()))
+        self._requests.advance(self._requests.start(steps, despite_stop=True))
 
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
@@ -189,7 +189,7 @@ class Procedures:
         try:
             for servo in joint.servos:
                 steps = pin(servo, joint.range(servo), powered)
-                ticks.append((yield from _unless_overtaken(joint, overtaken, steps)))
+                ticks.append((yield from unless(lambda: joint.overtaken != overtaken, steps)))
         except GeneratorExit:  # given up; the goal alone may have switched torque on
             with suppress(DynamixelError):
                 self._release(joint)
@@ -319,15 +319,3 @@ def _stands(servo: Servo) -> bool:
     except CommunicationError:
         return False
     return abs(servo.velocity) <= _STANDS
-
-
-def _unless_overtaken(joint: Joint, overtaken: int, steps: Steps[int]) -> Steps[int]:
-    """Take steps as long as nobody relaxes the joint."""
-    while True:
-        try:
-            yield next(steps)
-        except StopIteration as end:
-            ticks: int = end.value
-            return ticks
-        if joint.overtaken != overtaken:
-            raise ServoError("somebody has relaxed it meanwhile")

@@ -149,6 +149,7 @@ class Servo:
         ask_at: Not before this monotonic time, ns, is it asked again.
         damaged_cycles: Cycles in a row whose replies were damaged, and no reply since.
         confirmed: Whether it has confirmed that it is relaxed, and is so since.
+        pins: Counts who has begun to switch its torque on.
         faulted: Whether it has shut itself down. Only the servo itself takes that back.
         errors: Its error state when it last told.
         stamp: When it last answered, ns; 0: never.
@@ -186,6 +187,7 @@ class Servo:
         self.ask_at = 0
         self.damaged_cycles = 0
         self.faulted = self.confirmed = False
+        self.pins = 0
         self.errors: IntFlag = NO_ERROR
         self.stamp = 0
         self.ticks = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
-from typing import Final
+from typing import Final, TypeVar
 
 from head_tracking.dynamixel.exceptions import (
     DynamixelError,
@@ -24,6 +24,7 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo, run
 
+_T = TypeVar("_T")
 _PATIENCE: Final = 0.5  # s to wait for a gap between the packets of a second program
 
 
@@ -49,6 +50,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
     servo.confirmed = False
+    servo.pins += 1
     yield from servo.disarm()  # one that has tripped refuses goals until it is cleared
     before = servo.get("Present Position")
     if not powered:
@@ -114,6 +116,7 @@ def relaxing(
     Returns:
         By id, why a servo did not confirm that it is relaxed; empty where it did.
     """
+    pins = {servo.id: servo.pins for servo in servos}
     for servo in servos:
         servo.confirmed = False
     with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
@@ -124,18 +127,41 @@ def relaxing(
         try:
             if servo.lost:
                 raise ServoError("the servo does not answer")
-            if servo.get("Torque Enable"):
-                yield 0.0
-                yield from servo.switch_torque(False)
-            if disarm:
-                yield 0.0
-                yield from servo.disarm()
+            yield from _confirming(servo, pins[servo.id], disarm)
         except DynamixelError as cause:
             problems[servo.id] = str(cause)
         else:
             problems[servo.id], servo.confirmed = "", True
             yield 0.0
     return problems
+
+
+def _confirming(servo: Servo, pins: int, disarm: bool) -> Steps[None]:
+    """Make sure that a servo is relaxed, unless somebody switches its torque on meanwhile."""
+
+    def steps() -> Steps[None]:
+        if servo.get("Torque Enable"):
+            yield 0.0
+            yield from servo.switch_torque(False)
+        if disarm:
+            yield 0.0
+            yield from servo.disarm()
+
+    return unless(lambda: servo.pins != pins, steps())
+
+
+def unless(overtaken: Callable[[], bool], steps: Steps[_T]) -> Steps[_T]:
+    """Take steps until somebody else has switched the torque of that servo, or of its joint.
+
+    Raises:
+        ServoError: Somebody has.
+    """
+    while not overtaken():
+        try:
+            yield next(steps)
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]
+    raise ServoError("somebody has switched its torque meanwhile")
 
 
 def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:

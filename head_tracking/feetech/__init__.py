@@ -4,6 +4,6 @@ A Feetech servo is a model like any other: port, cycle, faults and tools are tho
 driver. Files in `tables/` describe the models, in the same format.
 """
 
-from head_tracking.feetech.protocol import FeetechErrors, Instruction
+from head_tracking.feetech.protocol import FeetechErrors
 
-__all__ = ["FeetechErrors", "Instruction"]
+__all__ = ["FeetechErrors"]

@@ -1,16 +1,16 @@
 """What Feetech's protocol has that Dynamixel protocol 1.0, whose packets it uses, has not.
 
-The frame is that of Dynamixel protocol 1.0, with one more instruction, `SYNC_READ`, which STS
-servos know. Values of two bytes are sent low byte first by STS servos, high byte first by SCS
-servos. Numbers with a sign are magnitude and sign bit, never two's complement. The error byte of a
-reply is the state of the servo and never refuses a request.
+The frame is that of Dynamixel protocol 1.0. Of protocol 2.0 all know `REBOOT`, to which they send
+no reply, and STS servos `SYNC_READ`. Values of two bytes are sent low byte first by STS servos,
+high byte first by SCS servos. Numbers with a sign are magnitude and sign bit, never two's
+complement. The error byte of a reply is the state of the servo and never refuses a request.
 
 Source: ftservo-wiki 9522ce1, reference/protocol/ft-scs.md and reference/parameter/.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from pathlib import Path
 from typing import Final
 
@@ -19,20 +19,6 @@ TABLES: Final = Path(__file__).parent / "tables"
 
 BYTE_ORDERS: Final = {"STS": "little", "SCS": "big"}
 """Order of the bytes of a value, by family."""
-
-MODEL_ADDRESS: Final = 3
-"""Address of the model number of every family; protocol 1.0 servos of Dynamixel have it at 0."""
-
-
-class Instruction(IntEnum):
-    """What only Feetech servos know; they answer none of them but CALIBRATE and RESET_TURNS."""
-
-    RESTORE = 0x06
-    RESTART = 0x08
-    BACK_UP = 0x09
-    RESET_TURNS = 0x0A
-    CALIBRATE = 0x0B
-    SYNC_READ = 0x82
 
 
 class FeetechErrors(IntFlag):

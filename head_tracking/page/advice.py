@@ -10,18 +10,19 @@ from head_tracking.ros.kit.diagnostics import Health, Level
 
 _CLEAR = "press Clear faults and switch torque on again (place Joints)."
 _ADVICE = (
-    ("nothing heard", "Is {source} still running? Look at its terminal."),
-    ("port has gone", "Check the adapter's plug and its USB cable; it comes back by itself."),
-    ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}"),
-    ("degrees celsius", "Press STOP and let the servo cool down; is something holding it back?"),
-    ("overload", f"Press STOP, free the head, then {_CLEAR}"),
-    ("voltage", f"Check the power supply: its voltage under load, and the plug. Then {_CLEAR}"),
-    ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}"),
-    ("encoder", "Switch the servo's power off and on; if it says so again, it is broken."),
-    ("not found yet", "Check the servo's plug, power, id and baud rate (`servo scan` shows them)."),
-    ("does not answer", "Check the servo's plug, its power and its id; it comes back by itself."),
+    ("nothing heard", "Is {source} still running? Look at its terminal.", ""),
+    ("port has gone", "Check the adapter's plug and its USB cable; it comes back by itself.", ""),
+    ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
+    ("degrees celsius", "Press STOP and let the servo cool down. Is it blocked?", ""),
+    ("overload", f"Press STOP, free the head, then {_CLEAR}", "recover"),
+    ("voltage", f"Check the supply's voltage under load, and the plug. Then {_CLEAR}", "recover"),
+    ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}", "recover"),
+    ("encoder", "Switch the servo's power off and on; if it says so again, it is broken.", ""),
+    ("not found yet", "Check the servo's plug, power, id and baud rate (see `servo scan`).", ""),
+    ("does not answer", "Check the servo's plug, power and id; it comes back by itself.", ""),
 )
-"""By the words in which the servo bus names them (nodes/diagnostics.py); the first that fit."""
+"""By the words in which the servo bus names them; the first that fit: what to do, and the command
+of the page that may end it."""
 
 _OTHERWISE = "Press STOP if the head does what it should not; the place Health has the details."
 
@@ -67,8 +68,7 @@ def troubles(health: Sequence[Health], live: Observation) -> list[Trouble]:
         source = one.name.partition(":")[0]
         if one.level >= Level.ERROR and source not in live.missing_nodes and not _passing(one):
             what = f"{one.name.removeprefix('servo_bus: ')}: {one.message}"
-            text = advice(one.message, source)
-            found.append(Trouble(what, text, "recover" if text.endswith(_CLEAR) else ""))
+            found.append(Trouble(what, *advice(one.message, source)))
     return found
 
 
@@ -77,13 +77,15 @@ def _passing(one: Health) -> bool:
     return one.level is Level.STALE and "no answer since" in one.message
 
 
-def advice(message: str, source: str) -> str:
-    """What to do about what a part says of itself.
+def advice(message: str, source: str) -> tuple[str, str]:
+    """Return what to do about a message of diagnostics, and the page's command that may help.
 
     Args:
         message: its words.
         source: the node that it belongs to.
     """
     lower = message.lower()
-    text = next((text for words, text in _ADVICE if words in lower), _OTHERWISE)
-    return text.format(source=source)
+    text, mend = next(
+        ((text, mend) for words, text, mend in _ADVICE if words in lower), (_OTHERWISE, "")
+    )
+    return text.format(source=source), mend

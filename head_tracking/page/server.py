@@ -135,6 +135,7 @@ class Page:
                 log_level="critical",
                 access_log=False,
                 ws_max_size=_LARGEST_REQUEST,
+                ws_per_message_deflate=False,  # it would cost more than all else that is sent
                 timeout_graceful_shutdown=1,
             )
         )

@@ -1,9 +1,9 @@
-"""Simulated Dynamixel servos behind a serial port that any Dynamixel program can open."""
+"""Simulated Dynamixel and Feetech servos behind a serial port that any program can open."""
 
 from head_tracking.simulation.bus import Answer, FaultInjection, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError, UnknownServoError
 from head_tracking.simulation.faults import LINE_FAULTS, SERVO_FAULTS, Fault, Faults
-from head_tracking.simulation.port import SimulatedJoints, SimulatedPort
+from head_tracking.simulation.port import SimulatedJoints, SimulatedPort, mounted_servos
 from head_tracking.simulation.serial_line import (
     Overlap,
     SerialLine,
@@ -33,4 +33,5 @@ __all__ = [
     "UnknownServoError",
     "Write",
     "WriteLog",
+    "mounted_servos",
 ]

@@ -375,13 +375,7 @@ class SimulatedJoints:
 
     def __init__(self, joints: Iterable[Mounting]) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
-        servos = [_servo(mount) for joint in self._joints.values() for mount in joint.calibrations]
-        bus = SimulatedBus(servos)
-        for joint in self._joints.values():
-            if len(joint.calibrations) == 2:
-                one, other = joint.calibrations
-                bus.couple(one.id, other.id, _turns(one) * _turns(other))
-        self.port = SimulatedPort(bus, paced=True)
+        self.port = SimulatedPort(mounted_servos(self._joints.values()), paced=True)
 
     @property
     def port_name(self) -> str:
@@ -399,6 +393,17 @@ class SimulatedJoints:
 
     def __exit__(self, *_: object) -> None:
         self.port.close()
+
+
+def mounted_servos(joints: Iterable[Mounting]) -> SimulatedBus:
+    """Return a bus with the servos of joints, each joint at position 0."""
+    pairs = [joint.calibrations for joint in joints]
+    bus = SimulatedBus([_servo(mount) for mounts in pairs for mount in mounts])
+    for mounts in pairs:
+        if len(mounts) == 2:
+            one, other = mounts
+            bus.couple(one.id, other.id, _turns(one) * _turns(other))
+    return bus
 
 
 def _servo(mount: Mount) -> SimulatedServo:

@@ -14,9 +14,9 @@ from head_tracking.parameters import parameter
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.assignment import assign
 from head_tracking.vision.candidate import Candidate
+from head_tracking.vision.looks import Appearance, appearance_distance
 
 Vector: TypeAlias = npt.NDArray[np.float64]
-Appearance: TypeAlias = npt.NDArray[np.float32]
 
 _ACCELERATION = 2.0  # m/s²: how abruptly people and things change their speed
 _CONFIRMED_OF = 5  # images
@@ -24,6 +24,10 @@ _IMPOSSIBLE = 1e6
 _FARTHEST = 0.5
 """What was out of sight is the same only so near [m] to where it should be: how far it may have
 gone grows with every second, and the people within reach with it."""
+_OTHER_LOOKS, _OTHER_LOOKS_ELSEWHERE = 0.75, 0.5
+"""Appearances that differ by more are of two people; the second bound is for somebody who was out
+of sight, or is not quite where the first one should be. Of rendered people the same one differs by
+less than 0.45, another one by more than 0.6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +61,7 @@ class Located:
         point: where [m], in the optical frame.
         depth_known: its distance was measured, not assumed.
         radius: half of the angle that it fills [rad].
-        appearance: histogram of its colours; empty without a picture.
+        appearance: see `colours_of`; empty without a picture.
     """
 
     candidate: Candidate
@@ -191,7 +195,7 @@ class Identity:
             for other in found
             if other is not located
         )
-        if alone and located.appearance.size == track.appearance.size:
+        if alone and located.appearance.shape == track.appearance.shape:
             track.appearance = 0.95 * track.appearance + 0.05 * located.appearance
 
     def _cost(self, track: Track, located: Located, T_optical_fixed: Transform) -> float:
@@ -212,8 +216,11 @@ class Identity:
         measured = located.depth_known and track.latest.depth_known
         if measured and abs(distance - away) > unknown + 0.1 * away:
             return _IMPOSSIBLE
+        lost, here = not track.recent[-1], angle <= 0.03 + located.radius
+        if angle > reach or ratio > 0.7 or (lost and angle * away > _FARTHEST):
+            return _IMPOSSIBLE
         looks = appearance_distance(track.appearance, located.appearance)
-        if angle > reach or ratio > 0.7 or looks > 0.75:
+        if looks > (_OTHER_LOOKS if here and not lost else _OTHER_LOOKS_ELSEWHERE):
             return _IMPOSSIBLE
         return angle / reach + 2.0 * ratio + 3.0 * looks
 
@@ -238,10 +245,3 @@ class Identity:
             key=lambda track: track.latest.candidate.box.width,
             default=None,
         )
-
-
-def appearance_distance(a: Appearance, b: Appearance) -> float:
-    """Between two histograms: 0 for equal ones, 1 for those with nothing in common."""
-    if not a.size or a.size != b.size:
-        return 0.0
-    return math.sqrt(max(0.0, 1.0 - float(np.sqrt(a * b).sum())))

@@ -213,7 +213,7 @@ class VisualTracker:
         radius = candidate.box.width / 2 / frame.camera.focal_length()
         if frame.picture is None:
             return Located(candidate, point, known, radius)
-        looks = colours_of(frame.picture, candidate.box)
+        looks = colours_of(frame, candidate, depth)
         return Located(candidate, point, known, radius, looks)
 
     def _depth(self, frame: Frame, candidate: Candidate) -> float | None:

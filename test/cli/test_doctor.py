@@ -313,3 +313,25 @@ def test_servos_at_another_baud_rate_are_found_and_named(head: Head, rate: int) 
     lines = [line for line in head.output.splitlines() if str(rate) in line]
     assert [line.split()[2] for line in lines] == ["1", "2"]
     assert all("1000000" in line for line in lines)
+
+
+STS_HEAD = """
+/**/servo_bus:
+  ros__parameters:
+    head_pan_controller:
+      motor: {model: STS3215, id: 1, init: 2048, min: 1024, max: 3072, offset: 85}
+    head_tilt_controller:
+      motor: {model: STS3215, id: 2, init: 2048, min: 1500, max: 2600}
+"""
+
+
+def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) -> None:
+    head.params(STS_HEAD)
+    head.servos(SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3215"))
+    head[1].set_offset(85)
+    assert head.check() == 0
+    assert head.levels["servo 1"] == head.levels["servo 2"] == "green"
+    head[1].set_offset(-85)
+    head[2].supply_voltage = 9.0
+    head.check()
+    assert (head.levels["servo 1"], head.levels["servo 2"]) == ("red", "amber")

@@ -688,3 +688,101 @@ def test_wrong_command_lines_end_with_code_2(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as end:
         tool.main(arguments)
     assert end.value.code == 2
+
+
+# Feetech servos
+
+
+@pytest.fixture
+def feetech(bench: Bench) -> Bench:
+    bench.bus = SimulatedBus(
+        [SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3032", position=1000)]
+    )
+    return bench
+
+
+def test_scan_and_info_know_feetech_servos(feetech: Bench) -> None:
+    feetech[1].set_register("Baud Rate", 1)
+    assert feetech.run("scan", "--bauds", "1000000", "500000", "--ids", "0-5") == DONE
+    rows = [line.split() for line in feetech.output.splitlines()[1:]]
+    assert rows == [
+        ["1000000", "2", "STS3032", "(521)", "1.0"],
+        ["500000", "1", "STS3215", "(777)", "1.0"],
+    ]
+    feetech[2].set_offset(-85)
+    assert feetech.run("info", "2") == DONE
+    table = {line.split()[0]: line.split() for line in feetech.output.splitlines()[2:]}
+    assert table["3"][1:4] == ["Model", "Number", "521"]
+    assert table["31"][1:5] == ["Position", "Offset", str(2048 + 85), "-0.1304"]
+    assert table["56"][1:4] == ["Present", "Position", "1085"]
+
+
+def test_info_reads_scs_servos_high_byte_first(bench: Bench) -> None:
+    bench.bus = SimulatedBus([SimulatedServo(3, "SCS0009", position=300)])
+    assert bench.run("info", "3") == DONE
+    table = {line.split()[0]: line.split() for line in bench.output.splitlines()[2:]}
+    assert table["3"][1:4] == ["Model", "Number", "1284"]
+    assert table["56"][1:4] == ["Present", "Position", "300"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "register", "value"),
+    [
+        (["set-id", "1", "5"], "ID", 5),
+        (["set", "1", "Temperature Limit", "60"], "Temperature Limit", 60),
+        (["set", "1", "Position Offset", "-85"], "Position Offset", 2048 + 85),
+        (["set-baud", "1", "500000"], "Baud Rate", 1),
+    ],
+)
+def test_what_is_set_in_a_feetech_servo_outlives_its_power(
+    feetech: Bench, arguments: list[str], register: str, value: int
+) -> None:
+    servo = feetech[1]
+    assert feetech.run("--yes", *arguments) == DONE
+    assert servo.register("EEPROM Lock") == 1
+    servo.power_off()
+    servo.power_on()
+    assert servo.register(register) == value
+
+
+def test_an_offset_that_overflows_is_refused(feetech: Bench) -> None:
+    assert feetech.run("--yes", "set", "1", "Position Offset", "2114") == FAILED
+    assert feetech[1].register("Position Offset") == 0
+
+
+def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(feetech: Bench) -> None:
+    for servo in feetech.bus:
+        servo.set_register("Torque Enable", 1)
+    assert feetech.run("relax") == DONE
+    assert [servo.register("Torque Enable") for servo in feetech.bus] == [0, 0]
+    assert [servo.register("Minimum Start Torque") for servo in feetech.bus] == [16, 16]
+
+
+def test_torque_of_a_feetech_servo_comes_on_where_it_stands(feetech: Bench) -> None:
+    feetech[2].set_register("Goal Position", 3000)
+    assert feetech.run("set", "2", "Torque Enable", "1") == DONE
+    feetech.pause(1.0)
+    feetech.bus.advance(feetech.clock.now)
+    assert feetech[2].true_ticks == pytest.approx(1000, abs=2)
+
+
+def test_calibrate_notes_the_offset_in_the_memory_of_a_servo(
+    feetech: Bench, tmp_path: Path
+) -> None:
+    feetech[1].set_offset(-85)
+    feetech.on_enter = hand(feetech, 1, 2000, 1200, 2800)
+    file = tmp_path / "head.yaml"
+    assert feetech.run("calibrate", "head_pan:1", "--output", str(file)) == DONE
+    motor = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    assert motor["head_pan_controller"]["motor"]["offset"] == -85
+    assert motor["head_pan_controller"]["motor"]["init"] == pytest.approx(2000, abs=12)
+
+
+def test_calibrate_refuses_a_travel_with_the_end_of_the_scale_in_it(
+    feetech: Bench, tmp_path: Path
+) -> None:
+    """lerobot issue 3587: ticks wrap inside the travel."""
+    feetech.on_enter = hand(feetech, 1, 4000, 3500, 4500)
+    file = tmp_path / "head.yaml"
+    assert feetech.run("calibrate", "head_pan:1", "--output", str(file)) == REFUSED
+    assert not file.exists()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rig import DEGREE
+from robot_pursuit import Pursuit
 
 from head_tracking import Head
 from head_tracking.configuration import configured_head
@@ -101,3 +102,10 @@ def test_the_simulated_head_looks_there(name):
         result = head.look_at(robot.in_base((2.0, 0.5, -0.2)))
         assert result.arrived
         assert result.miss < DEGREE
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_simulated_head_keeps_a_moving_target(name):
+    """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
+    pursuit = Pursuit(name, 0.5).run(6.0)
+    assert pursuit.rms < 1.5 * DEGREE

@@ -575,3 +575,40 @@ def test_a_stop_that_does_not_get_the_port_is_done_as_soon_as_it_is_free() -> No
             time.sleep(0.005)
     finally:
         buses.close()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_stop_in_the_midst_of_a_cycle_is_done_in_it_though_another_servo_is_lost(
+    name: str,
+) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
+    rig.go(0.3)
+    rig.servos[1].power_off()
+    rig.step(20)
+    assert rig.reading.lost == ("j2",)
+    for pause in (0.02, 0.05, 0.08):  # in some cycles the lost servo is asked
+        submit(rig.bus, rig.bus.switching_torque(["j1"], True))
+        rig.step(10)
+        assert rig.torque[0] == 1
+        rig.bench.pass_time(pause)
+        rig.bus.cycle.read()
+        rig.bus.epoch.advance()
+        rig.bus.cycle.write()
+        assert rig.torque[0] == 0
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("between", range(3))
+def test_torque_that_is_asked_for_while_relaxing_is_confirmed_stays_on(
+    name: str, between: int
+) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in range(1, 9)))
+    run(rig.bus.switching_torque(None, True))
+    rig.step()
+    relaxed = submit(rig.bus, rig.bus.switching_torque(None, False))
+    rig.step(between)
+    held = submit(rig.bus, rig.bus.switching_torque(["j8"], True))
+    rig.step(40)
+    assert relaxed.done() and held.exception(0) is None
+    assert rig.torque == [0] * 7 + [1]
+    assert rig.bus.joint("j8").torque is Torque.ON

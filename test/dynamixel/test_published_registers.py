@@ -1,7 +1,8 @@
 """The tables of driver and simulator against a list that was copied from the vendor's pages.
 
-`test/published/registers.csv` holds what the pages of eight models print: address, size, access,
-initial value, range and sign. An empty cell is a value that the page does not print.
+`test/published/registers.csv` holds what the pages of eight models of ROBOTIS and of Feetech's two
+families print: address, size, access, initial value, range and sign. An empty cell is a value that
+the page does not print, or that the driver narrows. Feetech's registers have the driver's names.
 """
 
 from __future__ import annotations

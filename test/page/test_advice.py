@@ -52,4 +52,4 @@ def test_joints_that_nobody_tells_of_are_named():
 
 
 def test_what_is_not_known_has_advice_too():
-    assert "STOP" in advice("something that nobody has thought of", "servo_bus")
+    assert "STOP" in advice("something that nobody has thought of", "servo_bus")[0]

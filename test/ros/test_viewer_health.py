@@ -89,7 +89,7 @@ def test_there_is_advice_for_a_port_that_has_gone():
     statistics = replace(STATUS.statistics, connected=False)
     port = health_from_message(bus_diagnostics(replace(STATUS, statistics=statistics))[0])
     assert port.level is Level.ERROR
-    assert "cable" in advice(port.message, "servo_bus")
+    assert "cable" in advice(port.message, "servo_bus")[0]
 
 
 def test_joints_fall_silent_and_speak_again():

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from people import crossed, replaced, returned
 from rendered_frames import SMALL, View, watch
 
 from head_tracking.scene import Scene, Swing
@@ -214,3 +215,21 @@ def test_a_face_is_the_same_after_half_a_second_out_of_sight(kinectbot):
     assert numbers[25:40] == [None] * 15
     assert len(set(numbers[5:25])) == 1
     assert set(numbers[44:]) == {numbers[24]}
+
+
+# rendered people; 200 of each: scripts/benchmark/measure identity
+
+
+@pytest.mark.parametrize("seed", range(1000, 1012))
+def test_somebody_else_does_not_get_the_number_of_who_has_left(seed):
+    assert not replaced(seed)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1006))
+def test_who_comes_back_is_followed_again(seed):
+    assert returned(seed)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1006))
+def test_who_is_followed_is_kept_while_somebody_else_walks_past(seed):
+    assert crossed(seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -63,7 +64,8 @@ def calibrate(
                 "hand."
             )
             zero, low, high = (_pose(workshop, link, prompt) for prompt in _PROMPTS)
-            mounts.append(mount_of(servo, link.model, zero, low, high, margin))
+            mount = mount_of(servo, link.model, zero, low, high, margin)
+            mounts.append(replace(mount, offset=_offset(link)))
     text = configuration(mounts, workshop.port_name, workshop.baud_rate)
     if output is None:
         terminal.show(text)
@@ -131,13 +133,20 @@ def configuration(
     for mount in mounts:
         name, model = mount.joint_name, mount.model.name
         motor = f"id: {mount.id}, model: {model}, init: {mount.init}, min: {mount.min}"
+        offset = "" if mount.offset is None else f", offset: {mount.offset}"
         low, high = mount.position(mount.min), mount.position(mount.max)
         lines += [
             f"    {name}_controller:",
             f"      joint_name: {name}_joint",
-            f"      motor: {{{motor}, max: {mount.max}}}    # {low:.3f} to {high:.3f} rad",
+            f"      motor: {{{motor}, max: {mount.max}{offset}}}    # {low:.3f} to {high:.3f} rad",
         ]
     return "\n".join(lines) + "\n"
+
+
+def _offset(link: Servo) -> int | None:
+    """Return what the servo's memory adds to its position, ticks; None if it has no register."""
+    register = link.model.offset
+    return None if register is None else register.counts(link.get(register.name))
 
 
 def _pose(workshop: Workshop, link: Servo, prompt: str) -> int:

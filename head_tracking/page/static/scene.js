@@ -1,7 +1,7 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
-const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6;
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // m, pixels, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
 function lineOf(colour, points, kind = THREE.Line) {
@@ -37,12 +37,15 @@ export class RobotScene {
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
     place.append(this.renderer.domElement);
+    const gl = this.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
+    this.isSlow = /swiftshader|llvmpipe|software/i.test(about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 50);
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.request());
-    this.controls.addEventListener("start", () => { this.moved = true; });
+    this.controls.addEventListener("start", () => { this.moved = this.isHeld = true; });
+    this.controls.addEventListener("end", () => { this.isHeld = false; });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8088a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
     sun.position.set(2, -3, 4);
@@ -90,22 +93,21 @@ export class RobotScene {
   resize() {
     const { clientWidth, clientHeight } = this.place;
     if (!clientWidth || !clientHeight) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.isSlow ? 1 : Math.min(devicePixelRatio, 2));
     this.renderer.setSize(clientWidth, clientHeight);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
     this.request();
   }
 
-  /** Draw once, soon; nothing while nothing changes. Rests twice as long as a frame takes. */
+  /** Draw once, soon; nothing while nothing changes. Without a graphics card the robot goes first. */
   request() {
     if (this.requested || !this.place.clientWidth) return;
     this.requested = true;
     const render = () => {
-      const start = performance.now();
       this.requested = false;
+      this.due = performance.now() + (this.isSlow && !this.isHeld ? SLOW_PERIOD : PERIOD);
       this.renderer.render(this.scene, this.camera);
-      requestAnimationFrame((now) => { this.due = now + 2 * (now - start); });
     };
     setTimeout(() => requestAnimationFrame(render), Math.max(0, (this.due ?? 0) - performance.now()));
   }

@@ -1,0 +1,127 @@
+"""A robot of the package after a target: its model, servos, bus and tracker, in simulated time."""
+
+from __future__ import annotations
+
+import math
+import time
+from statistics import mean
+
+from simulated_device import Bench
+
+from head_tracking.configuration import configured_head
+from head_tracking.dynamixel import Goal, ServoBus
+from head_tracking.dynamixel.servo import run
+from head_tracking.gaze import PanTiltHead
+from head_tracking.share import robot_file, robot_parameters
+from head_tracking.simulation import mounted_servos
+from head_tracking.tracking import LAWS, Tracker
+from head_tracking.transforms import Vector3, load_robot_model
+
+PERIOD = 0.02  # s
+_LATE = 0.03  # s from when a target was somewhere until the tracker knows
+_DISTANCE = 2.5  # m
+_GROWS = 2.0  # s in which the swing grows, from rest
+
+
+class Pursuit:
+    """A target swings before a robot, and the head follows it.
+
+    Args:
+        name: of the robot.
+        frequency: of the target [Hz].
+        amplitude: of its azimuth [rad]; its elevation has a third of it, three times as slow.
+
+    Attributes:
+        errors: angle between camera and target in each cycle [rad].
+        cycles: time on the wire and of the servos in each cycle [s].
+        step_times: processor time of each step of the tracker [s].
+    """
+
+    def __init__(self, name: str, frequency: float, amplitude: float = 0.4) -> None:
+        configured = configured_head(robot_parameters(name))
+        self.servos, self.update_rate = configured.servos, 1.0 / PERIOD
+        names = [servo.joint_name for servo in self.servos]
+        model = load_robot_model(robot_file(name))
+        self.head = PanTiltHead(model, names[0], names[1], configured.pointing_frame)
+        self._model, self._frame = model, configured.pointing_frame
+        self._frequency, self._amplitude = frequency, amplitude
+        straight = model.transform(
+            self.head.base_frame, configured.pointing_frame, dict.fromkeys(names, 0.0)
+        )
+        self._origin = straight.translation
+        self._ahead = straight @ (1.0, 0.0, 0.0)
+        self._bench = Bench(mounted_servos(self.servos))
+        self._bus = ServoBus(
+            self._bench.port,
+            self.servos,
+            self._bench.now,
+            monotonic=self._bench.now,
+            pause=self._bench.pass_time,
+        )
+        self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
+        self._begin = 0.0
+        self.errors: list[float] = []
+        self.cycles: list[float] = []
+        self.step_times: list[float] = []
+
+    def target(self, now: float) -> Vector3:
+        """Return where the target is [m], in the base frame of the head, at a time [s]."""
+        x, y, _ = (a - o for a, o in zip(self._ahead, self._origin, strict=True))
+        since = now - self._begin
+        turn = math.tau * self._frequency * since
+        amplitude = self._amplitude * min(1.0, max(0.0, since) / _GROWS)
+        azimuth = math.atan2(y, x) + amplitude * math.sin(turn)
+        elevation = amplitude / 3.0 * math.sin(turn / 3.0)
+        flat = _DISTANCE * math.cos(elevation)
+        return (
+            self._origin[0] + flat * math.cos(azimuth),
+            self._origin[1] + flat * math.sin(azimuth),
+            self._origin[2] + _DISTANCE * math.sin(elevation),
+        )
+
+    def point_seen(self, distance: float, pan: float, tilt: float) -> Vector3:
+        """Return the point [m], in the base frame of the head, at which the camera looks."""
+        pose = {servo.joint_name: q for servo, q in zip(self.servos, (pan, tilt), strict=True)}
+        seen = self._model.transform(self.head.base_frame, self._frame, pose)
+        return seen @ (distance, 0.0, 0.0)
+
+    def run(self, seconds: float) -> Pursuit:
+        """Track for some time."""
+        self._bus.connect()
+        self._bus.step()
+        run(self._bus.switching_torque(None, True), self._bench.pass_time)  # as Head.follow does
+        self._begin = begin = self._bench.clock()
+        for cycle in range(round(seconds / PERIOD)):
+            self._bench.pass_time(max(0.0, begin + cycle * PERIOD - self._bench.clock()))
+            started = self._bench.clock()
+            states = self._bus.step().states
+            self.cycles.append(self._bench.clock() - started)
+            now = self._bench.clock()
+            if len(states) == 2:
+                pan, tilt = (states[servo.joint_name] for servo in self.servos)
+                stamp = 0.5e-9 * (pan.stamp + tilt.stamp)
+                self._tracker.joints_read(stamp, (pan.position, tilt.position))
+            if cycle * PERIOD >= _LATE:
+                self._tracker.target_seen(now - _LATE, self.target(now - _LATE), now)
+            before = time.perf_counter()
+            command = self._tracker.step(now).command
+            self.step_times.append(time.perf_counter() - before)
+            if command is not None:
+                goals = (
+                    Goal(command.pan, command.pan_speed),
+                    Goal(command.tilt, command.tilt_speed),
+                )
+                joints = (servo.joint_name for servo in self.servos)
+                self._bus.command(dict(zip(joints, goals, strict=True)), clamp=True)
+            self.errors.append(self.head.miss(self.target(now), *self._true_positions()))
+        return self
+
+    @property
+    def rms(self) -> float:
+        """The root mean square of all errors [rad]."""
+        return math.sqrt(mean(error * error for error in self.errors))
+
+    def _true_positions(self) -> tuple[float, float]:
+        bus = self._bench.bus
+        pan, tilt = (servo.position(bus[servo.id].true_ticks) for servo in self.servos)
+        return pan, tilt
