@@ -1,4 +1,4 @@
-"""simulated_bus: serves simulated Dynamixel servos on a port that any program can open."""
+"""simulated_bus: serves simulated servos on a port that any program can open."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="simulated_bus",
-        description="Simulates Dynamixel servos on a serial port; prints the port to open.",
+        description="Simulates Dynamixel and Feetech servos; prints the port to open.",
     )
     add = parser.add_argument
     add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")

@@ -1,4 +1,4 @@
-"""Servo bus driver for Dynamixel servos; see `ServoBus` and `BusThread`."""
+"""Servo bus driver for Dynamixel and Feetech servos; see `ServoBus` and `BusThread`."""
 
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.bus import ServoBus

@@ -12,10 +12,10 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -55,7 +55,15 @@ from head_tracking.transforms import (
 )
 
 if TYPE_CHECKING:
-    from head_tracking.vision import Camera, CameraFollower, Detector, DistanceParameters, Pixels
+    from head_tracking.calibration import Calibration
+    from head_tracking.vision import (
+        Camera,
+        CameraFollower,
+        Detector,
+        DistanceParameters,
+        MarkerParameters,
+        Pixels,
+    )
 
 __all__ = [
     "AX_12_PAIR",
@@ -179,6 +187,7 @@ class Head:
         servos: tuple[JointConfiguration, JointConfiguration] | None = None,
         pointing_frame: str | None = None,
         baud_rate: int | None = None,
+        calibration: str | Path | None = None,
     ) -> Self:
         """Open the head on a serial port.
 
@@ -188,12 +197,14 @@ class Head:
             servos: of pan and tilt; None: as the robot's parameter file says.
             pointing_frame: see `Head`; None: as that file says.
             baud_rate: of the port [bit/s]; None: as that file says.
+            calibration: a file that `calibrate` has made; None: the model is right.
 
         Raises:
             DynamixelError: the port cannot be opened, a servo does not answer or is another model.
-            HeadTrackingError: there is no such robot, or it has no such head.
+            HeadTrackingError: there is no such robot, or it has no such head; or the calibration
+                is of another one.
         """
-        model, head = _known_robot(str(robot))
+        model, head = _known_robot(str(robot), calibration)
         return cls(
             port,
             model,
@@ -209,11 +220,12 @@ class Head:
         robot: str | Path = "kinectbot",
         servos: tuple[JointConfiguration, JointConfiguration] | None = None,
         pointing_frame: str | None = None,
+        calibration: str | Path | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
         from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
 
-        model, configured = _known_robot(str(robot))
+        model, configured = _known_robot(str(robot), calibration)
         servos = servos or configured.servos
         with ExitStack() as resources:
             port = resources.enter_context(SimulatedJoints(servos)).port_name
@@ -360,6 +372,24 @@ class Head:
         follower.start()
         return follower
 
+    def calibrate(
+        self,
+        camera: int | str | Iterable[tuple[float, Pixels]] = 0,
+        *,
+        marker: MarkerParameters,
+        frame: str = "camera_optical_frame",
+        model: Camera | None = None,
+        focal_length: bool = False,
+        report: Callable[[str], object] = lambda text: None,
+    ) -> Calibration:
+        """Measure where the camera sits; see `head_tracking.calibration.gathering`."""
+        from head_tracking.calibration.gathering import calibrate_camera
+
+        return calibrate_camera(
+            self, camera, marker=marker, frame=frame, model=model, focal_length=focal_length,
+            report=report,
+        )  # fmt: skip
+
     def hold(self) -> None:
         """End what is under way, also of another thread; the head stays where it is."""
         self._take_over()
@@ -402,7 +432,8 @@ class Head:
         if self._owners.stopped:
             self._owners.resume(epoch)
         self._switch_torque(True, epoch)
-        self._enable()
+        with _refused_if_stopped():
+            self._control.enable()
         self._relaxed = False
 
     def close(self) -> None:
@@ -551,12 +582,6 @@ class Head:
         else:
             result.set_exception(FrameError(target.frame_id, task.result.reason))
 
-    def _enable(self) -> None:
-        try:
-            self._control.enable()
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
-
     def _require_open(self) -> None:
         if self._closed:
             raise RefusedCommandError(HeadState.CLOSED)
@@ -564,10 +589,8 @@ class Head:
     def _permit(self, epoch: int | None = None) -> int:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
         self._require_open()
-        try:
+        with _refused_if_stopped():
             now = self._owners.permit()
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
         if self._relaxed:
             raise RefusedCommandError(HeadState.RELAXED)
         if epoch not in (None, now):
@@ -596,9 +619,8 @@ class Head:
     def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
         (switched,) = self._servos.switch_torque(None, on, epoch)
         try:
-            switched.result(_PATIENCE)
-        except StoppedError:
-            raise RefusedCommandError(HeadState.STOPPED) from None
+            with _refused_if_stopped():
+                switched.result(_PATIENCE)
         except FutureTimeoutError:
             raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
 
@@ -626,9 +648,13 @@ class Head:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
 
 
-def _known_robot(robot: str) -> tuple[RobotModel, ConfiguredHead]:
+def _known_robot(robot: str, calibration: str | Path | None) -> tuple[RobotModel, ConfiguredHead]:
     """Return a robot's model and its head as its parameter file describes it."""
     model = load_robot_model(robot_file(robot))
+    if calibration is not None:
+        from head_tracking.calibration import calibrated
+
+        model = calibrated(model, calibration)
     return model, configured_head(robot_parameters(robot))
 
 
@@ -638,6 +664,15 @@ def _known(look_up: Callable[[], _T], frame: str) -> _T:
         return look_up()
     except TransformException as error:
         raise FrameError(frame, str(error)) from error
+
+
+@contextmanager
+def _refused_if_stopped() -> Iterator[None]:
+    """Raise RefusedCommandError where a STOP keeps something from being done."""
+    try:
+        yield
+    except StoppedError:
+        raise RefusedCommandError(HeadState.STOPPED) from None
 
 
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:

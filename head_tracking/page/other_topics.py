@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -24,7 +24,7 @@ from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.images import camera_of, raw_image
-from head_tracking.ros.kit.joint_owners import owners_from_message
+from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
@@ -101,7 +101,8 @@ class OtherTopics:
         for name, error in ERRORS.items():
             self._listen(Float64, error, _NEWEST)
             self._listen(String, f"{name}/state", LATCHED)
-        self._listen(String, "joint_owners", LATCHED)
+        self._owners: Mapping[str, str] = {}
+        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         node.create_subscription(Log, "/rosout", self._on_log, _LOG)
 
@@ -142,9 +143,7 @@ class OtherTopics:
 
     def owners(self) -> Mapping[str, str]:
         """The node that each joint obeys, without its namespace; empty for nobody."""
-        said = self._heard.get("joint_owners")
-        owners = {} if said is None else owners_from_message(said.what)
-        return {joint: owner.rpartition("/")[2] for joint, owner in owners.items()}
+        return {joint: owner.rpartition("/")[2] for joint, owner in self._owners.items()}
 
     def error(self, name: str) -> float | None:
         """By how much the head misses the target of a node that turns it, now [rad]."""
@@ -247,6 +246,9 @@ class OtherTopics:
             self._heard[name] = Heard(time.monotonic(), message)
 
         return self._node.create_subscription(kind, name, keep, quality)
+
+    def _on_control(self, message: DiagnosticStatus) -> None:
+        self._owners = control_from_message(message).owners
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()

@@ -1,4 +1,4 @@
-"""Simulated Dynamixel servos behind a serial port that any Dynamixel program can open."""
+"""Simulated Dynamixel and Feetech servos behind a serial port that any program can open."""
 
 from head_tracking.simulation.bus import Answer, FaultInjection, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError, UnknownServoError

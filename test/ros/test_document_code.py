@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 import yaml
@@ -25,11 +26,11 @@ from head_tracking.simulation import SimulatedJoints
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NEEDS = re.compile(r"# Needs [\w ]+")
 PORT = "/dev/ttyUSB0"
 PATIENCE = 90  # s; other tests may keep the machine busy
-SECONDS = 6  # a program that does not end is ended by SIGINT after so long
+SECONDS = 5  # a program that does not end is ended by SIGINT after so long
 LONG = ("./scripts/run", "ros2 run", "head_tracking", "python examples/")
 STAND_IN = Path(__file__).parents[1] / "support" / "document_commands.py"
 
@@ -38,12 +39,12 @@ def blocks(language: str) -> list[pytest.param]:
     """Return the blocks in a language, named by document and line."""
     return [
         pytest.param(
-            match[2], id=f"{path.relative_to(ROOT)}:{text[: match.start()].count(chr(10))}"
+            dedent(match[3]), id=f"{path.relative_to(ROOT)}:{text[: match.start()].count(chr(10))}"
         )
         for path in DOCUMENTS
         for text in [path.read_text()]
         for match in BLOCK.finditer(text)
-        if match[1] == language
+        if match[2] == language
     ]
 
 
@@ -94,15 +95,15 @@ def run(command: list[str], folder: Path, domain: str) -> None:
 
 def commands(code: str) -> Iterator[str]:
     """Yield the commands of a block, those that may go on for ever with an end."""
-    end = f"timeout --signal INT --kill-after 20 {SECONDS}"
     for line in code.replace("\\\n", " ").splitlines():
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
-            yield f"{end} {words}"
+            yield f"timeout {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         elif words.startswith(LONG):
-            yield f"{end} {words} || (($? == 124))"
+            yield f"timeout --signal INT --kill-after 20 {SECONDS} {words} || (($? == 124))"
         else:
             yield words
+    yield "kill $(jobs -p) 2>/dev/null || true"
     yield "wait || true"
 
 
@@ -158,4 +159,4 @@ def test_xml_is_well_formed(code: str) -> None:
 def test_every_block_has_a_language_that_is_tested() -> None:
     for path in DOCUMENTS:
         for match in BLOCK.finditer(path.read_text()):
-            assert match[1] in ("python", "bash", "yaml", "xml", "text"), match[2]
+            assert match[2] in ("python", "bash", "yaml", "xml", "text"), match[3]

@@ -39,7 +39,7 @@ class BusStandIn(Node):
         self.hangs: dict[str, float] = {}
         self.commands: list[JointState] = []
         self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
-        self._owners = self.create_publisher(String, "joint_owners", LATCHED)
+        self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointState, "joint_commands", self.commands.append, 10)
         for name in offers:
@@ -52,7 +52,10 @@ class BusStandIn(Node):
 
     def own(self, owner: str) -> None:
         """Who has the joints from now on."""
-        self._owners.publish(String(data="\n".join(f"{joint}: {owner}" for joint in JOINTS)))
+        fields = {"stopped": "false", "epoch": "0"}
+        fields |= {f"owner of {joint}": owner for joint in JOINTS}
+        values = [KeyValue(key=key, value=value) for key, value in fields.items()]
+        self._control.publish(DiagnosticStatus(name="joint_control", values=values))
 
     def say_stopped(self, stopped: bool) -> None:
         self._stopped.publish(Bool(data=stopped))

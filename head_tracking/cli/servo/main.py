@@ -1,4 +1,4 @@
-"""servo: shows what Dynamixel servos measure, sets them up, and calibrates a head."""
+"""servo: shows what servos measure, sets them up, and calibrates a head."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Shows what Dynamixel servos measure, sets them up, and calibrates a head.",
+        description="Shows what servos measure, sets them up, and calibrates a head.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],

@@ -124,8 +124,9 @@ class Page {
     socket.onopen = () => this.chooseCamera();
     socket.onmessage = async ({ data }) => {
       this.heard = performance.now();
+      this.setInert(false);
       if (typeof data !== "string") {
-        if (!this.replay.opened) {
+        if (!this.replay.opened && by("source").value !== "none") { // one may be on its way still
           await this.camera.show(data);
           this.scene.showPicture(this.camera.image);
         }
@@ -144,8 +145,13 @@ class Page {
   }
 
   disconnected(why) {
-    if (this.robot && !by("pill").dataset.word.includes("disconnected")) by("live").inert = by("joints").inert = true;
+    this.setInert(true);
     this.showWord("disconnected", why);
+  }
+
+  /** Take no input for the robot while nothing is heard of it; STOP stays. */
+  setInert(isInert) {
+    for (const place of ["live", "joints"]) if (by(place).inert !== isInert) by(place).inert = isInert;
   }
 
   chooseCamera() {
@@ -197,7 +203,6 @@ class Page {
 
   /** Show modes, servos and health: what changes four times a second at most. */
   showAbout(about) {
-    by("live").inert = by("joints").inert = false;
     this.about = about;
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);

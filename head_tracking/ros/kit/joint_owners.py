@@ -37,12 +37,6 @@ def owners_message(owners: Mapping[str, str]) -> String:
     return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
 
 
-def owners_from_message(message: String) -> dict[str, str]:
-    """Return each joint's owner; empty where there is none."""
-    lines = (line.partition(":") for line in message.data.splitlines())
-    return {joint.strip(): owner.strip() for joint, _, owner in lines}
-
-
 def control_message(owners: JointOwners, joints: Iterable[str]) -> DiagnosticStatus:
     """Return a joint_control message."""
     stopped = owners.stopped
