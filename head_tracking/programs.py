@@ -40,6 +40,7 @@ TOOLS: Final = (
     "simulated_bus",
     "head_setup",
     "new_robot",
+    "calibrate",
 )
 COMMANDS: Final = (*NODES, *TOOLS)
 """What `head_tracking COMMAND` and `ros2 run head_tracking COMMAND` run."""

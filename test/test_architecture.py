@@ -16,7 +16,7 @@ NAME = "head_tracking"
 PACKAGE = Path(head_tracking.__file__).parent
 CORE = {
     "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
-    "control", "parameters", "configuration", "head",
+    "control", "parameters", "configuration", "head", "calibration",
 }  # fmt: skip
 
 ALLOWED: dict[str, set[str]] = {
@@ -35,9 +35,10 @@ ALLOWED: dict[str, set[str]] = {
     "feetech": set(),
     "simulation": set(),
     "configuration": {"dynamixel", "parameters"},
+    "calibration": {"gaze", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
-    | {"configuration", "parameters", "vision"},
+    | {"calibration", "configuration", "parameters", "vision"},
     "share": set(),
     "tf": {"transforms", "ros"},
     "ros": CORE | {"tf", "share", "recording", "output", "programs"},

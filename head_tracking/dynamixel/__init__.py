@@ -10,7 +10,7 @@ from head_tracking.dynamixel.configuration import (
     check_configuration,
     fastest_speed,
 )
-from head_tracking.dynamixel.control_table import Block, ControlTable, Register
+from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -18,37 +18,31 @@ from head_tracking.dynamixel.exceptions import (
     CorruptReplyError,
     DynamixelError,
     GoalError,
-    LineBusyError,
     NotConnectedError,
     PortBusyError,
     PortError,
     PortLostError,
     PortMissingError,
     PortPermissionError,
-    PositionError,
     RangeError,
-    RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
     ServoNotFoundError,
     ServoSetupError,
     StoppedError,
     TorqueError,
-    UnknownRegisterError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     HardwareErrors,
-    Instruction,
-    XL320Errors,
     describe_errors,
 )
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
 from head_tracking.dynamixel.requests import Epoch
 from head_tracking.dynamixel.serial_port import serial_ports
-from head_tracking.dynamixel.servo import Servo, ServoIdentity
+from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import (
     BusEvent,
     BusReading,
@@ -67,7 +61,6 @@ from head_tracking.dynamixel.torque import relax_servos
 
 __all__ = [
     "Adapter",
-    "Block",
     "BusEvent",
     "BusReading",
     "BusSettings",
@@ -78,7 +71,6 @@ __all__ = [
     "CommandResult",
     "CommunicationError",
     "ConfigurationError",
-    "ControlTable",
     "CorruptReplyError",
     "DynamixelError",
     "DynamixelPort",
@@ -90,28 +82,23 @@ __all__ = [
     "GoalError",
     "HardwareErrors",
     "Health",
-    "Instruction",
     "JointConfiguration",
-    "LineBusyError",
     "NotConnectedError",
     "PortBusyError",
     "PortError",
     "PortLostError",
     "PortMissingError",
     "PortPermissionError",
-    "PositionError",
     "RangeError",
     "ReadGroup",
     "ReadMethod",
     "Register",
-    "RegisterRefusedError",
     "Reply",
     "ReplyTimeoutError",
     "Servo",
     "ServoBus",
     "ServoCalibration",
     "ServoError",
-    "ServoIdentity",
     "ServoModel",
     "ServoNotFoundError",
     "ServoSetupError",
@@ -121,8 +108,6 @@ __all__ = [
     "Symptom",
     "Torque",
     "TorqueError",
-    "UnknownRegisterError",
-    "XL320Errors",
     "check_configuration",
     "describe_errors",
     "fastest_speed",

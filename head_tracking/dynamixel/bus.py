@@ -31,8 +31,15 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
-from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run, summary
-from head_tracking.dynamixel.state import BusReading, BusStatistics, CommandResult, Goal
+from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run
+from head_tracking.dynamixel.state import (
+    BusReading,
+    BusStatistics,
+    CommandResult,
+    Goal,
+    Health,
+    ServoStatistics,
+)
 
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
@@ -211,7 +218,13 @@ class ServoBus:
     @property
     def summary(self) -> str:
         """A line that says what was found, such as "2 AX-12 servos: ids 1, 2"."""
-        return summary(list(self.servos))
+        by_model: dict[str, list[str]] = {}
+        for identity in self.servos:
+            by_model.setdefault(identity.model, []).append(str(identity.id))
+        return "; ".join(
+            f"{len(ids)} {model} {'servos: ids' if len(ids) > 1 else 'servo: id'} {', '.join(ids)}"
+            for model, ids in by_model.items()
+        )
 
     def statistics(self) -> BusStatistics:
         """Return the counters."""
@@ -219,13 +232,44 @@ class ServoBus:
             self.cycle.cycles,
             self._refused,
             self._clamped,
-            tuple(
-                servo.statistics(joint.torque, joint.stopped, *self.cycle.diagnosis.of(servo.id))
-                for joint, servo in self._each_servo()
-            ),
+            tuple(self._servo_statistics(joint, servo) for joint, servo in self._each_servo()),
             self._connected and self._port.is_open,
             self.cycle.port_losses,
             self._port.adapter,
+        )
+
+    def _servo_statistics(self, joint: Joint, servo: Servo) -> ServoStatistics:
+        identity, counters = servo.identity, servo.counters
+        health = Health.FAULTED if servo.faulted else Health.PRESENT
+        if joint.stopped:
+            health = Health.STOPPED
+        elif identity is None:
+            health = Health.UNKNOWN
+        elif servo.lost:
+            health = Health.LOST
+        elif servo.failed_cycles:
+            health = Health.STALE
+        known = bool(servo.stamp) and not servo.lost
+        symptoms, outcome = self.cycle.diagnosis.of(servo.id)
+        return ServoStatistics(
+            joint_name=joint.name,
+            id=servo.id,
+            replies=counters.replies,
+            retries=counters.retries,
+            timeouts=counters.timeouts,
+            corrupt=counters.corrupt,
+            lost=servo.lost,
+            model=servo.model.name,
+            firmware_version=None if identity is None else identity.firmware_version,
+            health=health,
+            errors=servo.errors,
+            last_stamp=servo.stamp or None,
+            temperature=servo.temperature if known else None,
+            voltage=servo.voltage if known else None,
+            load=servo.load if known else None,
+            torque=joint.torque.value,
+            symptoms=symptoms,
+            outcome=outcome,
         )
 
     # Owner's thread: connecting and closing

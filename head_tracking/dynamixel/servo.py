@@ -38,7 +38,6 @@ from head_tracking.dynamixel.protocol import (
 )
 from head_tracking.dynamixel.reading import Reply
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.state import Health, ServoStatistics, Symptom, Torque
 
 _T = TypeVar("_T")
 
@@ -512,17 +511,6 @@ class Servo:
             return False
         return known is None or known.firmware_version >= first
 
-    @property
-    def health(self) -> Health:
-        """What is known about it."""
-        if self.identity is None:
-            return Health.UNKNOWN
-        if self.lost:
-            return Health.LOST
-        if self.failed_cycles:
-            return Health.STALE
-        return Health.FAULTED if self.faulted else Health.PRESENT
-
     def plausible(self, data: bytes) -> bool:
         """Return whether a servo can have said that of itself."""
         values = self._unpack(data)
@@ -652,40 +640,6 @@ class Servo:
         self.link = link
         self.changes.count += 1
 
-    def statistics(
-        self, torque: Torque, stopped: bool, symptoms: Mapping[Symptom, str], outcome: str
-    ) -> ServoStatistics:
-        """Return what there is to know about it.
-
-        Args:
-            torque: Its joint's.
-            stopped: Whether its joint takes no part in the cycle.
-            symptoms: What is wrong with it, see `Diagnosis`.
-            outcome: What became of its last goal.
-        """
-        counters = self.counters
-        said = bool(self.stamp) and not self.lost
-        return ServoStatistics(
-            joint_name=self.calibration.joint_name,
-            id=self.id,
-            replies=counters.replies,
-            retries=counters.retries,
-            timeouts=counters.timeouts,
-            corrupt=counters.corrupt,
-            lost=self.lost,
-            model=self.model.name,
-            firmware_version=None if self.identity is None else self.identity.firmware_version,
-            health=Health.STOPPED if stopped else self.health,
-            errors=self.errors,
-            last_stamp=self.stamp or None,
-            temperature=self.temperature if said else None,
-            voltage=self.voltage if said else None,
-            load=self.load if said else None,
-            torque=torque.value,
-            symptoms=symptoms,
-            outcome=outcome,
-        )
-
 
 def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
     """Ping servos one by one and return the ids that answer.
@@ -702,18 +656,6 @@ def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
             pass
         found.append(servo.id)
     return tuple(found)
-
-
-def summary(identities: list[ServoIdentity]) -> str:
-    """Return a line such as "2 AX-12 servos: ids 1, 2"."""
-    by_model: dict[str, list[int]] = {}
-    for identity in identities:
-        by_model.setdefault(identity.model, []).append(identity.id)
-    return "; ".join(
-        f"{len(ids)} {model} servo{'s' if len(ids) > 1 else ''}: "
-        f"id{'s' if len(ids) > 1 else ''} {', '.join(str(servo_id) for servo_id in ids)}"
-        for model, ids in by_model.items()
-    )
 
 
 def model_name(number: int) -> str:

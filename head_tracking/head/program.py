@@ -57,7 +57,15 @@ from head_tracking.transforms import (
 if TYPE_CHECKING:
     from typing import Self
 
-    from head_tracking.vision import Camera, CameraFollower, Detector, DistanceParameters, Pixels
+    from head_tracking.calibration import Calibration
+    from head_tracking.vision import (
+        Camera,
+        CameraFollower,
+        Detector,
+        DistanceParameters,
+        MarkerParameters,
+        Pixels,
+    )
 
 __all__ = [
     "AX_12_PAIR",
@@ -181,6 +189,7 @@ class Head:
         servos: tuple[JointConfiguration, JointConfiguration] | None = None,
         pointing_frame: str | None = None,
         baud_rate: int | None = None,
+        calibration: str | Path | None = None,
     ) -> Self:
         """Open the head on a serial port.
 
@@ -190,12 +199,14 @@ class Head:
             servos: of pan and tilt; None: as the robot's parameter file says.
             pointing_frame: see `Head`; None: as that file says.
             baud_rate: of the port [bit/s]; None: as that file says.
+            calibration: a file that `calibrate` has made; None: the model is right.
 
         Raises:
             DynamixelError: the port cannot be opened, a servo does not answer or is another model.
-            HeadTrackingError: there is no such robot, or it has no such head.
+            HeadTrackingError: there is no such robot, or it has no such head; or the calibration
+                is of another one.
         """
-        model, head = _known_robot(str(robot))
+        model, head = _known_robot(str(robot), calibration)
         return cls(
             port,
             model,
@@ -211,11 +222,12 @@ class Head:
         robot: str | Path = "kinectbot",
         servos: tuple[JointConfiguration, JointConfiguration] | None = None,
         pointing_frame: str | None = None,
+        calibration: str | Path | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
         from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
 
-        model, configured = _known_robot(str(robot))
+        model, configured = _known_robot(str(robot), calibration)
         servos = servos or configured.servos
         with ExitStack() as resources:
             port = resources.enter_context(SimulatedJoints(servos)).port_name
@@ -361,6 +373,24 @@ class Head:
         self._take_over(follower)
         follower.start()
         return follower
+
+    def calibrate(
+        self,
+        camera: int | str | Iterable[tuple[float, Pixels]] = 0,
+        *,
+        marker: MarkerParameters,
+        frame: str = "camera_optical_frame",
+        model: Camera | None = None,
+        focal_length: bool = False,
+        report: Callable[[str], object] = lambda text: None,
+    ) -> Calibration:
+        """Measure where the camera sits; see `head_tracking.calibration.gathering`."""
+        from head_tracking.calibration.gathering import calibrate_camera
+
+        return calibrate_camera(
+            self, camera, marker=marker, frame=frame, model=model, focal_length=focal_length,
+            report=report,
+        )  # fmt: skip
 
     def hold(self) -> None:
         """End what is under way, also of another thread; the head stays where it is."""
@@ -620,9 +650,13 @@ class Head:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
 
 
-def _known_robot(robot: str) -> tuple[RobotModel, ConfiguredHead]:
+def _known_robot(robot: str, calibration: str | Path | None) -> tuple[RobotModel, ConfiguredHead]:
     """Return a robot's model and its head as its parameter file describes it."""
     model = load_robot_model(robot_file(robot))
+    if calibration is not None:
+        from head_tracking.calibration import calibrated
+
+        model = calibrated(model, calibration)
     return model, configured_head(robot_parameters(robot))
 
 

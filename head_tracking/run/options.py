@@ -82,6 +82,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="its name, or a URDF or xacro file (default: %(default)s)",
     )
     parser.add_argument(
+        "--calibration",
+        type=_existing_file,
+        metavar="FILE",
+        help="what `head_tracking calibrate` has measured, applied to the robot's model",
+    )
+    parser.add_argument(
         "--mode",
         choices=sorted(MODES),
         default="track",
@@ -152,7 +158,10 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         targets = (simulated_camera(scene), *targets)
     port = {"port_name": options.port} if options.port else {}
     overrides = {
-        "robot_state_publisher": {"robot": options.robot},
+        "robot_state_publisher": {
+            "robot": options.robot,
+            "calibration": str(options.calibration or ""),
+        },
         "servo_bus": SIMULATED_PORT if options.sim else port,
     }
     head = MODES[options.mode]

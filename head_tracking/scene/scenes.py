@@ -69,6 +69,7 @@ _THINGS: Mapping[str, Callable[[np.random.Generator], dict[str, Thing]]] = {
     },
     "ball": lambda rng: {"ball": Ball(0.08, ORANGE, _moving())},
     "marker": lambda rng: {"marker": marker_board(_moving())},
+    "still marker": lambda rng: {"marker": marker_board(lambda _: (1.5, 0.2, 0.7))},
     "picture": lambda rng: {"picture": Board(pattern(rng), 0.35, _moving())},
     "everything": lambda rng: {
         "face": face(_moving(2.0)),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_AT_GOAL = 0.04  # rad; a joint this near its goal need not move: dead bands, play and sag
+from head_tracking.gaze import AT_GOAL
+
 _FOLLOWED = 0.2  # of the commanded way; a joint that moved less does not follow
 _PATIENCE = 0.8  # s
 
@@ -30,9 +31,9 @@ class FollowingWatch:
 
     The tracker, the actions, the joint controllers and the bus ask this class; nothing else decides
     whether a joint follows. A joint does not follow if it has moved less than 20 % of the
-    commanded way, and less than 0.04 rad, within `patience`, and is more than 0.04 rad from its
-    goal. It follows again once it has moved by more than 0.04 rad, or its goal is reached or lies
-    on its other side.
+    commanded way, and less than `AT_GOAL`, within `patience`, and has not arrived at its goal. It
+    follows again once it has moved by more than that, or its goal is reached or lies on its other
+    side.
 
     Args:
         joint: name of the joint.
@@ -65,7 +66,7 @@ class FollowingWatch:
             now: the time [s].
         """
         way = goal - position
-        if abs(way) < _AT_GOAL or way * self._side < 0.0:
+        if abs(way) < AT_GOAL or way * self._side < 0.0:
             self.restart()
         self._side = way
         if math.isnan(self._since):
@@ -77,10 +78,10 @@ class FollowingWatch:
         self._last = now
         self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
         moved = self._highest - self._lowest
-        if moved > _AT_GOAL:
+        if moved > AT_GOAL:
             self.problem = None
-        if now - self._since > self.patience and self._commanded > _AT_GOAL:
-            stands = moved < min(_FOLLOWED * self._commanded, _AT_GOAL)
+        if now - self._since > self.patience and self._commanded > AT_GOAL:
+            stands = moved < min(_FOLLOWED * self._commanded, AT_GOAL)
             self.problem = NotFollowing(self.joint, self._commanded, moved) if stands else None
             self._since = math.nan
         return self.problem

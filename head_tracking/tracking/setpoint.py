@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 
-from head_tracking.gaze import HeadCommand
+from head_tracking.gaze import AT_GOAL, HeadCommand
 from head_tracking.tracking.following import FollowingWatch
 
-_NEAR = 0.05  # rad; a joint that rests so near to its set-point is where it was commanded to be
 _PAUSE = 0.2  # s; after a longer one a set-point starts where the joint is
 _PATIENCE = 0.6  # s; a joint that has not moved by then is not waited for
 _LEAD = 0.03  # s; positions are sent so much earlier: a servo follows a position so much later
@@ -83,7 +82,7 @@ class _Setpoint:
         """Let time pass [s]; inf: nothing was sent for long, and the joint may be anywhere."""
         if elapsed == math.inf:
             self._watch.restart()
-            if abs(self.position - measured) > _NEAR:
+            if abs(self.position - measured) > AT_GOAL:
                 self.position = measured
             return
         self.position = self.after(elapsed)

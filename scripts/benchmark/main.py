@@ -14,8 +14,8 @@ BENCHMARKS = {
     **{
         name: f"{name}:{name}"
         for name in (
-            "bus", "chaos", "faces", "identity", "interfaces", "network", "pointing", "robots",
-            "run", "soak", "tracking", "transforms", "viewer", "vision",
+            "bus", "calibration", "chaos", "faces", "identity", "interfaces", "network",
+            "pointing", "robots", "run", "soak", "tracking", "transforms", "viewer", "vision",
         )
     },
     "beside": "crash:beside",

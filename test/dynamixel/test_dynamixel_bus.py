@@ -21,7 +21,6 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     NotConnectedError,
     PortLostError,
-    RegisterRefusedError,
     ReplyTimeoutError,
     ServoBus,
     ServoNotFoundError,
@@ -29,6 +28,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
+from head_tracking.dynamixel.exceptions import RegisterRefusedError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 

@@ -6,13 +6,13 @@ import pytest
 
 from head_tracking.dynamixel import (
     ConfigurationError,
-    ControlTable,
     RangeError,
     Register,
-    UnknownRegisterError,
     servo_model,
     servo_model_by_number,
 )
+from head_tracking.dynamixel.control_table import ControlTable
+from head_tracking.dynamixel.exceptions import UnknownRegisterError
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table

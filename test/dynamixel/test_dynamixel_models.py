@@ -8,7 +8,6 @@ from simulated_device import Bench
 from head_tracking.dynamixel import (
     ConfigurationError,
     Goal,
-    Instruction,
     JointConfiguration,
     RangeError,
     ReadMethod,
@@ -19,6 +18,7 @@ from head_tracking.dynamixel import (
     servo_model_by_number,
 )
 from head_tracking.dynamixel.models import all_models
+from head_tracking.dynamixel.protocol import Instruction
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.simulation import SimulatedServo
 

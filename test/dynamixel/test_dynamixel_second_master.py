@@ -14,10 +14,10 @@ from head_tracking.dynamixel import (
     DynamixelPort,
     Goal,
     JointConfiguration,
-    LineBusyError,
     ServoBus,
     TorqueError,
 )
+from head_tracking.dynamixel.exceptions import LineBusyError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 

@@ -38,7 +38,7 @@ def test_a_joint_that_comes_after_follows(share):
 
 
 def test_a_joint_near_its_goal_need_not_move():
-    assert not any(watched(lambda t: 0.97))
+    assert not any(watched(lambda t: 0.98))
 
 
 def test_it_follows_again_once_it_moves():

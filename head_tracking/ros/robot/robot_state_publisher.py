@@ -13,6 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
@@ -30,7 +31,6 @@ from head_tracking.tf.messages import transform_stamped
 from head_tracking.transforms import (
     RateLimiter,
     RobotModel,
-    RobotModelError,
     Transform,
     load_robot_model,
     parse_robot_model,
@@ -46,6 +46,9 @@ class RobotStatePublisherParameters:
         "", "The model as URDF text; wins over `robot`, also while running."
     )
     robot: str = parameter("kinectbot", "The model: its name, or a URDF or xacro file.", fixed=True)
+    calibration: str = parameter(
+        "", "A file that `calibrate` has made, applied to the model.", fixed=True
+    )
     world_frame: str = parameter(
         "",
         "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
@@ -83,12 +86,17 @@ class RobotStatePublisherParameters:
         Raises:
             RobotModelError: it can't be used.
             FileNotFoundError: there is no such robot.
+            CalibrationFileError: the calibration can't be used with it.
         """
         model = (
             parse_robot_model(self.robot_description)
             if self.robot_description
             else load_robot_model(robot_file(self.robot))
         )
+        if self.calibration:
+            from head_tracking.calibration import calibrated
+
+            model = calibrated(model, self.calibration)
         if not self.world_frame or self.world_frame in model.links:
             return model
         x, y, z, yaw, pitch, roll = self.world_transform
@@ -173,7 +181,7 @@ class RobotStatePublisherNode(Node):
 def _check_model(parameters: RobotStatePublisherParameters) -> None:
     try:
         parameters.model()
-    except (RobotModelError, FileNotFoundError) as error:
+    except (HeadTrackingError, FileNotFoundError) as error:
         raise ParameterError(str(error)) from error
 
 

@@ -1,0 +1,210 @@
+"""What a head with errors would see: the robot's model, and what a calibration changes in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import Joint, RobotModel, Rotation, Transform
+
+Array = npt.NDArray[np.float64]
+
+_DEGREE: Final = math.pi / 180.0
+
+
+class Parameter(NamedTuple):
+    """A number that a calibration may change.
+
+    Attributes:
+        name: as it stands in the result.
+        unit: rad, m, or empty for a ratio.
+        prior: how much it is usually wrong, one standard deviation.
+    """
+
+    name: str
+    unit: str
+    prior: float
+
+
+PARAMETERS: Final = (
+    Parameter("camera pitch", "rad", 5 * _DEGREE),
+    Parameter("camera yaw", "rad", 5 * _DEGREE),
+    Parameter("camera roll", "rad", 5 * _DEGREE),
+    Parameter("camera to the right", "m", 0.01),
+    Parameter("camera down", "m", 0.01),
+    Parameter("camera ahead", "m", 0.01),
+    Parameter("tilt axis not square", "rad", 2 * _DEGREE),
+    Parameter("focal length", "", 0.05),
+    Parameter("tilt zero", "rad", 3 * _DEGREE),
+    Parameter("pan zero", "rad", 3 * _DEGREE),
+)
+"""In order: what a scene cannot tell from something that stands before it is not estimated.
+
+The camera turns and moves by its optical frame's axes: about x (pitch), y (yaw) and z (roll); along
+x (right), y (down) and z (ahead). The tilt axis turns towards the pan axis. `focal length` is the
+logarithm of a factor.
+"""
+FOCAL_LENGTH: Final = 7
+
+
+class Estimate(NamedTuple):
+    """A number that was estimated, or not.
+
+    Attributes:
+        value: how far it is from the model [rad, m, or a ratio]; 0 if the scene does not tell it.
+        deviation: one standard deviation.
+        observable: whether the scene tells it.
+    """
+
+    value: float
+    deviation: float
+    observable: bool
+
+
+class Solution(NamedTuple):
+    """What views have told of a head.
+
+    Attributes:
+        changes: of `PARAMETERS`, shape (10,).
+        estimates: by name of the parameter; what was not asked for is missing.
+        noise: of a corner in the picture, one standard deviation [px].
+        views: that were used.
+        left_out: views that contradict the others.
+    """
+
+    changes: Array
+    estimates: dict[str, Estimate]
+    noise: float
+    views: int
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeadGeometry:
+    """The frames between the base of a head and its camera, and which joints a calibration changes.
+
+    Attributes:
+        model: of the robot.
+        base: the link that carries the pan joint.
+        pan_joint: name.
+        tilt_joint: name.
+        camera_joint: the fixed joint that carries the camera; its name.
+        optical_frame: of the camera.
+        before_pan: `T_base_pan` without the pan joint's motion.
+        before_tilt: from the tilt joint's frame, before its motion, to the pan joint's child.
+        before_camera: `T_tilted_optical`.
+    """
+
+    model: RobotModel
+    base: str
+    pan_joint: str
+    tilt_joint: str
+    camera_joint: str
+    optical_frame: str
+    before_pan: Transform
+    before_tilt: Transform
+    before_camera: Transform
+
+    @staticmethod
+    def of(model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str) -> HeadGeometry:
+        """Return the geometry of a robot's head.
+
+        Raises:
+            RobotModelError: the joints do not carry the frame, or one does not carry the other.
+        """
+        head = PanTiltHead(model, pan_joint, tilt_joint, optical_frame)
+        pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
+        return HeadGeometry(
+            model,
+            head.base_frame,
+            pan_joint,
+            tilt_joint,
+            _camera_joint(model, optical_frame, tilt.child),
+            optical_frame,
+            pan.origin,
+            model.transform(pan.child, tilt.parent, {}) @ tilt.origin,
+            model.transform(tilt.child, optical_frame, {}),
+        )
+
+    def cameras(self, changes: Array, pans: Array, tilts: Array) -> tuple[Array, Array]:
+        """Return the poses of the camera, `T_base_optical`, in several views.
+
+        Args:
+            changes: of `PARAMETERS`, shape (10,).
+            pans: positions of the pan joint, shape (N,) [rad].
+            tilts: positions of the tilt joint, shape (N,) [rad].
+
+        Returns:
+            Rotations, shape (N, 3, 3), and positions, shape (N, 3) [m].
+        """
+        pan_axis = self.model.joint(self.pan_joint).axis
+        turn, shift = rotation_matrices(changes[None, 0:3])[0], changes[3:6]
+        camera, at = _parts(self.before_camera)
+        camera, at = camera @ turn, at + camera @ shift
+        tilting = rotation_matrices(np.outer(tilts + changes[8], self._tilt_axis(changes[6])))
+        tilted, pivot = _parts(self.before_tilt)
+        rotations, positions = tilted @ tilting @ camera, pivot + tilting @ at @ tilted.T
+        panned, root = _parts(self.before_pan)
+        panning = panned @ rotation_matrices(np.outer(pans + changes[9], pan_axis))
+        return panning @ rotations, root + np.einsum("nij,nj->ni", panning, positions)
+
+    def changed(self, changes: Array) -> dict[str, Joint]:
+        """Return the joints of the model as a calibration has them; see `cameras`."""
+        joints = {}
+        if changes[:6].any():
+            joint = self.model.joint(self.camera_joint)
+            rest = self.model.transform(joint.child, self.optical_frame, {})
+            turn = Rotation.from_matrix(rotation_matrices(changes[None, 0:3])[0])
+            right, down, ahead = changes[3:6].tolist()
+            delta = Transform((right, down, ahead), turn)
+            origin = joint.origin @ rest @ delta @ rest.inverse()
+            joints[joint.name] = replace(joint, origin=origin)
+        pan, tilt = (self.model.joint(name) for name in (self.pan_joint, self.tilt_joint))
+        if changes[6] or changes[8]:
+            x, y, z = self._tilt_axis(changes[6]).tolist()
+            zero = Rotation.from_axis_angle((x, y, z), float(changes[8]))
+            origin = tilt.origin @ Transform((0.0, 0.0, 0.0), zero)
+            joints[tilt.name] = replace(tilt, axis=(x, y, z), origin=origin)
+        if changes[9]:
+            joints[pan.name] = replace(pan, origin=pan.transform(float(changes[9])))
+        return joints
+
+    def _tilt_axis(self, angle: float) -> Array:
+        """Return the tilt axis in its joint's frame, turned towards the pan axis [rad]."""
+        axis = np.array(self.model.joint(self.tilt_joint).axis)
+        pan = np.array(self.model.joint(self.pan_joint).axis) @ _parts(self.before_tilt)[0]
+        towards = pan - axis * (pan @ axis)
+        towards /= np.linalg.norm(towards)
+        return np.asarray(math.cos(angle) * axis + math.sin(angle) * towards)
+
+
+def rotation_matrices(vectors: Array) -> Array:
+    """Return the rotations by rotation vectors, shape (N, 3) [rad], as matrices, (N, 3, 3)."""
+    angles = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    # Rodrigues' formula; sinc keeps it exact at 0
+    once, twice = np.sinc(angles / np.pi), 0.5 * np.sinc(0.5 * angles / np.pi) ** 2
+    return np.asarray(np.eye(3) + once * cross + twice * (cross @ cross))
+
+
+def _camera_joint(model: RobotModel, optical_frame: str, tilted: str) -> str:
+    """Return the fixed joint that carries the camera: not the one that turns its axes only."""
+    joint = model.parent_joint(optical_frame)
+    assert joint is not None  # the tilt joint carries it
+    above = model.parent_joint(joint.parent)
+    turns_only = not any(joint.origin[:3])
+    if turns_only and joint.parent != tilted and above is not None:
+        return above.name
+    return joint.name
+
+
+def _parts(transform: Transform) -> tuple[Array, Array]:
+    matrix = transform.as_matrix()
+    return matrix[:3, :3], matrix[:3, 3]

@@ -1,0 +1,273 @@
+"""The result of a calibration: a YAML file, and what it changes in a robot's model."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import yaml
+
+from head_tracking.calibration.geometry import (
+    FOCAL_LENGTH,
+    PARAMETERS,
+    Estimate,
+    HeadGeometry,
+    Solution,
+)
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+
+_TIME: Final = "%Y-%m-%dT%H:%M:%S"
+_MALFORMED: Final = (
+    yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError,
+)  # fmt: skip
+_SAME: Final = 1e-6  # m, and of a quaternion
+
+
+class CalibrationFileError(HeadTrackingError, ValueError):
+    """A calibration file cannot be used with this robot.
+
+    Attributes:
+        path: of the file.
+    """
+
+    def __init__(self, path: Path, text: str) -> None:
+        super().__init__(f"{path}: {text}")
+        self.path = path
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedJoint:
+    """A joint as a calibration has it.
+
+    Attributes:
+        name: of the joint.
+        origin: of the joint in its parent.
+        axis: of the joint.
+        replaces: the origin that the model has.
+    """
+
+    name: str
+    origin: Transform
+    axis: tuple[float, float, float]
+    replaces: Transform
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibration of a robot's head.
+
+    Attributes:
+        robot: name of its model.
+        made: when [s, as time.time()].
+        joints: that it changes.
+        focal_length: factor for that of the camera's model; 1: as it was.
+        estimates: what was estimated, by name.
+        noise: of a corner in the picture, one standard deviation [px].
+        views: that were used.
+        left_out: views that contradicted the others.
+    """
+
+    robot: str
+    made: float
+    joints: tuple[CalibratedJoint, ...]
+    focal_length: float
+    estimates: Mapping[str, Estimate]
+    noise: float
+    views: int
+    left_out: int
+
+    @property
+    def age(self) -> float:
+        """How long ago it was made [s]."""
+        return time.time() - self.made
+
+    @staticmethod
+    def of(geometry: HeadGeometry, solution: Solution) -> Calibration:
+        """Return the calibration that a solution makes of a robot's model."""
+        model = geometry.model
+        return Calibration(
+            model.name,
+            time.time(),
+            tuple(
+                CalibratedJoint(name, joint.origin, joint.axis, model.joint(name).origin)
+                for name, joint in geometry.changed(solution.changes).items()
+            ),
+            math.exp(float(solution.changes[FOCAL_LENGTH])),
+            solution.estimates,
+            solution.noise,
+            solution.views,
+            solution.left_out,
+        )
+
+    def save(self, path: Path) -> None:
+        """Write a YAML file; one that is there is kept until all is written."""
+        document = {
+            "robot": self.robot,
+            "made": time.strftime(_TIME, time.localtime(self.made)),
+            "joints": {
+                joint.name: {
+                    "origin": _numbers(joint.origin),
+                    "axis": list(joint.axis),
+                    "replaces": _numbers(joint.replaces),
+                }
+                for joint in self.joints
+            },
+            "focal_length": self.focal_length,
+            "estimates": {
+                name: {
+                    "value": estimate.value,
+                    "deviation": estimate.deviation,
+                    "observable": estimate.observable,
+                }
+                for name, estimate in self.estimates.items()
+            },
+            "noise": self.noise,
+            "views": self.views,
+            "left_out": self.left_out,
+        }
+        draft = path.with_name(f".{path.name}.draft")
+        draft.write_text(_HEADER + yaml.safe_dump(document, sort_keys=False))
+        draft.replace(path)
+
+    @staticmethod
+    def load(path: str | Path) -> Calibration:
+        """Return the calibration of a file.
+
+        Raises:
+            CalibrationFileError: it cannot be read, or is none.
+        """
+        path = Path(path)
+        try:
+            found = yaml.safe_load(path.read_text())
+            return Calibration(
+                str(found["robot"]),
+                time.mktime(time.strptime(str(found["made"]), _TIME)),
+                tuple(
+                    CalibratedJoint(
+                        str(name),
+                        _transform(joint["origin"]),
+                        _three(joint["axis"]),
+                        _transform(joint["replaces"]),
+                    )
+                    for name, joint in found["joints"].items()
+                ),
+                _finite(found["focal_length"]),
+                {
+                    str(name): Estimate(
+                        _finite(each["value"]), _finite(each["deviation"]), bool(each["observable"])
+                    )
+                    for name, each in found["estimates"].items()
+                },
+                _finite(found["noise"]),
+                int(found["views"]),
+                int(found["left_out"]),
+            )
+        except OSError as error:
+            raise CalibrationFileError(path, error.strerror or str(error)) from error
+        except _MALFORMED as error:
+            raise CalibrationFileError(
+                path,
+                f"this is no calibration of a head ({type(error).__name__}: {error}); "
+                "`head_tracking calibrate` makes one",
+            ) from error
+
+
+def calibrated(model: RobotModel, path: str | Path) -> RobotModel:
+    """Return a robot's model with a calibration applied to it, and to its URDF.
+
+    Args:
+        model: that was read from a URDF.
+        path: of the calibration.
+
+    Raises:
+        CalibrationFileError: the file cannot be used, or was made with another model.
+    """
+    path = Path(path)
+    calibration = Calibration.load(path)
+    tree = ElementTree.fromstring(model.urdf)
+    for joint in calibration.joints:
+        before = model.joints.get(joint.name)
+        if before is None or not _is_same(before.origin, joint.replaces):
+            raise CalibrationFileError(
+                path,
+                f"it was made with another model of {calibration.robot!r}: its joint "
+                f"{joint.name!r} is not this one of {model.name!r}; calibrate again",
+            )
+        _write(tree, joint)
+    return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
+
+
+def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
+    """Return a row for each estimated number: its name, change and deviation, for a person."""
+    rows = []
+    for parameter in PARAMETERS:
+        estimate = calibration.estimates.get(parameter.name)
+        if estimate is None:
+            continue
+        scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
+            parameter.unit, (100.0, "%")
+        )
+        change, deviation = scale * estimate.value, scale * estimate.deviation
+        if estimate.observable:
+            rows.append((parameter.name, f"{change:+.2f} {unit}", f"{deviation:.2f} {unit}"))
+        else:
+            rows.append((parameter.name, "not observable", "as the model says"))
+    return rows
+
+
+_HEADER = """# Where the camera of this head sits, measured by `head_tracking calibrate`.
+# For `--calibration FILE`. Origins: x y z [m], quaternion x y z w, of joints in the robot's model.
+"""
+
+
+def _write(tree: ElementTree.Element, joint: CalibratedJoint) -> None:
+    """Set origin and axis of a joint in a URDF."""
+    element = next(each for each in tree.findall("joint") if each.get("name") == joint.name)
+    origin = element.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(element, "origin")
+    origin.set("xyz", _text(joint.origin.translation))
+    origin.set("rpy", _text(joint.origin.rotation.as_rpy()))
+    axis = element.find("axis")
+    if axis is not None:
+        axis.set("xyz", _text(joint.axis))
+
+
+def _is_same(one: Transform, other: Transform) -> bool:
+    apart = one.inverse() @ other
+    return max(map(abs, apart[:6])) < _SAME
+
+
+def _text(numbers: Sequence[float]) -> str:
+    return " ".join(map(repr, map(float, numbers)))
+
+
+def _numbers(transform: Transform) -> list[float]:
+    return [float(number) for number in transform]
+
+
+def _transform(numbers: Any) -> Transform:
+    found = [_finite(number) for number in numbers]
+    x, y, z, *quaternion = found
+    length = math.hypot(*quaternion)
+    if len(quaternion) != 4 or abs(length - 1.0) > 1e-3:
+        raise ValueError(f"an origin is x, y, z and a quaternion of length 1, not {found}")
+    return Transform((x, y, z), Rotation(*(number / length for number in quaternion)))
+
+
+def _three(numbers: Any) -> tuple[float, float, float]:
+    x, y, z = map(_finite, numbers)
+    return x, y, z
+
+
+def _finite(number: Any) -> float:
+    found = float(number)
+    if not math.isfinite(found):
+        raise ValueError(f"{number!r} is not finite")
+    return found

@@ -1,0 +1,389 @@
+"""Estimates where the camera sits from views of markers that stand still.
+
+A bundle adjustment: the head's errors, the poses of the markers and what the joints' readings are
+off by in each view are estimated together, by least squares with priors (Hartley and Zisserman,
+Multiple View Geometry, 2nd edition, section 18.1 and appendix 6).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from head_tracking.calibration.geometry import (
+    FOCAL_LENGTH,
+    PARAMETERS,
+    Array,
+    Estimate,
+    HeadGeometry,
+    Solution,
+    rotation_matrices,
+)
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.vision.camera import Camera
+from head_tracking.vision.opencv import cv2
+
+FEWEST_VIEWS: Final = 8
+
+_PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
+_KNOWN: Final = 0.5  # of its prior deviation: a parameter with more is not told by the scene
+_ROBUST: Final = 3.0  # deviations; residuals beyond count less
+_FAR: Final = 3.5  # prior deviations: no camera is mounted that wrong
+_OUTLYING: Final = 5.0  # deviations: such a view is left out,
+_MOST_LEFT_OUT: Final = 0.2  # of all at most
+_MOST_NOISE: Final = 4.0  # px
+_UNSTEADY: Final = 2.5  # readings off by so many times what was said
+_MOVED: Final = 25.0  # of the cost: twice this, as chi-square of 6 degrees, once in 2e8
+_SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
+_POSE: Final = 6
+
+
+class Reason(StrEnum):
+    """Why a calibration has failed."""
+
+    FEW_VIEWS = "few views"
+    MOVED = "moved"
+    INCONSISTENT = "inconsistent"
+    BLURRED = "blurred"
+    FAR_FROM_MODEL = "far from model"
+
+
+class CalibrationError(HeadTrackingError):
+    """The views do not tell where the camera sits; nothing is changed.
+
+    Attributes:
+        reason: why.
+    """
+
+    def __init__(self, reason: Reason, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class View(NamedTuple):
+    """A marker, seen while the head stood still.
+
+    Attributes:
+        pan: measured position of the pan joint [rad].
+        tilt: of the tilt joint [rad].
+        marker: its number.
+        corners: in the picture, clockwise from the marker's upper left, shape (4, 2) [px].
+    """
+
+    pan: float
+    tilt: float
+    marker: int
+    corners: Array
+
+
+def solve(
+    geometry: HeadGeometry,
+    camera: Camera,
+    views: Sequence[View],
+    marker_size: float,
+    *,
+    reading_deviation: float = 0.0015,
+    focal_length: bool = False,
+) -> Solution:
+    """Estimate the errors of a head.
+
+    Args:
+        geometry: of the head, as its model has it.
+        camera: its lens.
+        views: in the order in which they were taken.
+        marker_size: edge of the markers' black square [m].
+        reading_deviation: of the joints' readings, one standard deviation [rad].
+        focal_length: whether to estimate that, too.
+
+    Raises:
+        CalibrationError: the views are too few, or contradict each other or the model.
+    """
+    if len(views) < FEWEST_VIEWS:
+        raise CalibrationError(
+            Reason.FEW_VIEWS,
+            f"the marker was seen in {len(views)} views; {FEWEST_VIEWS} are needed: give the "
+            "marker more light, or put it nearer",
+        )
+    free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
+    fit = min(
+        (
+            _Fit(geometry, camera, views, marker_size, reading_deviation, poses).run(free, 1.0)
+            for poses in _first_poses(geometry, camera, views, marker_size)
+        ),
+        key=lambda each: each.cost,
+    )
+    fit.run(free, fit.noise())
+    _check_movement(fit, free)
+    kept = fit.consistent_views()
+    if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
+        raise CalibrationError(
+            Reason.INCONSISTENT,
+            f"{len(views) - len(kept)} of {len(views)} views contradict the others: the marker "
+            "must stand still, and the pictures must be sharp",
+        )
+    fit = fit.of(kept).run(free, fit.noise())
+    noise = fit.noise()
+    if noise > _MOST_NOISE:
+        raise CalibrationError(
+            Reason.BLURRED,
+            f"corners are off by {noise:.1f} px; at most {_MOST_NOISE:.0f} are allowed: the "
+            "pictures are blurred, or the marker is not flat",
+        )
+    unsteady = fit.unsteadiness()
+    if unsteady > _UNSTEADY:
+        raise CalibrationError(
+            Reason.INCONSISTENT,
+            f"the camera was {math.degrees(unsteady * reading_deviation):.2f} degrees aside of "
+            "where the joints say: it is loose, or the joints have play",
+        )
+    fit.run(free, noise, robust=False)
+    deviations = fit.deviations(free)
+    for k in sorted(free, reverse=True):
+        if deviations[k] > _KNOWN * _PRIORS[k]:
+            free.remove(k)
+            fit.run(free, noise, robust=False)
+            deviations = fit.deviations(free)
+    changes = fit.changes
+    for k in free:
+        if abs(changes[k]) > _FAR * _PRIORS[k]:
+            raise CalibrationError(
+                Reason.FAR_FROM_MODEL,
+                f"{PARAMETERS[k].name} would be {_shown(k, changes[k])} from the model: is the "
+                f"marker really {marker_size:g} m wide, and the model that of this robot?",
+            )
+    estimates = {
+        parameter.name: Estimate(float(changes[k]), float(deviations[k]), k in free)
+        for k, parameter in enumerate(PARAMETERS)
+        if focal_length or k != FOCAL_LENGTH
+    }
+    return Solution(changes, estimates, noise, len(kept), len(views) - len(kept))
+
+
+class _Fit:
+    """A least-squares problem and its solution until now.
+
+    Args:
+        geometry: of the head, as its model has it.
+        camera: its lens.
+        views: of markers.
+        size: edge of the markers' black square [m].
+        reading: deviation of a reading [rad].
+        poses: of the markers, `T_base_marker`: rotation vectors and positions, shape (M, 6).
+    """
+
+    def __init__(
+        self,
+        geometry: HeadGeometry,
+        camera: Camera,
+        views: Sequence[View],
+        size: float,
+        reading: float,
+        poses: Array,
+    ) -> None:
+        self._given = geometry, camera, views, size, reading
+        self._geometry, self._reading, self._focal = geometry, reading, camera.focal_length()
+        self._pans = np.array([view.pan for view in views])
+        self._tilts = np.array([view.tilt for view in views])
+        numbers = sorted({view.marker for view in views})
+        self._markers = np.array([numbers.index(view.marker) for view in views])
+        corners = np.array([view.corners for view in views], dtype=np.float64)
+        rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
+        self._rays = np.array(rays).reshape(corners.shape)
+        self._square = _square(size)
+        self._count = len(views)
+        self.cost = math.inf
+        self.changes = np.zeros(len(PARAMETERS))
+        self._poses = poses
+        self._readings = np.zeros((2, self._count))
+        self._noise, self._jacobian = 1.0, np.zeros((0, 0))
+
+    def of(self, kept: Sequence[int]) -> _Fit:
+        """Return a problem with some of the views, from the solution until now."""
+        geometry, camera, views, size, reading = self._given
+        chosen = [views[k] for k in kept]
+        numbers = sorted({view.marker for view in views})
+        remaining = sorted({view.marker for view in chosen})
+        poses = self._poses[[numbers.index(number) for number in remaining]]
+        fit = _Fit(geometry, camera, chosen, size, reading, poses)
+        fit.changes = self.changes.copy()
+        fit._readings = self._readings[:, list(kept)]
+        return fit
+
+    def moved_at(self, first: int) -> _Fit:
+        """Return the problem in which all markers may stand elsewhere from a view on."""
+        geometry, camera, views, size, reading = self._given
+        most = 1 + max(view.marker for view in views)
+        later = [view._replace(marker=view.marker + most) for view in views[first:]]
+        chosen = [*views[:first], *later]
+        numbers = sorted({view.marker for view in views})
+        again = [n % most for n in sorted({view.marker for view in chosen})]
+        poses = self._poses[[numbers.index(number) for number in again]]
+        fit = _Fit(geometry, camera, chosen, size, reading, poses)
+        fit.changes, fit._readings = self.changes.copy(), self._readings.copy()
+        return fit
+
+    def run(self, free: Sequence[int], noise: float, *, robust: bool = True) -> _Fit:
+        """Solve the problem with some of the parameters; the others are 0.
+
+        Args:
+            free: indices of `PARAMETERS`.
+            noise: of a corner, one standard deviation [px].
+            robust: outliers count less.
+        """
+        from scipy.optimize import least_squares
+
+        self._noise = noise
+        fixed = np.setdiff1d(np.arange(len(PARAMETERS)), free)
+        self.changes[fixed] = 0.0
+        start = np.concatenate(
+            [
+                self.changes[free] / _PRIORS[free],
+                self._readings.ravel() / self._reading,
+                self._poses.ravel(),
+            ]
+        )
+        found = least_squares(
+            lambda x: self._residuals(x, free),
+            start,
+            jac=lambda x: self._differences(x, free),
+            loss="soft_l1" if robust else "linear",
+            f_scale=_ROBUST,
+            x_scale="jac",
+            ftol=1e-6,
+            xtol=1e-6,
+            max_nfev=60,
+        )
+        self._take(found.x, free)
+        self.cost, self._jacobian = float(found.cost), self._differences(found.x, free)
+        return self
+
+    def _take(self, x: Array, free: Sequence[int]) -> None:
+        n = len(free)
+        self.changes = np.zeros(len(PARAMETERS))
+        self.changes[free] = x[:n] * _PRIORS[free]
+        self._readings = x[n : n + 2 * self._count].reshape(2, -1) * self._reading
+        self._poses = x[n + 2 * self._count :].reshape(-1, _POSE)
+
+    def _residuals(self, x: Array, free: Sequence[int]) -> Array:
+        """Return all residuals in deviations: corners, then priors of parameters and readings."""
+        self._take(x, free)
+        priors = x[: len(free) + 2 * self._count]
+        return np.concatenate([self._misses().ravel() / self._noise, priors])
+
+    def _misses(self) -> Array:
+        """Return how far each corner is from where it should be, shape (N, 4, 2) [px]."""
+        rotations, positions = self._geometry.cameras(
+            self.changes, self._pans + self._readings[0], self._tilts + self._readings[1]
+        )
+        turns = rotation_matrices(self._poses[:, :3])
+        corners = self._poses[:, None, 3:] + self._square @ turns.transpose(0, 2, 1)
+        seen = (corners[self._markers] - positions[:, None]) @ rotations
+        depth = np.maximum(seen[..., 2:], 1e-3)
+        scale = math.exp(self.changes[FOCAL_LENGTH])
+        return np.asarray(self._focal * (scale * seen[..., :2] / depth - self._rays))
+
+    def _differences(self, x: Array, free: Sequence[int]) -> Array:
+        """Return the Jacobian, by differences; a reading concerns its own view only."""
+        step, n, count = 1e-6, len(free), self._count
+        here = self._residuals(x, free)
+        jacobian = np.zeros((len(here), len(x)))
+        corners = self._rays.size
+        each = corners // count
+        for k in (*range(n), *range(n + 2 * count, len(x))):
+            aside = x.copy()
+            aside[k] += step
+            jacobian[:, k] = (self._residuals(aside, free) - here) / step
+        for joint in range(2):
+            columns = n + joint * count + np.arange(count)
+            aside = x.copy()
+            aside[columns] += step
+            slopes = (self._residuals(aside, free) - here)[:corners].reshape(count, each) / step
+            for view in range(count):
+                rows = slice(view * each, (view + 1) * each)
+                jacobian[rows, columns[view]] = slopes[view]
+                jacobian[corners + columns[view], columns[view]] = 1.0
+        self._take(x, free)
+        return jacobian
+
+    def noise(self) -> float:
+        """Return the standard deviation of a corner [px], by the middle half of the residuals."""
+        misses = np.abs(self._misses()).ravel()
+        used = self.changes.size + self._poses.size + 2 * self._count
+        share = math.sqrt(misses.size / max(misses.size - used, 0.25 * misses.size))
+        return max(0.05, float(np.median(misses)) / 0.6745 * share)
+
+    def consistent_views(self) -> list[int]:
+        """Return the views that do not contradict the others."""
+        misses = np.sqrt((self._misses() ** 2).mean(axis=(1, 2))) / self.noise()
+        aside = np.abs(self._readings).max(axis=0) / self._reading
+        limit = _OUTLYING * max(1.0, self.unsteadiness())
+        return np.flatnonzero((misses < _OUTLYING) & (aside < limit)).tolist()
+
+    def unsteadiness(self) -> float:
+        """Return how much the readings are off in most views, over what was said of them."""
+        middles = np.median(np.abs(self._readings), axis=1)
+        return float(middles.max()) / 0.6745 / self._reading
+
+    def deviations(self, free: Sequence[int]) -> Array:
+        """Return the standard deviation of each parameter; of those that are fixed, the prior's."""
+        covariance = np.linalg.pinv(self._jacobian.T @ self._jacobian, hermitian=True)
+        deviations = _PRIORS.copy()
+        deviations[free] *= np.sqrt(np.diag(covariance)[: len(free)])
+        return np.asarray(deviations)
+
+
+def _check_movement(fit: _Fit, free: Sequence[int]) -> None:
+    """Raise CalibrationError if the views tell that something has moved on the way.
+
+    A marker that stands elsewhere from some view on explains them much better then.
+    """
+    count = len(fit._pans)
+    for share in _SPLITS:
+        first = round(share * count)
+        better = fit.cost - fit.moved_at(first).run(free, fit._noise).cost
+        if better > _MOVED:
+            raise CalibrationError(
+                Reason.MOVED,
+                f"from about view {first} of {count} on the marker or the camera stood elsewhere: "
+                "fasten both, and calibrate again",
+            )
+
+
+def _first_poses(
+    geometry: HeadGeometry, camera: Camera, views: Sequence[View], size: float
+) -> list[Array]:
+    """Return two guesses of the markers' poses: a square has two that look nearly alike."""
+    guesses: list[list[Array]] = [[], []]
+    for number in sorted({view.marker for view in views}):
+        seen = [view for view in views if view.marker == number]
+        view = max(seen, key=lambda each: float(np.ptp(each.corners, axis=0).min()))
+        rays = np.array([camera.ray((u, v)) for u, v in view.corners.tolist()])
+        _, turns, shifts, _ = cv2.solvePnPGeneric(
+            _square(size), rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        nothing = np.zeros(len(PARAMETERS))
+        (rotation,), (position,) = geometry.cameras(
+            nothing, np.array([view.pan]), np.array([view.tilt])
+        )
+        for guess, k in zip(guesses, (0, -1), strict=True):
+            turn, shift = turns[k], shifts[k]
+            vector, _ = cv2.Rodrigues(rotation @ cv2.Rodrigues(turn)[0])
+            guess.append(np.concatenate([vector.ravel(), position + rotation @ shift.ravel()]))
+    return [np.array(guess) for guess in guesses]
+
+
+def _square(size: float) -> Array:
+    half = size / 2.0
+    signs = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    return np.asarray(half * signs)
+
+
+def _shown(k: int, value: float) -> str:
+    unit = PARAMETERS[k].unit
+    if unit == "rad":
+        return f"{math.degrees(value):.1f} degrees"
+    return f"{1e3 * value:.0f} mm" if unit == "m" else f"{100.0 * value:.0f} %"

@@ -1,0 +1,147 @@
+"""calibrate: measures where the camera of a head sits, and writes it into a file."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from head_tracking.calibration import Calibration, summary
+from head_tracking.command_line import between
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.head.program import Head
+from head_tracking.transforms import Rotation, Transform
+
+if TYPE_CHECKING:
+    from head_tracking.vision import Pixels
+
+DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
+"""Exit codes; 2 is argparse's, for a wrong command line."""
+
+SIMULATED_MOUNTING: Final = Transform(
+    (0.006, -0.004, 0.008), Rotation.from_rpy(0.02, math.radians(3.0), math.radians(-2.0))
+)
+"""`T_model_real`: how the simulated camera really sits, in the model's optical frame."""
+
+_EPILOG = """\
+The marker hangs still, 1 to 3 m away, and the camera sees it. The head turns slowly, for a minute
+and a half at most; Ctrl-C ends it and relaxes the servos.
+exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
+"""
+
+
+def main(arguments: Sequence[str] | None = None, ask: Callable[[str], str] = input) -> int:
+    """Calibrate; return the exit code.
+
+    Args:
+        arguments: the command line.
+        ask: asks the person a question, and returns the answer.
+    """
+    options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
+    output = Path(options.output)
+    try:
+        from head_tracking.vision import MarkerParameters, camera_with_view
+
+        marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
+        with _open(options) as head:
+            if not options.yes and not _confirmed(ask):
+                print("calibrate: not confirmed; nothing has moved")
+                return REFUSED
+            source = _simulated_pictures(head) if options.sim else options.camera
+            width, height = (320, 240) if options.sim else options.size
+            calibration = head.calibrate(
+                source,
+                marker=marker,
+                model=camera_with_view(width, height, math.radians(options.view)),
+                focal_length=options.focal_length,
+                report=lambda text: print(text, file=sys.stderr),
+            )
+        calibration.save(output)
+    except (HeadTrackingError, OSError, ValueError) as error:
+        print(f"calibrate: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    _show(calibration)
+    print(
+        f"written: {output}\nuse it:  head_tracking --robot {options.robot} --calibration {output}"
+    )
+    return DONE
+
+
+def _open(options: argparse.Namespace) -> Head:
+    if options.sim:
+        return Head.simulated(robot=options.robot)
+    return Head.open(options.port, robot=options.robot)
+
+
+def _confirmed(ask: Callable[[str], str]) -> bool:
+    try:
+        return ask("The head will look around. Is its way free? [y/N] ").strip().lower() == "y"
+    except EOFError:
+        return False
+
+
+def _simulated_pictures(head: Head) -> Iterable[tuple[float, Pixels]]:
+    """Return what a camera sees that sits otherwise than the model says."""
+    from head_tracking.scene import film
+
+    where = partial(head.pose, "camera_optical_frame", "base_link")
+    return film("still marker", lambda stamp: where(stamp=stamp) @ SIMULATED_MOUNTING)
+
+
+def _show(calibration: Calibration) -> None:
+    for name, change, deviation in summary(calibration):
+        print(f"{name:<22} {change:>18}  +- {deviation}")
+    print(
+        f"{calibration.views} views, {calibration.left_out} left out; corners off by "
+        f"{calibration.noise:.2f} px"
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="calibrate",
+        description="Measures where the camera of a head sits: the head looks around a marker.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("what", choices=("camera",), help="what to calibrate")
+    add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
+    add("--sim", action="store_true", help="simulate servos and camera, which is mounted wrong")
+    add("--robot", default="kinectbot", metavar="NAME|FILE", help="its name, or its model")
+    add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
+    add("--size", nargs=2, type=int, default=(640, 480), metavar=("W", "H"), help="of its pictures")
+    add(
+        "--view",
+        type=between(5.0, 170.0, "degrees"),
+        default=60.0,
+        metavar="DEG",
+        help="its angle of view from left to right [degrees] (%(default)s)",
+    )
+    add("--focal-length", action="store_true", help="measure the angle of view, too")
+    add(
+        "--marker-size",
+        type=between(0.005, 2.0, "m"),
+        default=0.16,
+        metavar="M",
+        help="edge of the marker's black square [m] (%(default)s)",
+    )
+    add("--marker-id", type=int, default=-1, metavar="N", help="number of the marker; -1: any")
+    add("--dictionary", default="4X4_50", metavar="NAME", help="its family (%(default)s)")
+    add("--output", default="calibration.yaml", metavar="FILE", help="what to write (%(default)s)")
+    add("--yes", action="store_true", help="start without a question")
+    return parser
+
+
+def _camera(text: str) -> int | str:
+    return int(text) if text.isdecimal() else text
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

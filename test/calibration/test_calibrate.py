@@ -1,0 +1,47 @@
+"""The head looks around a marker by itself, with a simulated camera that is mounted wrong."""
+
+import numpy as np
+import pytest
+
+from head_tracking.calibration import Calibration, calibrated, gathering
+from head_tracking.cli import calibrate
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(gathering, "MOST_VIEWS", 13)
+    monkeypatch.setattr(gathering, "_SETTLING", 0.15)
+    monkeypatch.setattr(gathering, "_SPEED", 2.0)
+
+
+def test_from_a_wrong_mounting_to_a_right_one(quick, tmp_path):
+    output = tmp_path / "camera.yaml"
+    arguments = ["camera", "--sim", "--yes", "--output", str(output)]
+    assert calibrate.main(arguments) == calibrate.DONE
+    model = load_robot_model(robot_file("kinectbot"))
+    found = calibrated(model, output).transform("neck_link", "camera_optical_frame", {})
+    true = model.transform("neck_link", "camera_optical_frame", {}) @ calibrate.SIMULATED_MOUNTING
+    apart = found.inverse() @ true
+    assert 2.0 * np.linalg.norm(apart[3:6]) < np.radians(0.6)  # it was 3.8 degrees
+    assert np.linalg.norm(apart.translation) < 0.008  # m; it was 11 mm
+    assert Calibration.load(output).views > 8
+
+
+def test_nothing_moves_before_somebody_agrees(tmp_path):
+    output = tmp_path / "camera.yaml"
+
+    def ask(question):
+        return "no"
+
+    refused = calibrate.main(["camera", "--sim", "--output", str(output)], ask)
+    assert refused == calibrate.REFUSED
+    assert not output.exists()
+
+
+def test_no_marker_in_view_is_a_failure(quick, tmp_path):
+    output = tmp_path / "camera.yaml"
+    arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
+    assert calibrate.main(arguments) == calibrate.FAILED
+    assert not output.exists()

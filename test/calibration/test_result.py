@@ -1,0 +1,118 @@
+"""Files of calibrations, and heads that use them."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from random_head import kinectbot_geometry
+
+from head_tracking import Head
+from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
+from head_tracking.calibration.geometry import HeadGeometry, Solution
+from head_tracking.share import robot_file
+from head_tracking.transforms import Rotation, Transform, load_robot_model
+
+CHANGES = np.array([0.03, -0.05, 0.02, 0.004, -0.003, 0.006, 0.01, 0.02, -0.015, 0.025])
+
+
+@pytest.fixture
+def geometry():
+    return kinectbot_geometry()
+
+
+@pytest.fixture
+def file(geometry, tmp_path):
+    estimates = {"camera pitch": Estimate(0.03, 0.001, True)}
+    calibration = Calibration.of(geometry, Solution(CHANGES, estimates, 0.3, 20, 1))
+    calibration.save(tmp_path / "calibration.yaml")
+    return tmp_path / "calibration.yaml"
+
+
+def test_the_model_sees_what_the_solver_saw(geometry, file):
+    model = calibrated(geometry.model, file)
+    pans, tilts = np.array([0.0, 0.7, -0.4]), np.array([0.3, -0.2, 0.0])
+    turns, places = geometry.cameras(CHANGES, pans, tilts)
+    for pan, tilt, turn, place in zip(pans, tilts, turns, places, strict=True):
+        joints = {geometry.pan_joint: pan, geometry.tilt_joint: tilt}
+        expected = np.eye(4)
+        expected[:3, :3], expected[:3, 3] = turn, place
+        found = model.transform(geometry.base, geometry.optical_frame, joints)
+        assert np.allclose(found.as_matrix(), expected, atol=1e-9)
+
+
+def test_a_file_is_what_was_saved(file):
+    found = Calibration.load(file)
+    assert found.estimates == {"camera pitch": Estimate(0.03, 0.001, True)}
+    assert (found.robot, found.noise, found.views, found.left_out) == ("kinectbot", 0.3, 20, 1)
+    assert found.focal_length == pytest.approx(math.exp(0.02))
+    assert 0.0 <= found.age < 3600.0
+    again = file.with_name("again.yaml")
+    found.save(again)
+    assert Calibration.load(again) == found
+
+
+def test_a_head_uses_it(file, geometry):
+    with Head.simulated(calibration=file) as head:
+        measured = head.pose("camera_optical_frame", geometry.base)
+        joints = head.joints
+        expected = calibrated(geometry.model, file).transform(
+            geometry.base, "camera_optical_frame", joints
+        )
+        assert np.allclose(measured.as_matrix(), expected.as_matrix(), atol=1e-6)
+        assert head.look_at((2.0, 0.3, 0.5)).arrived
+
+
+def test_that_of_another_robot_is_refused(file):
+    with pytest.raises(CalibrationFileError):
+        calibrated(load_robot_model(robot_file("turtlebot")), file)
+
+
+def test_it_cannot_be_applied_twice(file, geometry):
+    once = calibrated(geometry.model, file)
+    with pytest.raises(CalibrationFileError):
+        calibrated(once, file)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda found: found.pop("joints"),
+        lambda found: found.update(joints=3),
+        lambda found: found.update(focal_length=float("nan")),
+        lambda found: found.update(made="yesterday"),
+        lambda found: found["joints"]["camera_link_mount"].update(origin=[0.0] * 7),
+        lambda found: found["joints"]["camera_link_mount"].update(axis=[0.0]),
+        lambda found: found["estimates"].update(x=None),
+    ],
+)
+def test_a_damaged_file_is_refused(file, damage, geometry):
+    found = yaml.safe_load(file.read_text())
+    damage(found)
+    file.write_text(yaml.safe_dump(found))
+    with pytest.raises(CalibrationFileError):
+        calibrated(geometry.model, file)
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2", "7", "\x00", "{}"])
+def test_what_is_no_calibration_is_refused(tmp_path, text):
+    path = tmp_path / "other.yaml"
+    path.write_text(text)
+    with pytest.raises(CalibrationFileError):
+        Calibration.load(path)
+    with pytest.raises(CalibrationFileError):
+        Calibration.load(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize("robot", ["turtlebot", "pxxls", "stretch", "op3"])
+def test_other_robots_have_a_geometry(robot):
+    model = load_robot_model(robot_file(robot))
+    joints = [name for name in model.independent_joints if "pan" in name or "tilt" in name]
+    names = sorted(joints, key=lambda name: "tilt" in name)
+    geometry = HeadGeometry.of(model, names[0], names[1], "camera_optical_frame")
+    (turn,), (place,) = geometry.cameras(np.zeros(10), np.array([0.2]), np.array([-0.3]))
+    expected = model.transform(
+        geometry.base, "camera_optical_frame", {names[0]: 0.2, names[1]: -0.3}
+    )
+    found = Transform(place.tolist(), Rotation.from_matrix(turn))
+    assert np.allclose(found.as_matrix(), expected.as_matrix(), atol=1e-9)

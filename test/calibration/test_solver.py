@@ -1,0 +1,111 @@
+"""What views of a marker tell of a camera's mounting; the truth is known."""
+
+import math
+
+import numpy as np
+import pytest
+from random_head import CAMERA, SIZE, kinectbot_geometry, pointing_error, random_head
+
+from head_tracking.calibration.geometry import PARAMETERS
+from head_tracking.calibration.solver import CalibrationError, Reason, solve
+
+ZEROS = ("pan zero", "tilt zero")
+
+
+@pytest.fixture(scope="module")
+def geometry():
+    return kinectbot_geometry()
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_a_head_points_exactly_after_it(geometry, noise):
+    before, after, inside = [], [], []
+    for seed in range(100, 106):
+        head = random_head(geometry, seed, noise)
+        solution = solve(geometry, CAMERA, head.views, SIZE)
+        before.append(pointing_error(geometry, head, np.zeros(10)))
+        after.append(pointing_error(geometry, head, solution.changes))
+        for name, truth in zip(
+            (parameter.name for parameter in PARAMETERS), head.changes, strict=True
+        ):
+            estimate = solution.estimates.get(name)
+            if estimate is not None and estimate.observable:
+                inside.append(abs(estimate.value - truth) < 3.0 * estimate.deviation)
+        for name in ZEROS:
+            assert not solution.estimates[name].observable
+        assert not solution.changes[8:].any()
+    assert np.sqrt(np.mean(np.square(after))) < math.radians(0.2)
+    assert np.sqrt(np.mean(np.square(before))) > math.radians(0.5)
+    assert np.mean(inside) > 0.9
+
+
+def test_wrong_zeros_of_the_joints_do_no_harm(geometry):
+    for seed in (110, 111):
+        head = random_head(geometry, seed, 0.5, zeros=math.radians(2.0))
+        solution = solve(geometry, CAMERA, head.views, SIZE)
+        assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
+
+
+def test_the_focal_length_is_found(geometry):
+    head = random_head(geometry, 120, 0.3)
+    longer = [
+        view._replace(corners=(view.corners - (319.5, 239.5)) * 1.03 + (319.5, 239.5))
+        for view in head.views
+    ]
+    found = solve(geometry, CAMERA, longer, SIZE, focal_length=True).estimates["focal length"]
+    assert found.observable
+    assert found.value == pytest.approx(math.log(1.03), abs=4.0 * found.deviation)
+    assert found.deviation < 0.02
+
+
+@pytest.mark.parametrize("seed", [130, 131])
+def test_a_marker_that_slips_is_found(geometry, seed):
+    views = random_head(geometry, seed, 0.5).views
+    half = len(views) // 2
+    slipped = [
+        view if index < half else view._replace(corners=view.corners + np.array((3.0, 7.0)))
+        for index, view in enumerate(views)
+    ]
+    with pytest.raises(CalibrationError) as refusal:
+        solve(geometry, CAMERA, slipped, SIZE)
+    assert refusal.value.reason is Reason.MOVED
+
+
+def test_a_few_blurred_views_are_left_out(geometry):
+    head = random_head(geometry, 132, 0.5)
+    rng = np.random.default_rng(1)
+    views = [
+        view._replace(corners=view.corners + rng.normal(0.0, 20.0, (4, 2)) * (index in (3, 9)))
+        for index, view in enumerate(head.views)
+    ]
+    solution = solve(geometry, CAMERA, views, SIZE)
+    assert solution.left_out == 2
+    assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
+
+
+@pytest.mark.parametrize(
+    ("spread", "each", "size", "reasons"),
+    [
+        (0.0, 6.0, SIZE, {Reason.BLURRED, Reason.INCONSISTENT}),
+        (5.0, 0.0, SIZE, {Reason.INCONSISTENT, Reason.MOVED}),  # a loose camera
+        (15.0, 0.0, SIZE, {Reason.INCONSISTENT, Reason.MOVED, Reason.BLURRED}),  # a person
+        (0.0, 0.0, 2.0 * SIZE, {Reason.FAR_FROM_MODEL}),
+    ],
+)
+def test_what_cannot_be_told_is_refused(geometry, spread, each, size, reasons):
+    rng = np.random.default_rng(2)
+    views = [
+        view._replace(
+            corners=view.corners + rng.normal(0.0, spread, 2) + rng.normal(0.0, each, (4, 2))
+        )
+        for view in random_head(geometry, 133, 0.5).views
+    ]
+    with pytest.raises(CalibrationError) as refusal:
+        solve(geometry, CAMERA, views, size)
+    assert refusal.value.reason in reasons
+
+
+def test_few_views_are_refused(geometry):
+    with pytest.raises(CalibrationError) as refusal:
+        solve(geometry, CAMERA, random_head(geometry, 134, 0.5).views[:5], SIZE)
+    assert refusal.value.reason is Reason.FEW_VIEWS
