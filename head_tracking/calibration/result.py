@@ -235,8 +235,9 @@ def _write(tree: ElementTree.Element, joint: CalibratedJoint) -> None:
     origin.set("xyz", _text(joint.origin.translation))
     origin.set("rpy", _text(joint.origin.rotation.as_rpy()))
     axis = element.find("axis")
-    if axis is not None:
-        axis.set("xyz", _text(joint.axis))
+    if axis is None:  # the URDF means 1 0 0
+        axis = ElementTree.SubElement(element, "axis")
+    axis.set("xyz", _text(joint.axis))
 
 
 def _is_same(one: Transform, other: Transform) -> bool:

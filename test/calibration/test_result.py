@@ -11,7 +11,7 @@ from head_tracking import Head
 from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
 from head_tracking.calibration.geometry import HeadGeometry, Solution
 from head_tracking.share import robot_file
-from head_tracking.transforms import Rotation, Transform, load_robot_model
+from head_tracking.transforms import Rotation, Transform, load_robot_model, parse_robot_model
 
 CHANGES = np.array([0.03, -0.05, 0.02, 0.004, -0.003, 0.006, 0.01, 0.02, -0.015, 0.025])
 
@@ -116,3 +116,19 @@ def test_other_robots_have_a_geometry(robot):
     )
     found = Transform(place.tolist(), Rotation.from_matrix(turn))
     assert np.allclose(found.as_matrix(), expected.as_matrix(), atol=1e-9)
+
+
+def test_a_tilt_axis_that_the_urdf_leaves_out(tmp_path):
+    model = parse_robot_model(
+        '<robot name="r"><link name="base"/><link name="panned"/><link name="tilted"/>'
+        '<link name="optical"/><joint name="pan" type="continuous"><parent link="base"/>'
+        '<child link="panned"/><axis xyz="0 0 1"/></joint><joint name="tilt" type="continuous">'
+        '<parent link="panned"/><child link="tilted"/></joint><joint name="camera" type="fixed">'
+        '<parent link="tilted"/><child link="optical"/></joint></robot>'
+    )
+    geometry = HeadGeometry.of(model, "pan", "tilt", "optical")
+    calibration = Calibration.of(geometry, Solution(CHANGES, {}, 0.3, 20, 1))
+    calibration.save(tmp_path / "calibration.yaml")
+    found = calibrated(model, tmp_path / "calibration.yaml").joint("tilt").axis
+    assert np.allclose(found, calibration.joints[1].axis, atol=1e-9)
+    assert abs(found[2]) > 0.005  # the axis leans
