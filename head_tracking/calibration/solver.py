@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from head_tracking.calibration.geometry import (
     Solution,
     rotation_matrices,
 )
+from head_tracking.compatibility import StrEnum
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.opencv import cv2
