@@ -14,6 +14,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
+    "calibrate",
     "check_model",
     "doctor",
     "fictitious_target",

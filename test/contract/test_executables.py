@@ -14,7 +14,7 @@ NODES = {
 }  # fmt: skip
 PROGRAMS = {
     "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
-    "head_setup", "new_robot", "servo", "doctor",
+    "calibrate", "head_setup", "new_robot", "servo", "doctor",
 }  # fmt: skip
 
 
