@@ -139,7 +139,8 @@ class Camera:
             raise CameraError(
                 f"the matrix {'P' if rectified else 'K'} is {list(k)}; it needs nine finite numbers"
             )
-        if len(turn) != 9 or not np.allclose(_squared(turn), np.eye(3), atol=1e-3):
+        is_bounded = len(turn) == 9 and max(map(abs, turn)) < 2.0
+        if not is_bounded or not np.allclose(_squared(turn), np.eye(3), atol=1e-3):
             raise CameraError(f"the matrix R is {list(turn)}; it must be a rotation")
         fx, fy, cx, cy = k[0], k[4], k[2], k[5]
         if min(*size, fx, fy) <= 0:
