@@ -157,14 +157,16 @@ class Calibration:
                     )
                     for name, joint in found["joints"].items()
                 ),
-                _finite(found["focal_length"]),
+                _positive(found["focal_length"]),
                 {
                     str(name): Estimate(
-                        _finite(each["value"]), _finite(each["deviation"]), bool(each["observable"])
+                        _finite(each["value"]),
+                        _positive(each["deviation"]),
+                        bool(each["observable"]),
                     )
                     for name, each in found["estimates"].items()
                 },
-                _finite(found["noise"]),
+                _positive(found["noise"]),
                 int(found["views"]),
                 int(found["left_out"]),
             )
@@ -265,6 +267,13 @@ def _transform(numbers: Any) -> Transform:
 def _three(numbers: Any) -> tuple[float, float, float]:
     x, y, z = map(_finite, numbers)
     return x, y, z
+
+
+def _positive(number: Any) -> float:
+    found = _finite(number)
+    if found <= 0.0:
+        raise ValueError(f"{number!r} is not above 0")
+    return found
 
 
 def _finite(number: Any) -> float:

@@ -80,6 +80,8 @@ def test_it_cannot_be_applied_twice(file, geometry):
         lambda found: found.pop("joints"),
         lambda found: found.update(joints=3),
         lambda found: found.update(focal_length=float("nan")),
+        lambda found: found.update(focal_length=0.0),
+        lambda found: found["estimates"]["camera pitch"].update(deviation=-0.001),
         lambda found: found.update(made="yesterday"),
         lambda found: found["joints"]["camera_link_mount"].update(origin=[0.0] * 7),
         lambda found: found["joints"]["camera_link_mount"].update(axis=[0.0]),
