@@ -75,6 +75,7 @@ def main() -> int:
         pictures = first_good(visitor)
     if not pictures:
         return 1
+    pictures.sort(key=lambda each: each[0])  # Chromium may send one before an earlier one
     rate = len(pictures) / SECONDS
     if rate < FEWEST:
         print(f"{rate:.1f} pictures a second are no film; try again when the machine is quiet")
