@@ -91,7 +91,7 @@ def test_stop_relaxes_the_servos_and_everybody_hears_of_it(bench, person):
     assert all(joint in answer.message for joint in JOINTS)
     wait_for(lambda: person.stopped)
     wait_for(lambda: person.latched("head_tracker/enabled", Bool) is False)
-    assert person.state("head_tracker") == "disabled"
+    wait_for(lambda: person.state("head_tracker") == "disabled")
     before = bench.servos.at_rest()
     time.sleep(0.5)  # targets keep coming
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)

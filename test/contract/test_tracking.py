@@ -78,7 +78,7 @@ def test_switched_off_it_stops_at_once_and_gives_the_joints_up(bench, person):
     rest, tilt = bench.servos.at_rest()
     assert abs(rest - pan) < 0.3  # it was at several rad/s
     assert person.latched("head_tracker/enabled", Bool) is False
-    assert person.state("head_tracker") == "disabled"
+    wait_for(in_state(person, "disabled"))
     assert set(person.owners.values()) == {""}
     assert not person.call("head_tracker/recenter").success
     for _ in range(10):

@@ -22,6 +22,7 @@ from std_msgs.msg import Header, String
 from waiting import wait_for
 
 from head_tracking.recording.recorder import Recorder, RecorderParameters
+from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
@@ -184,16 +185,17 @@ def test_what_a_crash_leaves_can_be_read(node, recorder, kinectbot, tmp_path):
     file = start(recorder, node, 2)
     generator = np.random.default_rng(1)
 
-    def written() -> bool:
+    def left() -> Recording | None:
         noise = list(generator.normal(size=1000))
         states.publish(JointState(name=["wheel"] * 1000, position=noise))
         states.publish(JointState(name=[PAN], position=[0.3]))
-        return file.stat().st_size > 20_000
+        with shutil.copy(file, tmp_path / "left").open("rb") as stream:
+            try:
+                return read_recording(stream)
+            except RecordingError:  # its first chunk is not whole yet
+                return None
 
-    wait_for(written)
-    left = shutil.copy(file, tmp_path / "left")
-    with left.open("rb") as stream:
-        recording = read_recording(stream)
+    recording = wait_for(left)
     assert recording.seen[-1].joints[PAN] == 0.3
     assert "cut off" in recording.notice
 
