@@ -76,7 +76,8 @@ def calibrate_camera(
         The calibration; nothing is written, and the head's model stays as it is.
 
     Raises:
-        CalibrationError: the marker is not seen, or the views contradict each other or the model.
+        CalibrationError: no picture comes, the marker is not seen, or the views contradict each
+            other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is not known.
         ValueError: the marker has no size.
@@ -88,7 +89,9 @@ def calibrate_camera(
     pan, tilt = head.joints
     geometry = HeadGeometry.of(robot, pan, tilt, frame)
     source = iter(pictures(camera) if isinstance(camera, int | str) else camera)
-    _, first = next(source)
+    _, first = next(source, (0.0, None))
+    if first is None:
+        raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
     views = _gather(_Observer(head, source, lens, marker), head, geometry, lens, report)
@@ -140,7 +143,15 @@ class _Observer:
             if still or stamp > arrived + _SETTLING + _PATIENCE:
                 return still
             before = found
-        return []
+        raise _no_picture()
+
+
+def _no_picture() -> CalibrationError:
+    return CalibrationError(
+        Reason.NO_PICTURE,
+        "the camera sends no more pictures: see that it is plugged in and that no other program "
+        "has opened it, and calibrate again",
+    )
 
 
 def _gather(
@@ -164,11 +175,12 @@ def _gather(
         )
     directions = _directions(camera)
     random.Random(1).shuffle(directions)
+    directions = directions[: MOST_VIEWS - 1]
     nearest = views[0]
-    for number, (right, down) in enumerate(directions[: MOST_VIEWS - 1], 1):
+    for number, (right, down) in enumerate(directions, 1):
         if time.monotonic() > end:
             break
-        report(f"view {number} of {len(directions)}: {len(views)} seen")
+        report(f"direction {number} of {len(directions)}; markers seen so far: {len(views)}")
         try:
             head.look_at(
                 _point_beside(head, geometry, camera, nearest, right, down),

@@ -30,6 +30,13 @@ class Parameter(NamedTuple):
     unit: str
     prior: float
 
+    def displayed(self, value: float) -> tuple[float, str]:
+        """Return a value and its unit as a person reads them: degrees, mm or %."""
+        scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
+            self.unit, (100.0, "%")
+        )
+        return scale * value, unit
+
 
 PARAMETERS: Final = (
     Parameter("camera pitch", "rad", 5 * _DEGREE),

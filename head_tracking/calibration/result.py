@@ -212,10 +212,8 @@ def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
         estimate = calibration.estimates.get(parameter.name)
         if estimate is None:
             continue
-        scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
-            parameter.unit, (100.0, "%")
-        )
-        change, deviation = scale * estimate.value, scale * estimate.deviation
+        change, unit = parameter.displayed(estimate.value)
+        deviation, _ = parameter.displayed(estimate.deviation)
         if estimate.observable:
             rows.append((parameter.name, f"{change:+.2f} {unit}", f"{deviation:.2f} {unit}"))
         else:
