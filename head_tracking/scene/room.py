@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +15,7 @@ _X0, _X1, _Y0, _Y1, _Z0, _Z1 = -2.5, 3.5, -2.5, 2.5, -0.9, 1.7
 """Its sides [m]: the robot stands on a table, as high as people's elbows."""
 
 _SCALE = 220  # pixels per metre
+_SOFT = 41  # pixels of a shadow's edge
 _OAK, _WHITE = (92, 128, 168), (232, 236, 238)
 _BOOKS = (
     (70, 80, 150),
@@ -75,18 +78,23 @@ class _Surface:
         cv2.ellipse(self.texture, at, axes, 0, 0, 360, (*colour, 255), -1, cv2.LINE_AA)
 
     def shade(self, x: float, y: float, width: float, height: float, by: float) -> None:
-        """Darkens around a rectangle, or brightens it (by above 1), softly."""
-        cover = np.zeros(self.texture.shape[:2], np.float32)
-        (left, top), (right, bottom) = (
-            np.array([[x, y], [x + width, y + height]]) * _SCALE
-        ).astype(int)
-        cover[max(top, 0) : bottom, max(left, 0) : right] = 1.0
-        self.light(1.0 + (by - 1.0) * cv2.blur(cv2.blur(cover, (41, 41)), (41, 41)))
+        """Darkens a rectangle with a soft edge, or brightens it (by above 1)."""
+        ends = np.array([[y, x], [y + height, x + width]]) * _SCALE
+        (top, left), (bottom, right) = ends.astype(int).tolist()
+        margin = 2 * _SOFT
+        cover = np.zeros((bottom - top + 2 * margin, right - left + 2 * margin), np.float32)
+        cover[margin:-margin, margin:-margin] = by - 1.0
+        for _ in range(2):
+            cover = cv2.blur(cover, (_SOFT, _SOFT))
+        part = self.texture[max(top - margin, 0) : bottom + margin,
+                            max(left - margin, 0) : right + margin]  # fmt: skip
+        up, aside = max(margin - top, 0), max(margin - left, 0)
+        seen = cover[up : up + part.shape[0], aside : aside + part.shape[1]]
+        _light(part, 1.0 + seen)
 
     def light(self, factor: npt.NDArray[np.float32]) -> None:
         """Multiplies the brightness."""
-        lit = self.texture[..., :3] * factor[..., None].astype(np.float32)
-        self.texture[..., :3] = np.clip(lit, 0, 255)
+        _light(self.texture, factor)
 
     def corners(self, least: float = 0.72, reach: float = 0.5) -> None:
         """Darkens towards the edges, where less light comes to."""
@@ -105,6 +113,11 @@ class _Surface:
         self.disc(left + 0.68 * w, top + 0.3 * h, 0.09 * h, 0.09 * h, (190, 225, 245))
         for k, tone in enumerate((1.0, 0.8, 0.6)):
             self.box(left, top + (0.48 + 0.17 * k) * h, w, (0.52 - 0.17 * k) * h, shaded(hue, tone))
+
+
+def _light(part: Texture, factor: npt.NDArray[Any]) -> None:
+    lit = part[..., :3] * factor.astype(np.float32)[..., None]
+    part[..., :3] = np.minimum(lit, 255.0, out=lit)
 
 
 def _wall(width: float, colour: Colour, rng: np.random.Generator) -> Texture:
