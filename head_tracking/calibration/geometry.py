@@ -57,6 +57,8 @@ x (right), y (down) and z (ahead). The tilt axis turns towards the pan axis. `fo
 logarithm of a factor.
 """
 FOCAL_LENGTH: Final = 7
+ZEROS: Final = (8, 9)
+"""The joints' zeros: one that the scene does not tell is the model's, and the rest refers to it."""
 
 
 class Estimate(NamedTuple):

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from head_tracking.calibration.geometry import (
     FOCAL_LENGTH,
     PARAMETERS,
+    ZEROS,
     Array,
     Estimate,
     HeadGeometry,
@@ -154,12 +155,14 @@ def solve(
             "where the joints say: it is loose, or the joints have play",
         )
     fit.run(free, noise, robust=False)
-    deviations = fit.deviations(free)
+    held: list[int] = []
+    deviations = fit.deviations(free, held)
     for k in sorted(free, reverse=True):
         if deviations[k] > _KNOWN * _PRIORS[k]:
             free.remove(k)
+            held += [k] * (k not in ZEROS)
             fit.run(free, noise, robust=False)
-            deviations = fit.deviations(free)
+            deviations = fit.deviations(free, held)
     changes = fit.changes
     for k in free:
         if abs(changes[k]) > _FAR * _PRIORS[k]:
@@ -234,7 +237,7 @@ class _Fit:
         self._geometry, self._focal, self._square, self._reading = geometry, focal, square, reading
         self.cost = math.inf
         self.changes = np.zeros(len(PARAMETERS))
-        self._noise, self._jacobian = 1.0, np.zeros((0, 0))
+        self._noise = 1.0
         self._seen, self._poses = seen, poses
         self._readings = np.zeros((2, len(seen.pans)))
 
@@ -272,16 +275,9 @@ class _Fit:
         from scipy.optimize import least_squares
 
         self._noise = noise
-        start = np.concatenate(
-            [
-                self.changes[free] / _PRIORS[free],
-                self._readings.ravel() / self._reading,
-                self._poses.ravel(),
-            ]
-        )
         found = least_squares(
             lambda x: self._residuals(x, free),
-            start,
+            self._unknowns(free),
             jac=lambda x: self._differences(x, free),
             loss="soft_l1" if robust else "linear",
             f_scale=_ROBUST,
@@ -291,8 +287,18 @@ class _Fit:
             max_nfev=60,
         )
         self._take(found.x, free)
-        self.cost, self._jacobian = float(found.cost), self._differences(found.x, free)
+        self.cost = float(found.cost)
         return self
+
+    def _unknowns(self, free: Sequence[int]) -> Array:
+        """Return what is estimated: parameters and readings in deviations, then poses."""
+        return np.concatenate(
+            [
+                self.changes[free] / _PRIORS[free],
+                self._readings.ravel() / self._reading,
+                self._poses.ravel(),
+            ]
+        )
 
     def _take(self, x: Array, free: Sequence[int]) -> None:
         n = len(free)
@@ -374,11 +380,25 @@ class _Fit:
         middles = np.median(np.abs(self._readings), axis=1)
         return float(middles.max()) / 0.6745 / self._reading
 
-    def deviations(self, free: Sequence[int]) -> Array:
-        """Return the standard deviation of each parameter; of those that are fixed, the prior's."""
-        covariance = np.linalg.pinv(self._jacobian.T @ self._jacobian, hermitian=True)
+    def deviations(self, free: Sequence[int], held: Sequence[int]) -> Array:
+        """Return the standard deviation of each parameter; of those that are not free, the prior's.
+
+        A parameter that is held at the model's value is wrong by its prior, and makes the free ones
+        wrong (consider covariance: Tapley, Schutz and Born, Statistical Orbit Determination, 2004,
+        chapter 6).
+
+        Args:
+            free: indices of the parameters that were estimated.
+            held: of those that this scene does not tell.
+        """
+        n, both = len(free), [*free, *held]
+        jacobian = self._differences(self._unknowns(both), both)
+        estimated = np.delete(jacobian, np.s_[n : len(both)], axis=1)
+        covariance = np.linalg.pinv(estimated.T @ estimated, hermitian=True)
+        passed_on = covariance @ estimated.T @ jacobian[:, n : len(both)]
         deviations = _PRIORS.copy()
-        deviations[free] *= np.sqrt(np.diag(covariance)[: len(free)])
+        variances = np.diag(covariance) + (passed_on**2).sum(axis=1)
+        deviations[free] *= np.sqrt(variances[:n])
         return np.asarray(deviations)
 
 
