@@ -31,6 +31,8 @@ _PATIENCE: Final = 1.5  # s for a still picture of a marker
 _REACH: Final = 0.75  # of half the picture, to which the marker is brought
 _DISTANCE: Final = 2.0  # m: of what is looked at
 _STEPS: Final = 5  # in each direction
+_CROSSED: Final = math.radians(3.0)  # a joint that has turned so far has crossed its play
+_STOOD: Final = math.radians(0.3)  # one that has turned less stands where it stood in its play
 
 
 class TurningHead(Protocol):
@@ -120,18 +122,23 @@ class _Observer:
     ) -> None:
         self._head, self._source, self._camera = head, source, camera
         self._detector = MarkerDetector(marker)
+        self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def views(self) -> list[View]:
         """Return the markers that are seen as soon as the pictures stand still; none: no marker."""
         arrived = time.time()
+        self._note_directions()
         before: dict[int, View] = {}
         for stamp, picture in self._source:
             if stamp < arrived + _SETTLING:
                 continue
             pan, tilt = self._head.joints.values()
             frame = Frame(round(stamp * 1e9), self._camera, Picture(picture))
+            directions = self._directions[0], self._directions[1]
             found = {
-                int(each.label): View(pan, tilt, int(each.label), np.asarray(each.points, float))
+                int(each.label): View(
+                    pan, tilt, int(each.label), np.asarray(each.points, float), directions
+                )
                 for each in self._detector.detect(frame, [])
             }
             still = [
@@ -144,6 +151,16 @@ class _Observer:
                 return still
             before = found
         raise _no_picture()
+
+    def _note_directions(self) -> None:
+        """Note in which direction each joint has turned since the last views."""
+        positions = tuple(self._head.joints.values())
+        for joint, (before, now) in enumerate(zip(self._positions, positions, strict=True)):
+            if abs(now - before) > _CROSSED:
+                self._directions[joint] = 1 if now > before else -1
+            elif abs(now - before) > _STOOD:
+                self._directions[joint] = 0
+        self._positions = positions
 
 
 def _no_picture() -> CalibrationError:

@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from head_tracking.calibration.geometry import (
     FOCAL_LENGTH,
+    PAN_PLAY,
     PARAMETERS,
+    TILT_PLAY,
     ZEROS,
     Array,
     Estimate,
@@ -35,7 +37,7 @@ FEWEST_VIEWS: Final = 8
 _PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
 _KNOWN: Final = 0.5  # of its prior deviation: a parameter with more is not told by the scene
 _ROBUST: Final = 3.0  # deviations; residuals beyond count less
-_FAR: Final = 3.5  # prior deviations: no camera is mounted that wrong
+_FAR: Final = 3.5  # deviations: no camera is mounted that wrong, and no play that negative
 _OUTLYING: Final = 5.0  # deviations: such a view is left out,
 _MOST_LEFT_OUT: Final = 0.2  # of all at most
 _MOST_NOISE: Final = 4.0  # px
@@ -76,12 +78,14 @@ class View(NamedTuple):
         tilt: of the tilt joint [rad].
         marker: its number.
         corners: in the picture, clockwise from the marker's upper left, shape (4, 2) [px].
+        directions: in which pan and tilt turned last: 1, -1, or 0 if that is not known.
     """
 
     pan: float
     tilt: float
     marker: int
     corners: Array
+    directions: tuple[int, int] = (0, 0)
 
 
 def solve(
@@ -154,24 +158,17 @@ def solve(
             f"the camera was {math.degrees(unsteady * reading_deviation):.2f} degrees aside of "
             "where the joints say: it is loose, or the joints have play",
         )
-    fit.run(free, noise, robust=False)
     held: list[int] = []
-    deviations = fit.deviations(free, held)
-    for k in sorted(free, reverse=True):
-        if deviations[k] > _KNOWN * _PRIORS[k]:
-            free.remove(k)
-            held += [k] * (k not in ZEROS)
-            fit.run(free, noise, robust=False)
-            deviations = fit.deviations(free, held)
+    while True:
+        fit.run(free, noise, robust=False)
+        deviations = fit.deviations(free, held)
+        _check_size(fit.changes, deviations, free, marker_size)
+        unknown = [k for k in free if deviations[k] > _KNOWN * _PRIORS[k]]
+        if not unknown:
+            break
+        free.remove(unknown[-1])
+        held += [unknown[-1]] * (unknown[-1] not in ZEROS)
     changes = fit.changes
-    for k in free:
-        if abs(changes[k]) > _FAR * _PRIORS[k]:
-            change, unit = PARAMETERS[k].displayed(changes[k])
-            raise CalibrationError(
-                Reason.FAR_FROM_MODEL,
-                f"{PARAMETERS[k].name} would be {change:.1f} {unit} from the model: is the "
-                f"marker really {marker_size:g} m wide, and the model that of this robot?",
-            )
     estimates = {
         parameter.name: Estimate(float(changes[k]), float(deviations[k]), k in free)
         for k, parameter in enumerate(PARAMETERS)
@@ -180,18 +177,31 @@ def solve(
     return Solution(changes, estimates, noise, len(kept), len(views) - len(kept))
 
 
+def _check_size(changes: Array, deviations: Array, free: Sequence[int], size: float) -> None:
+    """Raise CalibrationError if no head of this model is like that."""
+    for k in free:
+        change, unit = PARAMETERS[k].displayed(changes[k])
+        is_negative_play = k in (TILT_PLAY, PAN_PLAY) and changes[k] < -_FAR * deviations[k]
+        if is_negative_play or abs(changes[k]) > _FAR * _PRIORS[k]:
+            raise CalibrationError(
+                Reason.FAR_FROM_MODEL,
+                f"{PARAMETERS[k].name} would be {change:.1f} {unit} from the model: is the "
+                f"marker really {size:g} m wide, and the model that of this robot?",
+            )
+
+
 class _Observations(NamedTuple):
     """Markers that were seen, one in each view.
 
     Attributes:
-        pans: measured positions of the pan joint, shape (N,) [rad].
-        tilts: of the tilt joint, shape (N,) [rad].
+        positions: measured, of pan and tilt, shape (N, 2) [rad].
+        directions: in which pan and tilt turned last, shape (N, 2); see `View`.
         markers: index of each view's marker, shape (N,).
         rays: to the corners, x and y at z = 1, shape (N, 4, 2).
     """
 
-    pans: Array
-    tilts: Array
+    positions: Array
+    directions: Array
     markers: npt.NDArray[np.intp]
     rays: Array
 
@@ -202,8 +212,8 @@ class _Observations(NamedTuple):
         corners = np.array([view.corners for view in views], dtype=np.float64)
         rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
         return _Observations(
-            np.array([view.pan for view in views]),
-            np.array([view.tilt for view in views]),
+            np.array([(view.pan, view.tilt) for view in views]),
+            np.array([view.directions for view in views], dtype=np.float64),
             markers,
             np.array(rays).reshape(corners.shape),
         )
@@ -222,7 +232,7 @@ class _Fit:
 
     Attributes:
         cost: half the sum of the squared residuals, in deviations.
-        changes: of `PARAMETERS`, shape (10,).
+        changes: of `PARAMETERS`, shape (12,).
     """
 
     def __init__(
@@ -239,13 +249,13 @@ class _Fit:
         self.changes = np.zeros(len(PARAMETERS))
         self._noise = 1.0
         self._seen, self._poses = seen, poses
-        self._readings = np.zeros((2, len(seen.pans)))
+        self._readings = np.zeros((2, len(seen.positions)))
 
     def with_views(self, kept: Sequence[int]) -> _Fit:
         """Return a problem with some of the views, from the solution until now."""
         fit = copy(self)
-        pans, tilts, markers, rays = self._seen
-        fit._seen = _Observations(pans[kept], tilts[kept], markers[kept], rays[kept])
+        positions, directions, markers, rays = self._seen
+        fit._seen = _Observations(positions[kept], directions[kept], markers[kept], rays[kept])
         fit._readings = self._readings[:, kept]
         fit._regroup(fit._seen.markers, self._poses)
         return fit
@@ -253,7 +263,7 @@ class _Fit:
     def moved_at(self, first: int) -> _Fit:
         """Return the problem in which all markers may stand elsewhere from a view on."""
         fit = copy(self)
-        later = np.arange(len(self._seen.pans)) >= first
+        later = np.arange(len(self._seen.positions)) >= first
         fit._regroup(
             self._seen.markers + later * len(self._poses), np.concatenate([self._poses] * 2)
         )
@@ -316,9 +326,9 @@ class _Fit:
 
     def _misses(self) -> Array:
         """Return how far each corner is from where it should be, shape (N, 4, 2) [px]."""
-        rotations, positions = self._geometry.cameras(
-            self.changes, self._seen.pans + self._readings[0], self._seen.tilts + self._readings[1]
-        )
+        behind = 0.5 * self.changes[[PAN_PLAY, TILT_PLAY]] * self._seen.directions
+        pans, tilts = (self._seen.positions - behind).T + self._readings
+        rotations, positions = self._geometry.cameras(self.changes, pans, tilts)
         turns = rotation_matrices(self._poses[:, :3])
         corners = self._poses[:, None, 3:] + self._square @ turns.transpose(0, 2, 1)
         seen = (corners[self._seen.markers] - positions[:, None]) @ rotations
@@ -328,7 +338,7 @@ class _Fit:
 
     def _differences(self, x: Array, free: Sequence[int]) -> Array:
         """Return the Jacobian, by differences; a reading concerns its own view only."""
-        step, n, count = 1e-6, len(free), len(self._seen.pans)
+        step, n, count = 1e-6, len(free), len(self._seen.positions)
         here = self._residuals(x, free)
         jacobian = np.zeros((len(here), len(x)))
         corners = self._seen.rays.size
@@ -368,7 +378,7 @@ class _Fit:
 
         A marker that stands elsewhere from that view on explains the views much better then.
         """
-        count = len(self._seen.pans)
+        count = len(self._seen.positions)
         for share in _SPLITS:
             first = round(share * count)
             if self.cost - self.moved_at(first).run(free, noise).cost > _MOVED:
@@ -406,7 +416,7 @@ def _first_poses(geometry: HeadGeometry, seen: _Observations, square: Array) -> 
     """Return two guesses of the markers' poses: a square has two that look nearly alike."""
     guesses: list[list[Array]] = [[], []]
     extents = np.ptp(seen.rays, axis=1).min(axis=1)
-    cameras = geometry.cameras(np.zeros(len(PARAMETERS)), seen.pans, seen.tilts)
+    cameras = geometry.cameras(np.zeros(len(PARAMETERS)), *seen.positions.T)
     for marker in np.unique(seen.markers):
         view = int(np.argmax(np.where(seen.markers == marker, extents, -1.0)))
         _, turns, shifts, _ = cv2.solvePnPGeneric(
