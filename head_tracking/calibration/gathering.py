@@ -31,6 +31,8 @@ _PATIENCE: Final = 1.5  # s for a still picture of a marker
 _REACH: Final = 0.75  # of half the picture, to which the marker is brought
 _DISTANCE: Final = 2.0  # m: of what is looked at
 _STEPS: Final = 5  # in each direction
+_CROSSED: Final = math.radians(3.0)  # a joint that has turned so far has crossed its play
+_STOOD: Final = math.radians(0.3)  # one that has turned less stands where it stood in its play
 
 
 class TurningHead(Protocol):
@@ -76,7 +78,8 @@ def calibrate_camera(
         The calibration; nothing is written, and the head's model stays as it is.
 
     Raises:
-        CalibrationError: the marker is not seen, or the views contradict each other or the model.
+        CalibrationError: no picture comes, the marker is not seen, or the views contradict each
+            other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is not known.
         ValueError: the marker has no size.
@@ -88,7 +91,9 @@ def calibrate_camera(
     pan, tilt = head.joints
     geometry = HeadGeometry.of(robot, pan, tilt, frame)
     source = iter(pictures(camera) if isinstance(camera, int | str) else camera)
-    _, first = next(source)
+    _, first = next(source, (0.0, None))
+    if first is None:
+        raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
     views = _gather(_Observer(head, source, lens, marker), head, geometry, lens, report)
@@ -117,18 +122,23 @@ class _Observer:
     ) -> None:
         self._head, self._source, self._camera = head, source, camera
         self._detector = MarkerDetector(marker)
+        self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def views(self) -> list[View]:
         """Return the markers that are seen as soon as the pictures stand still; none: no marker."""
         arrived = time.time()
+        self._note_directions()
         before: dict[int, View] = {}
         for stamp, picture in self._source:
             if stamp < arrived + _SETTLING:
                 continue
             pan, tilt = self._head.joints.values()
             frame = Frame(round(stamp * 1e9), self._camera, Picture(picture))
+            directions = self._directions[0], self._directions[1]
             found = {
-                int(each.label): View(pan, tilt, int(each.label), np.asarray(each.points, float))
+                int(each.label): View(
+                    pan, tilt, int(each.label), np.asarray(each.points, float), directions
+                )
                 for each in self._detector.detect(frame, [])
             }
             still = [
@@ -140,7 +150,25 @@ class _Observer:
             if still or stamp > arrived + _SETTLING + _PATIENCE:
                 return still
             before = found
-        return []
+        raise _no_picture()
+
+    def _note_directions(self) -> None:
+        """Note in which direction each joint has turned since the last views."""
+        positions = tuple(self._head.joints.values())
+        for joint, (before, now) in enumerate(zip(self._positions, positions, strict=True)):
+            if abs(now - before) > _CROSSED:
+                self._directions[joint] = 1 if now > before else -1
+            elif abs(now - before) > _STOOD:
+                self._directions[joint] = 0
+        self._positions = positions
+
+
+def _no_picture() -> CalibrationError:
+    return CalibrationError(
+        Reason.NO_PICTURE,
+        "the camera sends no more pictures: see that it is plugged in and that no other program "
+        "has opened it, and calibrate again",
+    )
 
 
 def _gather(
@@ -164,11 +192,12 @@ def _gather(
         )
     directions = _directions(camera)
     random.Random(1).shuffle(directions)
+    directions = directions[: MOST_VIEWS - 1]
     nearest = views[0]
-    for number, (right, down) in enumerate(directions[: MOST_VIEWS - 1], 1):
+    for number, (right, down) in enumerate(directions, 1):
         if time.monotonic() > end:
             break
-        report(f"view {number} of {len(directions)}: {len(views)} seen")
+        report(f"direction {number} of {len(directions)}; markers seen so far: {len(views)}")
         try:
             head.look_at(
                 _point_beside(head, geometry, camera, nearest, right, down),

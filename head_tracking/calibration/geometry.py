@@ -30,6 +30,13 @@ class Parameter(NamedTuple):
     unit: str
     prior: float
 
+    def displayed(self, value: float) -> tuple[float, str]:
+        """Return a value and its unit as a person reads them: degrees, mm or %."""
+        scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
+            self.unit, (100.0, "%")
+        )
+        return scale * value, unit
+
 
 PARAMETERS: Final = (
     Parameter("camera pitch", "rad", 5 * _DEGREE),
@@ -42,14 +49,21 @@ PARAMETERS: Final = (
     Parameter("focal length", "", 0.05),
     Parameter("tilt zero", "rad", 3 * _DEGREE),
     Parameter("pan zero", "rad", 3 * _DEGREE),
+    Parameter("tilt play", "rad", 1 * _DEGREE),
+    Parameter("pan play", "rad", 1 * _DEGREE),
 )
 """In order: what a scene cannot tell from something that stands before it is not estimated.
 
 The camera turns and moves by its optical frame's axes: about x (pitch), y (yaw) and z (roll); along
 x (right), y (down) and z (ahead). The tilt axis turns towards the pan axis. `focal length` is the
-logarithm of a factor.
+logarithm of a factor. Play is from side to side, between the encoder and the camera: the camera
+stays behind the encoder by half of it.
 """
 FOCAL_LENGTH: Final = 7
+TILT_PLAY: Final = 10
+PAN_PLAY: Final = 11
+ZEROS: Final = (8, 9)
+"""The joints' zeros: one that the scene does not tell is the model's, and the rest refers to it."""
 
 
 class Estimate(NamedTuple):
@@ -70,7 +84,7 @@ class Solution(NamedTuple):
     """What views have told of a head.
 
     Attributes:
-        changes: of `PARAMETERS`, shape (10,).
+        changes: of `PARAMETERS`, shape (12,).
         estimates: by name of the parameter; what was not asked for is missing.
         noise: of a corner in the picture, one standard deviation [px].
         views: that were used.
@@ -135,7 +149,7 @@ class HeadGeometry:
         """Return the poses of the camera, `T_base_optical`, in several views.
 
         Args:
-            changes: of `PARAMETERS`, shape (10,).
+            changes: of `PARAMETERS`, shape (12,); play is the readings' affair.
             pans: positions of the pan joint, shape (N,) [rad].
             tilts: positions of the tilt joint, shape (N,) [rad].
 

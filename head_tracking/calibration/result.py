@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -71,6 +71,7 @@ class Calibration:
         noise: of a corner in the picture, one standard deviation [px].
         views: that were used.
         left_out: views that contradicted the others.
+        source: the file that it was loaded from; None: it has just been made.
     """
 
     robot: str
@@ -81,6 +82,7 @@ class Calibration:
     noise: float
     views: int
     left_out: int
+    source: Path | None = field(default=None, compare=False)
 
     @property
     def age(self) -> float:
@@ -135,6 +137,27 @@ class Calibration:
         draft.write_text(_HEADER + yaml.safe_dump(document, sort_keys=False))
         draft.replace(path)
 
+    def apply(self, model: RobotModel) -> RobotModel:
+        """Return a robot's model with this calibration applied to it, and to its URDF.
+
+        Args:
+            model: that was read from a URDF.
+
+        Raises:
+            CalibrationFileError: the calibration was made with another model.
+        """
+        tree = ElementTree.fromstring(model.urdf)
+        for joint in self.joints:
+            before = model.joints.get(joint.name)
+            if before is None or not _is_same(before.origin, joint.replaces):
+                raise CalibrationFileError(
+                    self.source or Path("calibration"),
+                    f"it was made with another model of {self.robot!r}: its joint "
+                    f"{joint.name!r} is not this one of {model.name!r}; calibrate again",
+                )
+            _write(tree, joint)
+        return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
+
     @staticmethod
     def load(path: str | Path) -> Calibration:
         """Return the calibration of a file.
@@ -169,6 +192,7 @@ class Calibration:
                 _positive(found["noise"]),
                 int(found["views"]),
                 int(found["left_out"]),
+                path,
             )
         except OSError as error:
             raise CalibrationFileError(path, error.strerror or str(error)) from error
@@ -181,28 +205,8 @@ class Calibration:
 
 
 def calibrated(model: RobotModel, path: str | Path) -> RobotModel:
-    """Return a robot's model with a calibration applied to it, and to its URDF.
-
-    Args:
-        model: that was read from a URDF.
-        path: of the calibration.
-
-    Raises:
-        CalibrationFileError: the file cannot be used, or was made with another model.
-    """
-    path = Path(path)
-    calibration = Calibration.load(path)
-    tree = ElementTree.fromstring(model.urdf)
-    for joint in calibration.joints:
-        before = model.joints.get(joint.name)
-        if before is None or not _is_same(before.origin, joint.replaces):
-            raise CalibrationFileError(
-                path,
-                f"it was made with another model of {calibration.robot!r}: its joint "
-                f"{joint.name!r} is not this one of {model.name!r}; calibrate again",
-            )
-        _write(tree, joint)
-    return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
+    """Return a robot's model with the calibration of a file applied to it; see `Calibration`."""
+    return Calibration.load(path).apply(model)
 
 
 def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
@@ -212,10 +216,8 @@ def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
         estimate = calibration.estimates.get(parameter.name)
         if estimate is None:
             continue
-        scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
-            parameter.unit, (100.0, "%")
-        )
-        change, deviation = scale * estimate.value, scale * estimate.deviation
+        change, unit = parameter.displayed(estimate.value)
+        deviation, _ = parameter.displayed(estimate.deviation)
         if estimate.observable:
             rows.append((parameter.name, f"{change:+.2f} {unit}", f"{deviation:.2f} {unit}"))
         else:

@@ -133,6 +133,10 @@ class DynamixelPort:
         self._suspect_until = 0.0  # surplus status packets have come
         self._echoed = False  # the last request came back
 
+    def back_off(self) -> None:
+        """Wait longer for the next reply: the machine may be too busy to take it in time."""
+        self._timeout.back_off()
+
     @property
     def is_open(self) -> bool:
         """Whether the device is open; a lost one is not."""

@@ -304,6 +304,7 @@ class Servo:
                 self.count(cause)
                 if not left:
                     raise
+                self._port.back_off()
                 counters.retries += 1
             else:
                 counters.replies += 1

@@ -60,6 +60,11 @@ class ReplyTimeout:
             wanted = _SHORTEST
         self.allowance = wanted if wanted < LONGEST else LONGEST
 
+    def back_off(self) -> None:
+        """Allow twice the time until the next reply, as TCP does when a reply has not come."""
+        if self._fixed is None:
+            self.allowance = min(2.0 * self.allowance, LONGEST)
+
 
 class LateReplies:
     """Replies that may still come after the wait for them has ended.

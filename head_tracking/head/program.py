@@ -115,9 +115,11 @@ class Head:
         baud_rate: of the port [bit/s].
         reply_timeout: how long to wait for a servo's answer [s]; None: as long as answers take.
         resources: closed after the port.
+        calibration: that the model already has.
 
     Attributes:
         frames: the robot's frames; `frames.set_transform` adds those of objects.
+        calibration: its estimates with their deviations, its age and file; None: there is none.
 
     Raises:
         DynamixelError: the port cannot be opened, a servo does not answer or is another model.
@@ -134,8 +136,10 @@ class Head:
         baud_rate: int = 1_000_000,
         reply_timeout: float | None = None,
         resources: ExitStack | None = None,
+        calibration: Calibration | None = None,
     ) -> None:
         pan, tilt = servos
+        self.calibration = calibration
         self.frames = TransformBuffer()
         self.frames.set_model(model)
         self._pan, self._tilt = pan.joint_name, tilt.joint_name
@@ -206,11 +210,12 @@ class Head:
             HeadTrackingError: there is no such robot, or it has no such head; or the calibration
                 is of another one.
         """
-        model, head = _known_robot(str(robot), calibration)
+        model, head, known = _known_robot(str(robot), calibration)
         return cls(
             port,
             model,
             servos or head.servos,
+            calibration=known,
             pointing_frame=pointing_frame or head.pointing_frame,
             baud_rate=baud_rate or head.baud_rate,
         )
@@ -227,7 +232,7 @@ class Head:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
         from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
 
-        model, configured = _known_robot(str(robot), calibration)
+        model, configured, known = _known_robot(str(robot), calibration)
         servos = servos or configured.servos
         with ExitStack() as resources:
             port = resources.enter_context(SimulatedJoints(servos)).port_name
@@ -238,6 +243,7 @@ class Head:
                 pointing_frame=pointing_frame or configured.pointing_frame,
                 reply_timeout=_SIMULATED_REPLY,
                 resources=resources,
+                calibration=known,
             )
             head._resources = resources.pop_all()
             return head
@@ -650,14 +656,17 @@ class Head:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
 
 
-def _known_robot(robot: str, calibration: str | Path | None) -> tuple[RobotModel, ConfiguredHead]:
-    """Return a robot's model and its head as its parameter file describes it."""
-    model = load_robot_model(robot_file(robot))
+def _known_robot(
+    robot: str, calibration: str | Path | None
+) -> tuple[RobotModel, ConfiguredHead, Calibration | None]:
+    """Return a robot's calibrated model, its head as its parameter file has it, the calibration."""
+    model, known = load_robot_model(robot_file(robot)), None
     if calibration is not None:
-        from head_tracking.calibration import calibrated
+        from head_tracking.calibration import Calibration
 
-        model = calibrated(model, calibration)
-    return model, configured_head(robot_parameters(robot))
+        known = Calibration.load(calibration)
+        model = known.apply(model)
+    return model, configured_head(robot_parameters(robot)), known
 
 
 def _known(look_up: Callable[[], _T], frame: str) -> _T:

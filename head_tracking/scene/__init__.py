@@ -1,7 +1,7 @@
 """A small moving scene, drawn for a simulated camera."""
 
 from head_tracking.scene.film import film
-from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing, Wall
+from head_tracking.scene.objects import Ball, Board, Panel, Path, Scene, Swing, Thing, Wall
 from head_tracking.scene.render import Renderer, Rendering
 from head_tracking.scene.scenes import SCENES, TARGET, make_scene, with_target
 from head_tracking.scene.sensor import SensorNoise
@@ -11,6 +11,7 @@ __all__ = [
     "TARGET",
     "Ball",
     "Board",
+    "Panel",
     "Path",
     "Renderer",
     "Rendering",

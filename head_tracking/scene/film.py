@@ -34,6 +34,6 @@ def film(
     due = time.monotonic()
     while True:
         stamp = time.time()
-        yield stamp, renderer.render(pose(stamp), stamp).picture
+        yield stamp, renderer.render(pose(stamp), stamp, depth=False).picture
         due = max(due + 1.0 / rate, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))

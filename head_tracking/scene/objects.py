@@ -67,25 +67,25 @@ class Board:
     """A flat picture that always faces the axis of the scene, as people face a robot.
 
     Attributes:
-        texture: what is on it; where alpha is 0 one sees through.
+        texture: what is on it, always or at a time [s]; where alpha is 0 one sees through. All
+            have the same size.
         width: [m].
         path: of the anchor.
         anchor: the point of the picture that follows the path, as a share of its width and height.
     """
 
-    texture: Texture
+    texture: Texture | Callable[[float], Texture]
     width: float
     path: Path
     anchor: tuple[float, float] = (0.5, 0.5)
 
-    @property
-    def height(self) -> float:
-        """The height that keeps the picture's proportions [m]."""
-        return self.width * int(self.texture.shape[0]) / int(self.texture.shape[1])
+    def look(self, time: float) -> Texture:
+        """What is on it at a time [s]."""
+        return self.texture(time) if callable(self.texture) else self.texture
 
 
 @dataclass(frozen=True, slots=True)
-class Wall:
+class Panel:
     """A flat picture that stands still.
 
     Attributes:
@@ -100,8 +100,17 @@ class Wall:
     right: Vector3
     down: Vector3
 
+    def look(self, time: float) -> Texture:
+        """What is on it at a time [s]."""
+        return self.texture
 
-Thing: TypeAlias = Ball | Board | Wall
+
+@dataclass(frozen=True, slots=True)
+class Wall(Panel):
+    """A side of a room: all of them together enclose everything else, without dents."""
+
+
+Thing: TypeAlias = Ball | Board | Panel
 
 
 @dataclass(frozen=True, slots=True)

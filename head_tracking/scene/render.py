@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from head_tracking.scene.drawings import Texture
-from head_tracking.scene.objects import Ball, Board, Scene, Wall
+from head_tracking.scene.objects import Ball, Board, Panel, Scene, Wall
 from head_tracking.transforms import Transform
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.opencv import cv2
@@ -17,6 +16,7 @@ from head_tracking.vision.opencv import cv2
 Array: TypeAlias = npt.NDArray[np.float64]
 
 _NEAR = 0.05  # m: what is closer is not drawn
+_EDGE = 2  # pixels around a texture, so that it can be interpolated at its end
 _LIGHT = np.array([-0.5, 0.35, 0.8]) / np.linalg.norm([-0.5, 0.35, 0.8])
 
 
@@ -37,78 +37,146 @@ class Canvas(NamedTuple):
 
     Attributes:
         picture: shape (height, width, 4): with alpha, because four bytes are copied faster.
-        depth: as in `Rendering`.
+        depth: as in `Rendering`; None: not wanted.
     """
 
     picture: Texture
-    depth: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32] | None
+
+
+class _Plane(NamedTuple):
+    """A flat picture as the camera has it before it: upper left corner and edges [m]."""
+
+    texture: Texture
+    corner: Array
+    right: Array
+    down: Array
+    is_wall: bool
+
+    @classmethod
+    def of(cls, thing: Board | Panel, T_optical_scene: Transform, time: float) -> _Plane:
+        """Return the plane of a thing at a time [s]."""
+        texture = thing.look(time)
+        corner, right, down = T_optical_scene.apply_many(_corners(thing, texture, time))
+        return cls(texture, corner, right - corner, down - corner, isinstance(thing, Wall))
+
+    def away(self) -> float:
+        """Return how far its farthest corner is [m]: what stands on it is drawn later."""
+        sides = (self.right * i + self.down * j for i in (0, 1) for j in (0, 1))
+        return max(float(np.linalg.norm(self.corner + side)) for side in sides)
 
 
 class Renderer:
-    """Draws a scene for one camera. Keeps smaller copies of the textures, for sharp pictures."""
+    """Draws a scene for one camera, from far to near. Keeps smaller copies of the textures."""
 
     def __init__(self, scene: Scene, camera: Camera) -> None:
         self.scene = scene
         self.camera = camera
-        self._sizes = {
-            name: _pyramid(thing.texture)
-            for name, thing in scene.things.items()
-            if isinstance(thing, Board | Wall)
-        }
+        self._sizes: dict[int, tuple[Texture, list[Texture]]] = {}
+        self._u = np.arange(camera.width, dtype=np.float32)
+        self._v = np.arange(camera.height, dtype=np.float32)[:, None]
 
-    def render(self, T_scene_optical: Transform, time: float) -> Rendering:
-        """What is seen from a pose of the camera's optical frame at a time [s]."""
+    def render(self, T_scene_optical: Transform, time: float, *, depth: bool = True) -> Rendering:
+        """What is seen from a pose of the camera's optical frame at a time [s].
+
+        Args:
+            T_scene_optical: the pose.
+            time: [s].
+            depth: whether depths are wanted; without them, the array of depths is empty.
+        """
         shape = (self.camera.height, self.camera.width)
-        canvas = Canvas(np.full((*shape, 4), 120, np.uint8), np.full(shape, np.inf, np.float32))
         T_optical_scene = T_scene_optical.inverse()
-        for name, thing in self.scene.things.items():
+        drawn: list[tuple[float, Ball | _Plane]] = []
+        walls = []
+        for thing in self.scene.things.values():
             if isinstance(thing, Ball):
-                self._draw_ball(canvas, thing, T_scene_optical, time)
+                middle = np.array(T_optical_scene @ thing.path(time))
+                drawn.append((float(np.linalg.norm(middle)), thing))
+                continue
+            plane = _Plane.of(thing, T_optical_scene, time)
+            if plane.is_wall:
+                walls.append(plane)
             else:
-                corners = _corners(thing, time)
-                corner, right, down = T_optical_scene.apply_many(corners)
-                self._draw_plane(canvas, self._sizes[name], corner, right - corner, down - corner)
-        return Rendering(np.asarray(cv2.cvtColor(canvas.picture, cv2.COLOR_BGRA2BGR)), canvas.depth)
+                drawn.append((plane.away(), plane))
+        canvas = Canvas(np.full((*shape, 4), 120, np.uint8), self._room(walls) if depth else None)
+        for wall in walls:
+            self._draw_plane(canvas, wall)
+        for _, item in sorted(drawn, key=lambda one: -one[0]):
+            if isinstance(item, Ball):
+                self._draw_ball(canvas, item, T_scene_optical, time)
+            else:
+                self._draw_plane(canvas, item)
+        picture = np.asarray(cv2.cvtColor(canvas.picture, cv2.COLOR_BGRA2BGR))
+        none = np.empty((0, 0), np.float32)
+        return Rendering(picture, none if canvas.depth is None else canvas.depth)
 
-    def _draw_plane(
-        self, canvas: Canvas, sizes: list[Texture], corner: Array, right: Array, down: Array
-    ) -> None:
-        outline = self._outline(corner, right, down)
+    def _room(self, walls: list[_Plane]) -> npt.NDArray[np.float32]:
+        """How far the walls are: of a room without dents, each ray meets the nearest plane."""
+        nearest = np.zeros((self.camera.height, self.camera.width), np.float32)
+        for wall in walls:
+            np.maximum(nearest, self._inverse_depth(wall), out=nearest)
+        with np.errstate(divide="ignore"):
+            return np.divide(1.0, nearest, out=nearest)
+
+    def _inverse_depth(
+        self, plane: _Plane, rows: slice = slice(None), columns: slice = slice(None)
+    ) -> npt.NDArray[np.float32]:
+        """Of the plane's points in a part of the image [1/m]."""
+        (a, b, c), (d, e, f), (px, py, pz) = plane.right, plane.down, plane.corner
+        normal = b * f - c * e, c * d - a * f, a * e - b * d
+        away = normal[0] * px + normal[1] * py + normal[2] * pz
+        if abs(away) < 1e-9:  # seen edge on
+            return np.zeros((1, 1), np.float32)
+        x, y, z = (part / away for part in normal)
+        camera = self.camera
+        across = (self._u[columns] - np.float32(camera.cx)) * np.float32(x / camera.fx)
+        down = (self._v[rows] - np.float32(camera.cy)) * np.float32(y / camera.fy)
+        return across + (down + np.float32(z))
+
+    def _draw_plane(self, canvas: Canvas, plane: _Plane) -> None:
+        """Draws a plane over what is there; the depth of walls is known."""
+        outline = self._outline(plane.corner, plane.right, plane.down)
         if outline is None:
             return
-        rows, columns = _bounds(outline, canvas.depth.shape)
+        rows, columns = _bounds(outline, canvas.picture.shape)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             return
-        normal = np.cross(right, down)
-        away = float(normal @ corner)
-        if abs(away) < 1e-9:
-            return  # seen edge on
-        c = self.camera
-        u = np.arange(columns.start, columns.stop, dtype=np.float32)
-        v = np.arange(rows.start, rows.stop, dtype=np.float32)
-        inverse = (
-            (normal[0] / away) * (u - c.cx) / c.fx
-            + ((normal[1] / away) * (v - c.cy) / c.fy + normal[2] / away)[:, None]
-        ).astype(np.float32)
-        inside = np.zeros(inverse.shape, np.uint8)
-        offset = np.array([columns.start, rows.start], np.float64)
-        cv2.fillConvexPoly(inside, np.round(outline - offset).astype(np.int32), 1)
-        depth = canvas.depth[rows, columns]
-        visible = (inside > 0) & (inverse * depth > 1.0)
-        if not visible.any():
-            return
-        texture = _fitting(sizes, float(np.linalg.norm(right)) * c.fx * float(inverse.max()))
-        height, width = texture.shape[:2]
+        c, offset = self.camera, np.array([columns.start, rows.start], np.float64)
+        inside = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
+        edge = np.round(outline - offset).astype(np.int32)
+        cv2.fillConvexPoly(inside, edge, 255)
+        if plane.is_wall:  # its neighbour's edge may be rounded the other way
+            cv2.polylines(inside, [edge], True, 255, 3)
+        texture = self._fitting(plane)
+        height, width = (size - 2 * _EDGE for size in texture.shape[:2])
         # takes texture pixels to image pixels of the part that is drawn
-        to_image = c.matrix @ np.column_stack((right / width, down / height, corner))
-        to_image = np.array([[1, 0, -offset[0]], [0, 1, -offset[1]], [0, 0, 1.0]]) @ to_image
-        half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
-        seen = cv2.warpPerspective(
-            texture, to_image @ half, inside.shape[::-1], borderMode=cv2.BORDER_REPLICATE
+        to_image = c.matrix @ np.column_stack(
+            (plane.right / width, plane.down / height, plane.corner)
         )
-        _blend(canvas.picture[rows, columns], seen, visible)
-        visible &= seen[..., 3] > 127
-        np.divide(1.0, inverse, out=depth, where=visible)
+        to_image = np.array([[1, 0, -offset[0]], [0, 1, -offset[1]], [0, 0, 1.0]]) @ to_image
+        half = np.array([[1, 0, 0.5 - _EDGE], [0, 1, 0.5 - _EDGE], [0, 0, 1.0]])
+        seen = cv2.warpPerspective(texture, to_image @ half, inside.shape[::-1])
+        if plane.is_wall:
+            whole = cv2.compare(cv2.min(inside, seen[..., 3]), 255, cv2.CMP_EQ)
+            cv2.copyTo(seen, whole, canvas.picture[rows, columns])
+            return
+        _blend(canvas.picture[rows, columns], cv2.copyTo(seen, inside))
+        if canvas.depth is not None:
+            solid = (inside > 0) & (seen[..., 3] > 127)
+            inverse = self._inverse_depth(plane, rows, columns)
+            np.divide(1.0, inverse, out=canvas.depth[rows, columns], where=solid & (inverse > 0))
+
+    def _fitting(self, plane: _Plane) -> Texture:
+        """The smallest copy of a plane's texture that is not coarser than the image."""
+        # the texture is kept beside its copies, so that no other gets its id
+        _, sizes = self._sizes.get(id(plane.texture), (None, []))
+        if not sizes:
+            sizes = _sizes(plane.texture)
+            self._sizes[id(plane.texture)] = plane.texture, sizes
+        ends = [plane.corner, plane.corner + plane.right, plane.corner + plane.down]
+        nearest = max(_NEAR, min(float(end[2]) for end in ends))
+        pixels = float(np.linalg.norm(plane.right)) * self.camera.fx / nearest
+        return next((t for t in reversed(sizes) if t.shape[1] >= 0.8 * pixels), sizes[0])
 
     def _outline(self, corner: Array, right: Array, down: Array) -> Array | None:
         """The plane's edge in the image, shape (N, 2), without what is behind the camera."""
@@ -142,7 +210,7 @@ class Renderer:
         edges = np.array([[low[0], low[1]], [high[0], high[1]]]) / min(z, middle[2])
         outline = np.vstack((edges, (middle[:2] - radius) / (middle[2] + ball.radius)))
         outline = np.vstack((outline, (middle[:2] + radius) / (middle[2] + ball.radius)))
-        rows, columns = _bounds(outline * [c.fx, c.fy] + [c.cx, c.cy], canvas.depth.shape)
+        rows, columns = _bounds(outline * [c.fx, c.fy] + [c.cx, c.cy], canvas.picture.shape)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             return
         x = (np.arange(columns.start, columns.stop) - c.cx) / c.fx
@@ -152,8 +220,6 @@ class Renderer:
         along = rays @ middle
         root = along**2 - squared * (away**2 - ball.radius**2)
         depth = (along - np.sqrt(np.maximum(root, 0.0))) / squared
-        before = canvas.depth[rows, columns]
-        visible = (root > 0) & (depth < before)
         normals = (rays * depth[..., None] - middle) / ball.radius
         light = T_scene_optical.rotation.inverse().apply(_LIGHT.tolist())
         shade = 0.65 + 0.35 * np.clip(normals @ np.array(light), 0.0, 1.0)
@@ -163,20 +229,21 @@ class Renderer:
         width = np.sqrt(np.maximum(away**2 * squared - along**2, 0.0) / squared)
         pixel = middle[2] / c.focal_length()
         seen[..., 3] = np.clip((ball.radius - width) / pixel * 255 + 127, 0, 255)
-        _blend(canvas.picture[rows, columns], seen, visible)
-        before[visible] = depth[visible]
+        _blend(canvas.picture[rows, columns], _premultiplied(seen))
+        if canvas.depth is not None:
+            np.copyto(canvas.depth[rows, columns], depth, where=root > 0, casting="same_kind")
 
 
-def _corners(thing: Board | Wall, time: float) -> list[Array]:
+def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Array]:
     """Upper left, upper right and lower left corner [m]."""
-    if isinstance(thing, Wall):
+    if isinstance(thing, Panel):
         corner, right, down = map(np.array, (thing.corner, thing.right, thing.down))
         return [corner, corner + right, corner + down]
     position = np.array(thing.path(time))
     outwards = np.array([position[0], position[1], 0.0])
     outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
     right = np.cross(outwards, [0.0, 0.0, 1.0]) * thing.width
-    down = np.array([0.0, 0.0, -thing.height])
+    down = np.array([0.0, 0.0, -thing.width * texture.shape[0] / texture.shape[1]])
     corner = position - right * thing.anchor[0] - down * thing.anchor[1]
     return [corner, corner + right, corner + down]
 
@@ -190,31 +257,25 @@ def _bounds(outline: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
     )
 
 
-def _blend(picture: Texture, seen: Texture, visible: npt.NDArray[np.bool_]) -> None:
-    if seen[..., 3].min() < 255:
-        alpha = seen[..., 3:].astype(np.float32) / 255
-        seen = (picture + (seen.astype(np.float32) - picture) * alpha).astype(np.uint8)
-    cv2.copyTo(seen, visible.view(np.uint8), picture)
+def _blend(picture: Texture, seen: Texture) -> None:
+    """Puts a picture whose colours are multiplied by its alpha over another."""
+    through = cv2.cvtColor(255 - seen[..., 3], cv2.COLOR_GRAY2BGRA)
+    cv2.add(cv2.multiply(picture, through, scale=1 / 255), seen, dst=picture)
 
 
-def _pyramid(texture: Texture) -> list[Texture]:
-    return list(_halved(texture))
+def _premultiplied(texture: Texture) -> Texture:
+    """Return a picture with its colours multiplied by its alpha."""
+    if texture[..., 3].min() == 255:
+        return texture
+    result = texture.copy()
+    alpha = texture[..., 3:].astype(np.float32) / 255
+    result[..., :3] = np.round(texture[..., :3] * alpha)
+    return result
 
 
-def _halved(texture: Texture) -> Iterator[Texture]:
-    while min(texture.shape[:2]) >= 4:
-        yield texture
-        alpha = texture[..., 3:].astype(np.float32) / 255
-        colours = cv2.pyrDown(texture[..., :3] * alpha)
-        weight = cv2.pyrDown(alpha)
-        texture = np.dstack(
-            (
-                np.clip(colours / np.maximum(weight, 1e-3)[..., None], 0, 255),
-                weight * 255,
-            )
-        ).astype(np.uint8)
-
-
-def _fitting(sizes: list[Texture], pixels: float) -> Texture:
-    """The smallest copy that is not coarser than the image."""
-    return next((t for t in reversed(sizes) if t.shape[1] >= 0.8 * pixels), sizes[0])
+def _sizes(texture: Texture) -> list[Texture]:
+    """Return a texture and smaller copies of it, colours multiplied by alpha, each with an edge."""
+    copies = [_premultiplied(texture)]
+    while min(copies[-1].shape[:2]) >= 8:
+        copies.append(np.asarray(cv2.pyrDown(copies[-1])))
+    return [cv2.copyMakeBorder(copy, *[_EDGE] * 4, cv2.BORDER_REPLICATE) for copy in copies]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -149,6 +149,8 @@ class Mechanics:
         sliding: Friction of the moving shaft, N m.
         scale_end: Half the angle that the encoder measures, rad, of one that counts no turns; the
             rest of a turn is dead.
+        gear_play: Play before the encoder, between rotor and shaft, rad from side to side.
+        link_play: Play behind the encoder, between shaft and link, rad from side to side.
     """
 
     stall_torque: float
@@ -157,6 +159,8 @@ class Mechanics:
     stiction: float
     sliding: float
     scale_end: float
+    gear_play: float = 0.0
+    link_play: float = 0.0
 
     @classmethod
     def of(cls, model: SimulatedModel) -> Mechanics:
@@ -264,16 +268,21 @@ class Drive:
     It never runs further ahead of the shaft than the law can use, so that a shaft that was blocked
     does not jump when it comes free.
 
+    Friction holds the shaft, and then the link, wherever the play lets it: each is dragged along by
+    the edge of its play.
+
     Args:
         model: The servo's model.
         angle: Where the shaft stands at first, rad, counter-clockwise.
         settings: Settings at first.
         start_delay: Time from a new goal to the begin of the motion, ns.
+        mechanics: Motor and gear; None: as the model is built.
 
     Attributes:
-        angle: Of the shaft, rad, counter-clockwise; 0 at the middle of the servo's range. No end
-            stop keeps a servo's shaft from turning all round.
-        speed: Of the shaft, rad/s.
+        angle: Of the shaft, where the encoder sits, rad, counter-clockwise; 0 at the middle of the
+            servo's range. No end stop keeps a servo's shaft from turning all round.
+        link: Angle of what the shaft carries, rad, counter-clockwise.
+        speed: Of the rotor, seen at the shaft, rad/s.
         reference: Where the shaft should be, rad.
         reference_speed: How fast it should move, rad/s.
         temperature: Inside the servo.
@@ -290,15 +299,16 @@ class Drive:
         angle: float,
         settings: DriveSettings,
         start_delay: int = 0,
+        mechanics: Mechanics | None = None,
     ) -> None:
-        self.angle = self.reference = angle
+        self.angle = self.reference = self.link = self._rotor = angle
         self.speed = self.reference_speed = 0.0
         self.temperature = Temperature()
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
-        self._model = model
-        self.mechanics = Mechanics.of(model)
+        self.mechanics = mechanics or Mechanics.of(model)
+        self._built = replace(self.mechanics)
         self._settings = settings
         self._profile = settings.profile
         self._start_delay = start_delay
@@ -309,7 +319,7 @@ class Drive:
 
     def impede(self, share: float) -> None:
         """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
-        built = Mechanics.of(self._model)
+        built = self._built
         friction = share * built.stall_torque
         self.mechanics.stiction = max(built.stiction, friction)
         self.mechanics.sliding = max(built.sliding, friction)
@@ -343,7 +353,10 @@ class Drive:
 
     def turn_back(self, turns: int) -> None:
         """Count the shaft's angle as so many turns less."""
-        self.angle -= turns * 2.0 * math.pi
+        angle = turns * 2.0 * math.pi
+        self._rotor, self.angle, self.link = (
+            self._rotor - angle, self.angle - angle, self.link - angle,
+        )  # fmt: skip
         self.reference, self.reference_speed = self.angle, 0.0
 
     def push(self, torque: float) -> None:
@@ -428,6 +441,7 @@ class Drive:
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
         scale_end = mechanics.scale_end
+        half_gear, half_link = 0.5 * mechanics.gear_play, 0.5 * mechanics.link_play
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia
@@ -435,11 +449,11 @@ class Drive:
         brake = mechanics.sliding * rate / slowing
         strained = _STRAIN * limit
         by_position, by_velocity = control is Control.POSITION, control is Control.VELOCITY
-        angle, speed = self.angle, self.speed
+        rotor, angle, link, speed = self._rotor, self.angle, self.link, self.speed
         reference, pace = self.reference, self.reference_speed
         output, current, strain, heat, done = 0.0, 0.0, self.strain, 0.0, 0
         while done < steps:
-            angle_before, speed_before, reference_before = angle, speed, reference
+            rotor_before, speed_before, reference_before = rotor, speed, reference
             measured = angle if -scale_end <= angle <= scale_end else self._measure(angle)
             torque = pushed
             if hand is not None:
@@ -500,7 +514,9 @@ class Drive:
                     speed = 0.0  # friction stops the shaft before it turns back
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
-                angle += speed * _DT
+                rotor += speed * _DT
+                angle = _drag(angle, rotor, half_gear) if half_gear else rotor
+                link = _drag(link, angle, half_link) if half_link else angle
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
@@ -508,14 +524,20 @@ class Drive:
             done += 1
             if (
                 speed == speed_before
-                and angle == angle_before
+                and rotor == rotor_before
                 and reference == reference_before
                 and hand is None
                 and not self._coming
             ):
                 self.at_rest = True
                 break
-        self.angle, self.speed, self.output, self.current = angle, speed, output, current
+        self._rotor, self.angle, self.link = rotor, angle, link
+        self.speed, self.output, self.current = speed, output, current
         self.reference, self.reference_speed = reference, pace
         self.strain = strain if powered else 0
         return done, heat
+
+
+def _drag(angle: float, driver: float, half: float) -> float:
+    """Return where something stands that a driver drags along by half a play to either side."""
+    return max(driver - half, min(driver + half, angle))

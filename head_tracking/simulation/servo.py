@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from random import Random
 from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.feetech import RESTART, FeetechRegisters, to_sign_magnitude
 from head_tracking.simulation.models import Named, Register, SimulatedModel, simulated_model
-from head_tracking.simulation.motion import Coupling, Drive
+from head_tracking.simulation.motion import Coupling, Drive, Mechanics
 from head_tracking.simulation.packets import (
     ALERT,
     BROADCAST,
@@ -83,9 +85,9 @@ class Alarms:
 class SimulatedServo:
     """A servo of any model behind its protocol. Time is passed in, as integer ns that never fall.
 
-    The shaft's true angle is known exactly as `true_position`, in rad, counter-clockwise, 0 at the
-    middle of the range; `true_ticks` gives it in fractions of a tick, so that
-    `JointConfiguration.position(servo.true_ticks)` is the joint's true position.
+    The true angle of what the shaft carries is known exactly as `true_position`, in rad,
+    counter-clockwise, 0 at the middle of the range; `true_ticks` gives it in fractions of a tick,
+    so that `JointConfiguration.position(servo.true_ticks)` is the joint's true position.
 
     Args:
         servo_id: Its id.
@@ -97,6 +99,13 @@ class SimulatedServo:
         position_noise: Standard deviation of the encoder, ticks.
         eeprom_time: Time the servo is deaf for each byte written to EEPROM, s; 6 ms were measured.
         boot_time: Time it is deaf after power-on and reboot, s.
+        gear_play: Play before the encoder, rad from side to side: the motor turns and the encoder
+            stands.
+        link_play: Play behind the encoder, rad from side to side: the encoder turns and what the
+            shaft carries stands.
+        stiction: Share of the stall torque up to which a standing shaft does not move; None: as
+            built. One above the friction of the moving gear (0.023) makes slow motion stick and
+            slip.
         random: Draws the noise.
 
     Attributes:
@@ -119,6 +128,9 @@ class SimulatedServo:
         position_noise: float = 0.0,
         eeprom_time: float = 0.0,
         boot_time: float = 0.3,
+        gear_play: float = 0.0,
+        link_play: float = 0.0,
+        stiction: float | None = None,
         random: Random | None = None,
     ) -> None:
         self.model = own = simulated_model(model)
@@ -128,6 +140,14 @@ class SimulatedServo:
                 f"servo {servo_id} cannot stand at tick {position}; allowed are 0 to "
                 f"{own.ticks - 1}"
             )
+        for name, value in (
+            ("gear_play", gear_play), ("link_play", link_play), ("stiction", stiction or 0.0),
+        ):  # fmt: skip
+            if not 0.0 <= value < math.inf:
+                raise SimulationError(f"servo {servo_id}: {name} is {value}; it cannot be below 0")
+        mechanics = replace(Mechanics.of(own), gear_play=gear_play, link_play=link_play)
+        if stiction is not None:
+            mechanics.stiction = stiction * own.stall_torque
         self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
         self.alarms = Alarms(own)
         self.encoder_frozen = False
@@ -149,6 +169,7 @@ class SimulatedServo:
             (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
             round(start_delay * 1e9),
+            mechanics,
         )
         self._powered = True
         self._now = self._heard = self._deaf_until = 0
@@ -162,13 +183,18 @@ class SimulatedServo:
 
     @property
     def true_position(self) -> float:
-        """Angle of the shaft, rad, counter-clockwise, 0 in the middle; not quantised."""
+        """Angle of what the shaft carries, rad, counter-clockwise, 0 in the middle; exact."""
+        return self._drive.link
+
+    @property
+    def encoder_position(self) -> float:
+        """Angle of the shaft at the encoder, rad, as `true_position`; they differ by the play."""
         return self._drive.angle
 
     @property
     def true_ticks(self) -> float:
-        """Angle of the shaft in ticks as the servo counts them; not quantised."""
-        return self._registers.ticks(self._drive.angle)
+        """Angle of what the shaft carries, in ticks as the servo counts them; not quantised."""
+        return self._registers.ticks(self._drive.link)
 
     @property
     def true_velocity(self) -> float:

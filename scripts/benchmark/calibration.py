@@ -17,20 +17,21 @@ HEADS = 200
 
 def calibration() -> str:
     """The table."""
-    rows = [_row(noise) for noise in (0.5, 2.0)]
+    rows = [_row(noise, play) for noise, play in ((0.5, 0.0), (2.0, 0.0), (0.5, 1.0))]
     return table(
-        "noise of a corner | pointing error on held-out views before: median, worst | after: "
-        "median, worst; rms | intervals of 95 % with the truth inside | time to compute",
+        "noise of a corner, play behind the encoders | pointing error on held-out views before: "
+        "median, worst | after: median, worst; rms | intervals of 95 % with the truth inside | "
+        "play found: error, median, worst | time to compute",
         rows,
     )
 
 
-def _row(noise: float) -> str:
+def _row(noise: float, play: float) -> str:
     geometry = kinectbot_geometry()
-    before, after, times = [], [], []
+    before, after, times, plays = [], [], [], []
     inside: list[bool] = []
     for seed in range(1000, 1000 + HEADS):
-        head = random_head(geometry, seed, noise)
+        head = random_head(geometry, seed, noise, play=math.radians(play))
         begin = time.perf_counter()
         found = solve(geometry, CAMERA, head.views, SIZE)
         times.append(time.perf_counter() - begin)
@@ -38,13 +39,16 @@ def _row(noise: float) -> str:
         after.append(math.degrees(pointing_error(geometry, head, found.changes)))
         for parameter, truth in zip(PARAMETERS, head.changes, strict=True):
             estimate = found.estimates.get(parameter.name)
+            if parameter.name.endswith("play") and estimate is not None:
+                plays.append(abs(math.degrees(estimate.value - truth)))
             if estimate is not None and estimate.observable:
                 inside.append(abs(estimate.value - truth) < 1.96 * estimate.deviation)
     rms = math.sqrt(np.mean(np.square(after)))
     return row(
-        f"{noise:g} px",
+        f"{noise:g} px, {play:g} degrees",
         f"{np.median(before):.2f}, {max(before):.2f} degrees",
         f"{np.median(after):.2f}, {max(after):.2f}; {rms:.2f} degrees",
         f"{100.0 * np.mean(inside):.1f} % of {len(inside)}",
+        f"{np.median(plays):.2f}, {max(plays):.2f} degrees",
         f"{np.median(times):.1f} s",
     )

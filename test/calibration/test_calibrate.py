@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from head_tracking import Head
 from head_tracking.calibration import Calibration, calibrated, gathering
+from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
+from head_tracking.vision import MarkerParameters
 
 
 @pytest.fixture
@@ -45,3 +48,9 @@ def test_no_marker_in_view_is_a_failure(quick, tmp_path):
     arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
     assert calibrate.main(arguments) == calibrate.FAILED
     assert not output.exists()
+
+
+def test_a_camera_without_pictures_is_named():
+    with Head.simulated() as head, pytest.raises(CalibrationError) as refusal:
+        head.calibrate([], marker=MarkerParameters("4X4_50", -1, 0.16))
+    assert refusal.value.reason is Reason.NO_PICTURE

@@ -1,6 +1,8 @@
 """Files of calibrations, and heads that use them."""
 
 import math
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from random_head import kinectbot_geometry
 from head_tracking import Head
 from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
 from head_tracking.calibration.geometry import HeadGeometry, Solution
+from head_tracking.cli.doctor.configured import check_calibration
+from head_tracking.cli.doctor.findings import Grade
 from head_tracking.share import robot_file
 from head_tracking.transforms import Rotation, Transform, load_robot_model, parse_robot_model
 
@@ -61,6 +65,27 @@ def test_a_head_uses_it(file, geometry):
         )
         assert np.allclose(measured.as_matrix(), expected.as_matrix(), atol=1e-6)
         assert head.look_at((2.0, 0.3, 0.5)).arrived
+        assert head.calibration is not None
+        assert head.calibration.source == file
+        assert head.calibration.age < 3600.0
+        assert head.calibration.estimates["camera pitch"].deviation == 0.001
+
+
+@pytest.mark.parametrize(
+    ("robot", "days", "grade"),
+    [
+        ("kinectbot", 3, Grade.GREEN),
+        ("kinectbot", 400, Grade.AMBER),
+        ("turtlebot", 3, Grade.RED),
+        ("no_such_robot", 3, Grade.SKIPPED),
+    ],
+)
+def test_the_doctor_grades_it(file, robot, days, grade):
+    replace(Calibration.load(file), made=time.time() - 86400.0 * days).save(file)
+    finding = check_calibration(robot, file)
+    assert (finding.check, finding.level) == ("calibration", grade)
+    if grade in (Grade.GREEN, Grade.AMBER):
+        assert f"{days} days" in finding.text
 
 
 def test_that_of_another_robot_is_refused(file):

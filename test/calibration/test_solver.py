@@ -33,7 +33,7 @@ def test_a_head_points_exactly_after_it(geometry, noise):
                 inside.append(abs(estimate.value - truth) < 3.0 * estimate.deviation)
         for name in ZEROS:
             assert not solution.estimates[name].observable
-        assert not solution.changes[8:].any()
+        assert not solution.changes[8:10].any()
     assert np.sqrt(np.mean(np.square(after))) < math.radians(0.2)
     assert np.sqrt(np.mean(np.square(before))) > math.radians(0.5)
     assert np.mean(inside) > 0.9
@@ -56,6 +56,33 @@ def test_the_focal_length_is_found(geometry):
     assert found.observable
     assert found.value == pytest.approx(math.log(1.03), abs=4.0 * found.deviation)
     assert found.deviation < 0.02
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.5, 1.0, 2.0])
+def test_the_play_behind_the_encoders_is_found(geometry, degrees):
+    for seed in (140, 141, 142):
+        head = random_head(geometry, seed, 0.5, play=math.radians(degrees))
+        solution = solve(geometry, CAMERA, head.views, SIZE)
+        for name in ("pan play", "tilt play"):
+            found = solution.estimates[name]
+            assert found.observable
+            assert abs(found.value - math.radians(degrees)) < 3.5 * found.deviation
+            assert found.deviation < math.radians(0.1)
+        assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
+
+
+def test_play_is_not_told_by_views_from_one_side(geometry):
+    views = [view._replace(directions=(1, 0)) for view in random_head(geometry, 143, 0.5).views]
+    estimates = solve(geometry, CAMERA, views, SIZE).estimates
+    assert not estimates["pan play"].observable
+    assert not estimates["tilt play"].observable
+
+
+@pytest.mark.parametrize("seed", [137, 140, 142])
+def test_a_marker_of_twice_its_size_is_refused_where_the_distance_is_not_observable(geometry, seed):
+    with pytest.raises(CalibrationError) as refusal:
+        solve(geometry, CAMERA, random_head(geometry, seed, 0.5).views, 2.0 * SIZE)
+    assert refusal.value.reason is Reason.FAR_FROM_MODEL
 
 
 @pytest.mark.parametrize("seed", [130, 131])

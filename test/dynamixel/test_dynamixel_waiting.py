@@ -48,6 +48,21 @@ def test_timeout_that_was_given_is_kept() -> None:
     assert timeout.allowance == 0.1
 
 
+def test_after_a_timeout_a_repeated_question_waits_longer() -> None:
+    timeout = ReplyTimeout()
+    for _ in range(200):
+        timeout.learn(0.0002)
+    quick = timeout.allowance
+    for _ in range(2):
+        timeout.back_off()
+    assert timeout.allowance == pytest.approx(4 * quick)
+    for _ in range(10):
+        timeout.back_off()
+    assert timeout.allowance == 0.025
+    timeout.learn(0.0002)
+    assert timeout.allowance == pytest.approx(quick, rel=0.01)
+
+
 def test_first_timeout_knows_the_adapter() -> None:
     assert ReplyTimeout(adapter=0.001).allowance == pytest.approx(0.009)
     assert ReplyTimeout(adapter=0.016).allowance == pytest.approx(0.024)

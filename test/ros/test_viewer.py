@@ -158,6 +158,41 @@ def test_a_click_on_the_floor_looks_there(robot, viewer, page):
     assert viewer.robot.observe().target[2] == pytest.approx(0.0, abs=1e-6)
 
 
+def test_the_target_is_dragged_where_the_head_shall_look(robot, viewer, page):
+    choose_mode(page, "point")
+    point_head(page, "base_link", 1.0, 0.0, 0.6)
+    wait_for(lambda: page.evaluate("headPage.scene.target.visible"), PATIENCE)
+    canvas = page.locator("#scene canvas")
+    canvas.scroll_into_view_if_needed()
+    # from where the target is in view
+    page.evaluate(
+        "headPage.scene.controls.target.set(1, 0, 0.6);"
+        "headPage.scene.camera.position.set(0.5, -2, 1); headPage.scene.controls.update();"
+        "headPage.scene.camera.updateMatrixWorld()"
+    )
+    seen = "headPage.scene.target.position.clone().project(headPage.scene.camera).toArray()"
+    across, up, _ = page.evaluate(seen)
+    box = canvas.bounding_box()
+    x = box["x"] + 0.5 * (1 + across) * box["width"]
+    y = box["y"] + 0.5 * (1 - up) * box["height"]
+    view = page.evaluate("headPage.scene.camera.position.toArray()")
+    before = viewer.robot.observe().target
+    drag(page, (x, y), (x, y - 30))
+    wait_for(lambda: viewer.robot.observe().target[2] > before[2] + 0.02, PATIENCE)
+    assert page.evaluate("headPage.scene.camera.position.toArray()") == pytest.approx(view)
+    there = viewer.robot.observe().target
+    drag(page, (x, y + 60), (x + 60, y + 60))  # beside the target the view turns
+    assert page.evaluate("headPage.scene.camera.position.toArray()") != pytest.approx(view)
+    assert viewer.robot.observe().target == there
+
+
+def drag(page, start, end):
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=5)
+    page.mouse.up()
+
+
 def test_centre_turns_the_head_to_the_middle(robot, page):
     point_left(robot, page)
     press(page, "Centre")

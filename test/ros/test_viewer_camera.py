@@ -48,7 +48,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     renderer = robot.composition.nodes[NAME].renderer
     drawn = []
     render = renderer.render
-    monkeypatch.setattr(renderer, "render", lambda *a: (drawn.append(a), render(*a))[1])
+    monkeypatch.setattr(renderer, "render", lambda *a, **k: (drawn.append(a), render(*a, **k))[1])
     robot.at_rest(1.0)
     assert not drawn, "nobody looks at it"
 

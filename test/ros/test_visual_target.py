@@ -355,7 +355,9 @@ def test_the_simulated_camera_makes_what_somebody_looks_at(world, wanted, monkey
     made = []
     for what, name in ((eye.renderer, "render"), (eye._noise, "picture"), (eye._noise, "depth")):
         do = getattr(what, name)
-        monkeypatch.setattr(what, name, lambda *a, n=name, do=do: (made.append(n), do(*a))[1])
+        monkeypatch.setattr(
+            what, name, lambda *a, n=name, do=do, **k: (made.append(n), do(*a, **k))[1]
+        )
     published = []
     monkeypatch.setattr(
         world, "publish", lambda topic, message: published.append((topic, message.header.stamp))

@@ -113,6 +113,9 @@ class FakePort:
         self.methods: list[tuple[object, ...]] = []
         self.comes_back = True
 
+    def back_off(self) -> None:
+        """Nothing is late here."""
+
     def clock(self) -> float:
         return 0.0
 

@@ -11,9 +11,11 @@ import numpy as np
 from rendered_frames import SMALL
 
 from head_tracking.scene import Renderer, Scene, SensorNoise
-from head_tracking.scene.drawings import Looks, pattern
+from head_tracking.scene.drawings import pattern
 from head_tracking.scene.objects import Path, Thing, Wall
-from head_tracking.scene.scenes import FACE_WIDTH, face, room
+from head_tracking.scene.people import FACE_WIDTH, Looks
+from head_tracking.scene.room import room
+from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform, Vector3
 from head_tracking.vision import (
     Box,

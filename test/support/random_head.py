@@ -30,7 +30,7 @@ class Seen(NamedTuple):
     """A head and its views.
 
     Attributes:
-        changes: how it differs from the model, shape (10,).
+        changes: how it differs from the model, shape (12,).
         views: for a calibration, in a random order.
         held_out: others, without noise: pan, tilt [rad], and where the marker is by the true head,
             in the optical frame, shape (3,) [m].
@@ -41,7 +41,9 @@ class Seen(NamedTuple):
     held_out: list[tuple[float, float, np.ndarray]]
 
 
-def random_head(geometry: HeadGeometry, seed: int, noise: float, zeros: float = 0.0) -> Seen:
+def random_head(
+    geometry: HeadGeometry, seed: int, noise: float, zeros: float = 0.0, play: float = 0.0
+) -> Seen:
     """Draw a head that is about 5 degrees and 10 mm wrong, and a marker 1 to 3 m away.
 
     Args:
@@ -49,12 +51,14 @@ def random_head(geometry: HeadGeometry, seed: int, noise: float, zeros: float = 
         seed: chooses them.
         noise: of a corner [px].
         zeros: deviation of the joints' zeros [rad].
+        play: of both joints, between encoder and camera, from side to side [rad].
     """
     rng = np.random.default_rng(seed)
-    changes = np.zeros(10)
+    changes = np.zeros(12)
     changes[:3], changes[3:6] = rng.normal(0.0, math.radians(5.0), 3), rng.normal(0.0, 0.01, 3)
     changes[6] = rng.normal(0.0, math.radians(1.0))
-    changes[8:] = rng.normal(0.0, zeros, 2)
+    changes[8:10] = rng.normal(0.0, zeros, 2)
+    changes[10:] = play
     azimuth, elevation, away = rng.uniform(-0.4, 0.4), rng.uniform(-0.2, 0.2), rng.uniform(1.0, 3.0)
     level = away * math.cos(elevation)
     middle = np.array(
@@ -81,13 +85,17 @@ def random_head(geometry: HeadGeometry, seed: int, noise: float, zeros: float = 
     grid = [(p, t) for t in np.linspace(-0.3, 0.3, 5) for p in np.linspace(-0.4, 0.4, 5)]
     rng.shuffle(grid)
     views = []
+    before, turned = grid[0], np.zeros(2)
     for aside, up in grid:
+        step = np.sign(np.subtract((aside, up), before))
+        before, turned = (aside, up), np.where(step, step, turned)
         pan, tilt = azimuth + aside, up - elevation
         found = seen(pan, tilt)
         if found is not None:
             wrong = rng.normal(0.0, READING, 2)
             found = found + rng.normal(0.0, noise, found.shape)
-            views.append(View(pan + wrong[0], tilt + wrong[1], 7, found))
+            read = np.array((pan, tilt)) + wrong + 0.5 * play * turned
+            views.append(View(read[0], read[1], 7, found, tuple(turned.astype(int).tolist())))
     held_out = []
     for _ in range(60):
         pan = azimuth + rng.uniform(-_AHEAD, _AHEAD)

@@ -9,7 +9,9 @@ from rendered_frames import KINECT, SMALL, View, watch
 
 from head_tracking.scene import Ball, Board, Scene, Swing, make_scene
 from head_tracking.scene.drawings import marker
-from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, face, marker_board, room
+from head_tracking.scene.people import FACE_WIDTH
+from head_tracking.scene.room import room
+from head_tracking.scene.scenes import MARKER_SIZE, ORANGE, face, marker_board
 from head_tracking.vision import (
     DETECTORS,
     Box,

@@ -10,7 +10,8 @@ from people import crossed, replaced, returned
 from rendered_frames import SMALL, View, watch
 
 from head_tracking.scene import Scene, Swing
-from head_tracking.scene.scenes import TALL_DARK, face, room
+from head_tracking.scene.room import room
+from head_tracking.scene.scenes import TALL_DARK, face
 from head_tracking.transforms import Transform
 from head_tracking.vision import (
     Box,

@@ -7,6 +7,8 @@ from rendered_frames import SMALL
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
+from head_tracking.scene.room import bench
+from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
 
 # optical frame at 0.6 m, looking along x
@@ -102,3 +104,29 @@ def test_without_noise_a_picture_stays_as_it_is():
     same = SensorNoise((320, 240), np.random.default_rng(1), 0.0, 0.0, 0.0)(seen)
     assert (same.picture == seen.picture).all()
     assert (np.isnan(same.depth) == np.isinf(seen.depth)).all()
+
+
+def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
+    walker = face(lambda time: (1.5, 0.5 * min(time, 2.0), 0.6))
+    walking = {walker.look(0.1 * k).tobytes() for k in range(10)}
+    standing = {walker.look(3.0 + 0.1 * k).tobytes() for k in range(10)}
+    assert len(walking) > 1
+    assert len(standing) == 1
+
+
+def test_what_stands_on_a_bench_is_drawn_over_it_and_the_bench_over_what_is_behind():
+    furniture = bench(1.3, 0.5)
+    ball, board = Ball(0.1, (0, 0, 255), Swing(1.3, 0.6)), Board(plain(), 1.0, Swing(2.0, 0.3))
+    scene = Scene({"ball": ball, **furniture, "board": board})
+    seen = Renderer(scene, SMALL).render(LEVEL, 0.0)
+    assert seen.picture[120, 160].argmax() == 2  # the ball
+    row = round(SMALL.cy + SMALL.fy * 0.3 / 1.15)
+    assert seen.depth[row, 160] == pytest.approx(1.15, abs=0.01)  # the bench's front
+    assert np.ptp(seen.picture[row, 160].astype(int)) < 20
+
+
+def test_depths_that_nobody_wants_cost_nothing_and_change_no_picture():
+    renderer = Renderer(make_scene("everything", np.random.default_rng(1)), SMALL)
+    with_depth, without = (renderer.render(LEVEL, 0.5, depth=wanted) for wanted in (True, False))
+    assert (with_depth.picture == without.picture).all()
+    assert without.depth.size == 0

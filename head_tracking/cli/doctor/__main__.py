@@ -75,7 +75,11 @@ def _check(
 
 
 def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
-    from head_tracking.cli.doctor.configured import check_configured, check_model
+    from head_tracking.cli.doctor.configured import (
+        check_calibration,
+        check_configured,
+        check_model,
+    )
     from head_tracking.cli.doctor.servos import check_bus
     from head_tracking.share import NotInstalledError, robot_parameters
 
@@ -88,6 +92,8 @@ def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Fi
     yield finding
     if buses:
         yield check_model(options.robot, files, buses)
+    if options.calibration:
+        yield check_calibration(options.robot, options.calibration)
     for each in buses if not options.sim else ():
         yield from check_bus(each, **bus)
 
@@ -120,6 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         "--params", action="append", type=Path, default=[], metavar="FILE",
         help="parameters in YAML, over the robot's own; can be given several times",
     )  # fmt: skip
+    add("--calibration", type=Path, metavar="FILE", help="of the robot's head: shows its age")
     add(
         "--listen", type=float, default=3.0, metavar="S",
         help="how long to listen to other nodes; 0: not at all (%(default)s s)",

@@ -8,6 +8,7 @@ from typing import Final
 
 import yaml
 
+from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
 from head_tracking.dynamixel import ConfigurationError
@@ -17,6 +18,7 @@ from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
 _SLACK: Final = 0.02  # rad
+_OLD: Final = 180.0  # days after which a calibration should be checked
 
 
 def check_configured(
@@ -68,3 +70,21 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
             level = max(level, Grade.AMBER)
     text = "; ".join(problems) or f"{frame} can be pointed"
     return Finding("model", level, f"{robot}: {text}")
+
+
+def check_calibration(robot: str, path: Path) -> Finding:
+    """Check that a calibration fits the robot's model, and show how old and how exact it is."""
+    try:
+        calibration = Calibration.load(path)
+        calibration.apply(load_robot_model(robot_file(robot)))
+    except CalibrationFileError as error:
+        return Finding("calibration", Grade.RED, str(error))
+    except HeadTrackingError as error:
+        return Finding("calibration", Grade.SKIPPED, f"{path}: there is no model: {error}")
+    days = calibration.age / 86400.0
+    text = f"{path}: {days:.0f} days old, {calibration.views} views"
+    for name, change, deviation in summary(calibration):
+        text += f"; {name} {change} +- {deviation}"
+    if days <= _OLD:
+        return Finding("calibration", Grade.GREEN, text)
+    return Finding("calibration", Grade.AMBER, f"{text}; calibrate again after {_OLD:.0f} days")

@@ -108,8 +108,10 @@ class Page {
   }
 
   welcome(step) {
-    const end = () => by("welcome").close();
-    by("welcome").onclose = () => localStorage.setItem("head-welcomed", "1");
+    const end = () => {
+      localStorage.setItem("head-welcomed", "1");
+      by("welcome").close();
+    };
     write(by("welcome-title"), `${step + 1}. ${STEPS[step][0]}`);
     write(by("welcome-text"), STEPS[step][1]);
     write(by("welcome-next"), step === STEPS.length - 1 ? "Begin" : "Next");

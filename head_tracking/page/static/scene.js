@@ -1,7 +1,8 @@
 // The robot in 3D: forward kinematics in the browser from one array of joint positions.
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
-const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // m, pixels, ms
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20; // m
+const CLICK = 6, GRASP = 0.04, PERIOD = 33, DRAG_PERIOD = 120, SLOW_PERIOD = 250; // pixels, rad, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
 function lineOf(colour, points, kind = THREE.Line) {
@@ -24,6 +25,18 @@ function put(node, [x, y, z, qx, qy, qz, qw]) {
   node.quaternion.set(qx, qy, qz, qw);
 }
 
+/** Return a name that always faces the viewer. */
+function nameOf(text) {
+  const canvas = Object.assign(document.createElement("canvas"), { width: 256, height: 32 }), context = canvas.getContext("2d");
+  Object.assign(context, { font: "22px sans-serif", fillStyle: "white", strokeStyle: "#222", lineWidth: 4 });
+  context.strokeText(text, 2, 24);
+  context.fillText(text, 2, 24);
+  const name = new THREE.Sprite(new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(canvas), depthTest: false }));
+  name.scale.set(0.24, 0.03, 1);
+  name.center.set(0, 0);
+  return name;
+}
+
 function geometryOf({ kind, size }) {
   if (kind === "box") return new THREE.BoxGeometry(...size);
   if (kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
@@ -31,8 +44,8 @@ function geometryOf({ kind, size }) {
 }
 
 export class RobotScene {
-  /** @param {(point: number[]) => void} onFloor receives a point of the floor [m]. */
-  constructor(place, onFloor) {
+  /** @param {(point: number[]) => void} onPoint receives where to look [m]. */
+  constructor(place, onPoint) {
     this.place = place;
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
@@ -40,6 +53,7 @@ export class RobotScene {
     const gl = this.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
     this.isSlow = /swiftshader|llvmpipe|software/i.test(about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
     this.scene = new THREE.Scene();
+    this.caster = new THREE.Raycaster();
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 50);
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
@@ -63,24 +77,44 @@ export class RobotScene {
     this.parts = { trail: this.trail, prediction: this.prediction };
     this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
-    this.listen(onFloor);
+    this.listen(onPoint);
     new ResizeObserver(() => this.resize()).observe(place);
   }
 
-  /** A click on the floor that is no drag of the view. */
-  listen(onFloor) {
-    const canvas = this.renderer.domElement;
-    let pressed = null;
-    canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
-    canvas.addEventListener("pointerup", (event) => {
-      if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > CLICK) return;
+  /** A click on the floor looks there; who drags the target moves it, parallel to the screen. */
+  listen(onPoint) {
+    const canvas = this.renderer.domElement, floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), { ray } = this.caster;
+    let pressed = null, dragged = null, due = 0;
+    const aim = ({ clientX, clientY }) => {
       const { left, top, width, height } = canvas.getBoundingClientRect();
-      const at = new THREE.Vector2((2 * (event.clientX - left)) / width - 1, 1 - (2 * (event.clientY - top)) / height);
-      const ray = new THREE.Raycaster();
-      ray.setFromCamera(at, this.camera);
-      const point = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), new THREE.Vector3());
-      if (point && point.distanceTo(this.camera.position) < FARTHEST) onFloor(point.toArray());
+      this.caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
+    };
+    const look = (event, plane) => {
+      aim(event);
+      const point = ray.intersectPlane(plane, new THREE.Vector3());
+      if (point && point.distanceTo(this.camera.position) < FARTHEST) onPoint(point.toArray());
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      pressed = [event.clientX, event.clientY];
+      aim(event);
+      const { position, visible } = this.target;
+      if (!visible || ray.distanceToPoint(position) > GRASP * ray.origin.distanceTo(position)) return;
+      dragged = new THREE.Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new THREE.Vector3()), position);
+      this.controls.enabled = false;
+      canvas.setPointerCapture(event.pointerId);
+    }, { capture: true }); // before the view's own listener
+    const isClick = (event) => pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= CLICK;
+    canvas.addEventListener("pointermove", (event) => {
+      if (!dragged || isClick(event) || performance.now() < due) return;
+      due = performance.now() + DRAG_PERIOD;
+      look(event, dragged);
     });
+    canvas.addEventListener("pointerup", (event) => {
+      if (dragged ? !isClick(event) : isClick(event)) look(event, dragged ?? floor);
+      pressed = dragged = null;
+      this.controls.enabled = true;
+    });
+    canvas.addEventListener("pointercancel", () => { pressed = dragged = null; this.controls.enabled = true; });
   }
 
   /** Draw a part, or leave it out. */
@@ -146,7 +180,7 @@ export class RobotScene {
     }
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    this.axes = Object.values(this.links).map((node) => node.add(new THREE.AxesHelper(0.08)).children.at(-1));
+    this.axes = Object.entries(this.links).map(([link, node]) => node.add(new THREE.AxesHelper(0.08).add(nameOf(link))).children.at(-1));
     for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
     this.framed = this.moved = false;

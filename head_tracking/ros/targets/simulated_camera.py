@@ -195,7 +195,7 @@ class SimulatedCameraNode(Node):
         if wants_image or wants_depth:
             target = exposure.target
             self.renderer.scene = self.scene if target is None else with_target(self.scene, target)
-            seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9)
+            seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9, depth=wants_depth)
         if wants_depth:
             depth: npt.NDArray[Any] = self._noise.depth(seen.depth)
             if p.depth_encoding == "16UC1":
