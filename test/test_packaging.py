@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 SOURCE = Path(__file__).resolve().parents[1]
+VERSION = ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version")
 EXECUTABLES = {
     "calibrate",
     "check_model",
@@ -130,10 +131,10 @@ def wheel(source, tmp_path_factory):
 
 @requires("pip", "setuptools", "wheel")
 def test_the_wheel_holds_the_package_its_share_directory_and_the_launchers(wheel, source):
-    assert wheel.name == "head_tracking-0.1.0-py3-none-any.whl"
+    assert wheel.name == f"head_tracking-{VERSION}-py3-none-any.whl"
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-        data = "head_tracking-0.1.0.data/data"
+        data = f"head_tracking-{VERSION}.data/data"
         share = f"{data}/share/head_tracking"
         assert f"{share}/package.xml" in names
         assert f"{data}/share/ament_index/resource_index/packages/head_tracking" in names
@@ -150,7 +151,7 @@ def test_the_wheel_holds_the_package_its_share_directory_and_the_launchers(wheel
         assert {Path(entry.filename).name for entry in launchers} == EXECUTABLES
         assert all(entry.external_attr >> 16 & 0o111 for entry in launchers)
 
-        metadata = archive.read("head_tracking-0.1.0.dist-info/METADATA").decode()
+        metadata = archive.read(f"head_tracking-{VERSION}.dist-info/METADATA").decode()
     needed = [line for line in metadata.splitlines() if line.startswith("Requires-Dist")]
     assert any("ros-jazzy-rclpy" in line for line in needed)
     for line in needed:  # ROS wheels would cover a sourced ROS
@@ -216,7 +217,7 @@ def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
 
 def test_package_xml_names_the_ros_packages_and_the_version_of_the_wheel():
     package = ElementTree.parse(SOURCE / "package.xml").getroot()
-    assert f'version="{package.findtext("version")}"' in (SOURCE / "setup.py").read_text()
+    assert f'version="{VERSION}"' in (SOURCE / "setup.py").read_text()
     named = {element.text for element in package.findall("exec_depend")}
     lines = (SOURCE / "requirements" / "ros.txt").read_text().split()
     wheels = [line.removeprefix("ros-jazzy-") for line in lines if line.startswith("ros-jazzy-")]
