@@ -1,4 +1,4 @@
-"""A pan/tilt head that looks at things: transforms, gaze, tracking and a Dynamixel servo bus.
+"""Point a pan/tilt head at targets: servos, transforms, gaze and tracking.
 
 `from head_tracking import Head` is for Python programs; see `head_tracking.head.program`.
 """

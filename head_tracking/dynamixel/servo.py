@@ -53,7 +53,7 @@ _LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
-    """Take all steps at once and return what came of them."""
+    """Take all steps at once and return their result."""
     while True:
         try:
             wait = next(steps)

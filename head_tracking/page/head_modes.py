@@ -212,7 +212,7 @@ class HeadModes:
         )
 
     def fighting(self) -> str:
-        """Who turns the head, or sends it targets, beside who should; empty if nobody does."""
+        """Return which other programs control the head or send it targets; empty if none does."""
         both = [name for name in CONTROLLERS if self._is_on(name)]
         if len(both) > 1:
             return f"{' and '.join(both)} both turn the head"
@@ -336,11 +336,11 @@ class HeadModes:
 
     @_answered
     def release(self) -> str:
-        """Switches off what turns the head, and waits until it has let go of the joints."""
+        """Disable the controllers of the head, and wait until they have released the joints."""
         said = _text_of(self.set_mode(Mode.OFF))
         _wait(
             lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
-            "what turned the head has not let go of the joints",
+            "the controller of the head has not released the joints",
             patience=_RELEASE,
         )
         return said

@@ -43,7 +43,7 @@ class JointControl:
     Args:
         node: publishes. `look` must be called in its thread, or in that of a node beside it.
         others: the nodes that drive and own the joints.
-        modes: what turns the head must let go of it first.
+        modes: the controllers of the head; they release it first.
     """
 
     def __init__(self, node: Node, others: OtherNodes, modes: HeadModes) -> None:

@@ -148,7 +148,7 @@ class Stop:
 
 
 class _Attempt:
-    """One press of STOP, and what came of it."""
+    """One press of STOP, and its result."""
 
     def __init__(self, where: str) -> None:
         self.confirmed, self.cancelled = threading.Event(), threading.Event()
