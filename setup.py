@@ -53,9 +53,11 @@ def share(folder):
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="A pan/tilt head that looks at things: "
-    "transforms, gaze, tracking and a Dynamixel servo bus.",
+    version="0.2.0",
+    description="Points a pan/tilt head at targets and keeps it there: "
+    "Dynamixel and Feetech servos, transforms, tracking.",
+    long_description=(HERE / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     maintainer="head_tracking maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-df56c0b7.example",
     license="BSD-3-Clause",

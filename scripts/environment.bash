@@ -18,7 +18,7 @@ install() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq "$
 # What the environment depends on.
 surroundings() {
   local path
-  path=$(type -P "$python") || die "There is no $python here. Install Python 3.11 to 3.13, or choose" \
+  path=$(type -P "$python") || die "There is no $python here. Install Python 3.10 to 3.13, or choose" \
     "another with HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
   printf '%s|' "$(checksum setup.py pyproject.toml requirements/{libraries,yourdfpy,ros}.txt)" "$root" \
     "$(readlink -f -- "$path")" "${PYENV_VERSION:-}" "${ROS_DISTRO:-}"
@@ -31,17 +31,18 @@ print("%d.%d" % sys.version_info[:2])
 print(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))') ||
     die "$python does not start (see above). Choose another with HEAD_TRACKING_PYTHON."
   version=${answer%%$'\n'*} interpreter=${answer##*$'\n'}
-  [[ $version == 3.1[123] ]] ||
-    die "$python is Python $version; head_tracking needs 3.11, 3.12 or 3.13. Choose another with" \
+  # 3.14 is the Python of ROS 2 Lyrical; without a sourced ROS it is not supported.
+  [[ $version == 3.1[0123] || ($version == 3.14 && -n ${ROS_DISTRO:-}) ]] ||
+    die "$python is Python $version; head_tracking needs 3.10 to 3.13. Choose another with" \
       "HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
   # With its guard set the wheels' own bootstrap does nothing: only a ROS of the system is found.
   if answer=$(_ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$interpreter" -c 'import rclpy, sensor_msgs.msg, numpy
 print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
     ros="the system's ROS 2" numpy=${answer##*$'\n'} site=(--system-site-packages)
   elif [[ -n ${ROS_DISTRO:-} ]]; then
-    die "ROS 2 Jazzy is sourced, but $interpreter (Python $version) cannot load its rclpy" \
+    die "ROS 2 ${ROS_DISTRO^} is sourced, but $interpreter (Python $version) cannot load its rclpy" \
       "(${answer##*$'\n'}). Choose ROS's own Python (HEAD_TRACKING_PYTHON=/usr/bin/python3 on" \
-      "Ubuntu 24.04), or start from a terminal where ROS is not sourced."
+      "Ubuntu), or start from a terminal where ROS is not sourced."
   elif [[ $(uname -sm) != "Linux x86_64" ]]; then
     die "No ROS 2 Jazzy is sourced, and its wheels exist only for Linux on x86-64 (this is" \
       "$(uname -sm)). Install ROS 2 Jazzy from its own packages, which are for Ubuntu 24.04 on" \
@@ -97,8 +98,7 @@ select_environment() {
   local now
   local -x PYTHONSAFEPATH=1 # what lies in the working directory must not be imported here
   if [[ ${ROS_DISTRO:-jazzy} != jazzy ]]; then
-    die "ROS 2 ${ROS_DISTRO^} is sourced, but head_tracking needs Jazzy. Source ROS 2 Jazzy instead," \
-      "or start from a terminal where no ROS is sourced."
+    say "ROS 2 ${ROS_DISTRO^} is sourced; head_tracking is tested with Jazzy only."
   fi
   if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
     # Set by the Python of another environment with wheels; ours has to find its own libraries.

@@ -15,7 +15,7 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop, find_servo
-from head_tracking.cli.servo.calibrate import Wanted, configuration, mount_of
+from head_tracking.cli.servo.calibrate import Wanted, configuration, mount_of, with_memory
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, FoundServo, find_servos
 from head_tracking.command_line import between, servo_id
 from head_tracking.configuration import configured_head
@@ -234,13 +234,12 @@ def _calibrate(
             ]
         else:
             motions = _by_hand(bench, links)
-    return rate, tuple(
-        mount_of(
-            Wanted(name, motion.link.id), motion.link.model, motion.zero, motion.low, motion.high,
-            0.0 if wanted else _MARGIN,
-        )
-        for name, motion in zip((_PAN, _TILT), motions, strict=True)
-    )  # fmt: skip
+        margin = 0.0 if wanted else _MARGIN
+        mounts = []
+        for name, (link, zero, low, high) in zip((_PAN, _TILT), motions, strict=True):
+            mount = mount_of(Wanted(name, link.id), link.model, zero, low, high, margin)
+            mounts.append(with_memory(mount, link))
+    return rate, tuple(mounts)
 
 
 def _find_rate(

@@ -277,5 +277,7 @@ def _sizes(texture: Texture) -> list[Texture]:
     """Return a texture and smaller copies of it, colours multiplied by alpha, each with an edge."""
     copies = [_premultiplied(texture)]
     while min(copies[-1].shape[:2]) >= 8:
-        copies.append(np.asarray(cv2.pyrDown(copies[-1])))
+        height, width = copies[-1].shape[:2]
+        half = cv2.resize(copies[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        copies.append(np.asarray(half))
     return [cv2.copyMakeBorder(copy, *[_EDGE] * 4, cv2.BORDER_REPLICATE) for copy in copies]

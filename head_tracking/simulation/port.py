@@ -372,13 +372,17 @@ class SimulatedJoints:
     They stand at position 0 at first, on a wire that takes its time. A context manager. A stiff
     bracket joins two servos on one joint.
 
+    Args:
+        joints: as they are configured.
+        link_play: behind each encoder; see `SimulatedServo` [rad].
+
     Attributes:
         port: the port of the bus that they share.
     """
 
-    def __init__(self, joints: Iterable[Mounting]) -> None:
+    def __init__(self, joints: Iterable[Mounting], link_play: float = 0.0) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
-        self.port = SimulatedPort(mounted_servos(self._joints.values()), paced=True)
+        self.port = SimulatedPort(mounted_servos(self._joints.values(), link_play), paced=True)
 
     @property
     def port_name(self) -> str:
@@ -398,10 +402,10 @@ class SimulatedJoints:
         self.port.close()
 
 
-def mounted_servos(joints: Iterable[Mounting]) -> SimulatedBus:
+def mounted_servos(joints: Iterable[Mounting], link_play: float = 0.0) -> SimulatedBus:
     """Return a bus with the servos of joints, each joint at position 0."""
     pairs = [joint.calibrations for joint in joints]
-    bus = SimulatedBus([_servo(mount) for mounts in pairs for mount in mounts])
+    bus = SimulatedBus([_servo(mount, link_play) for mounts in pairs for mount in mounts])
     for mounts in pairs:
         if len(mounts) == 2:
             one, other = mounts
@@ -409,7 +413,7 @@ def mounted_servos(joints: Iterable[Mounting]) -> SimulatedBus:
     return bus
 
 
-def _servo(mount: Mount) -> SimulatedServo:
+def _servo(mount: Mount, link_play: float) -> SimulatedServo:
     """Return a servo that stands at its joint's position 0, with the memory that it needs."""
     model, init = simulated_model(mount.model), mount.init
     if mount.offset and model.is_feetech:
@@ -417,7 +421,7 @@ def _servo(mount: Mount) -> SimulatedServo:
     elif mount.offset and model.control == "profile":
         init -= mount.offset
     position = 2 * model.center - init if mount.reverse else init
-    servo = SimulatedServo(mount.id, mount.model, position=position)
+    servo = SimulatedServo(mount.id, mount.model, position=position, link_play=link_play)
     if mount.reverse:
         servo.set_register("Drive Mode", 1)
     if mount.offset:

@@ -24,6 +24,8 @@ _SAME = 0.5  # of `jump_threshold`: so near to that place
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, and rad/s: a faster way was a jump
 _LEAST_ERROR = 0.1  # of the variance of a point; no prediction is better
 _OVERDUE = 0.45  # s; so much longer than usual is predicted when points are overdue
+_CAUTION = 0.5  # of the mean squared error of far predictions: it shortens their way
+_FINEST = 1e-12  # rad^2; less is rounding
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
 _RANGE_MEMORY = 0.5  # s
@@ -176,16 +178,27 @@ class TargetEstimate:
         return pan, tilt
 
     def _motion(self, bearing: Bearing, ahead: float) -> tuple[float, float]:
-        """Return position and velocity; beyond the lead time the far prediction takes over."""
+        """Return position and velocity; beyond the lead time the far prediction takes over.
+
+        The error of the far predictions until now shortens the way beyond the latest point.
+        """
         lead, far = self.leads
+        here = bearing.near.motion.position
         position, velocity = bearing.near.motion.after(ahead)
         if ahead > lead:
             part = (ahead - lead) / (far - lead)
-            share = part * part
+            share, slope = part * part, 2.0 * part / (far - lead)
             there, speed = bearing.far.motion.after(ahead)
-            velocity += share * (speed - velocity) + 2.0 * part / (far - lead) * (there - position)
+            velocity += share * (speed - velocity) + slope * (there - position)
             position += share * (there - position)
-        away = position - bearing.near.motion.position
+            away = position - here
+            missed = bearing.far.error - max(bearing.near.error, bearing.variance)
+            missed = _CAUTION * max(missed, 0.0)
+            squares = away * away + share * missed + _FINEST
+            kept = away * away / squares
+            velocity = kept * ((3.0 - 2.0 * kept) * velocity - slope * missed * away / squares)
+            position = here + kept * away
+        away = position - here
         if abs(away) > _FARTHEST_AHEAD:
             position, velocity = position - away + math.copysign(_FARTHEST_AHEAD, away), 0.0
         return position, velocity

@@ -134,6 +134,22 @@ def test_options_replace_the_poses(newcomer: Newcomer) -> None:
         assert camera[2] == pytest.approx(0.37, abs=0.002)
 
 
+def test_the_direction_in_the_memory_of_a_servo_is_noted(newcomer: Newcomer) -> None:
+    newcomer.bench.bus[5].set_register("Drive Mode", 1)
+    assert newcomer.run(*GIVEN, "--yes") == DONE
+    assert [motor["reverse"] for motor in newcomer.motors()] == [0, 1]
+
+
+def test_feetech_servos_are_described_with_the_offset_in_their_memory(newcomer: Newcomer) -> None:
+    newcomer.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(9, "STS3215")])
+    newcomer.bench.bus[5].set_offset(-85)
+    assert newcomer.run(*GIVEN, "--yes") == DONE
+    pan, tilt = newcomer.motors()
+    assert (pan["model"], pan["offset"], tilt["offset"]) == ("STS3215", 0, -85)
+    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+        assert head.look_at((2.0, 0.8, 0.3)).arrived
+
+
 def test_a_camera_on_its_side_is_described(newcomer: Newcomer) -> None:
     assert newcomer.run(*GIVEN, "--camera-roll", "90", "--yes") == DONE
     with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:

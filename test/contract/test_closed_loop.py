@@ -44,5 +44,6 @@ def test_a_point_on_the_command_line_is_looked_at(bench):
         "head_tracking", "--sim", "--mode", "point", "--target", "-0.5,0.8,0.4@base_link"
     )
     wait_for(lambda: bench.person.state("point_head") == "arrived")
+    bench.person.wait_for_joints()
     assert bench.person.pan == pytest.approx(2.14, abs=0.05)
     assert run.end(2) == 0, run.output

@@ -52,6 +52,22 @@ def test_the_servo_tool_reads_asks_before_it_writes_and_has_exit_codes(bench, po
     assert run("info", "9")[0] == 1
 
 
+def test_new_robot_describes_a_head_with_feetech_servos(bench):
+    link, model = bench.folder / "feetech", bench.folder / "my_head.urdf.xacro"
+    bus = bench.start(
+        "simulated_bus", "--link", str(link), "--servo", "STS3215:5", "--servo", "STS3215:9"
+    )
+    port = bus.read_until("feetech").strip()
+    words = ("my_head", "--folder", str(bench.folder), "--pan", "9", "--tilt", "5", "--yes")
+    program = bench.start("new_robot", *words, "--port", port)
+    assert program.end() == 0, program.output
+    doctor = bench.start("doctor", "--port", port, "--robot", str(model), "--listen", "0")
+    assert doctor.end() in (0, 1, 2), doctor.output
+    joints = [line for line in doctor.output.splitlines() if "STS3215, firmware" in line]
+    assert [line.split()[0] for line in joints] == ["green", "green"], doctor.output
+    assert bus.end(signal.SIGINT) == 0, bus.output
+
+
 def test_doctor_finds_the_servos_and_says_in_its_exit_code_how_they_are(bench, port):
     good = bench.start("doctor", "--port", port, "--listen", "0")
     code = good.end()

@@ -162,9 +162,11 @@ def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
     rig.bus.connect()
     rig.go(0.5)
     rig.restart()
-    rig.servo._drive.angle -= 1.0  # it has fallen meanwhile
+    rig.servo.lead(2048, 1.0)  # it falls meanwhile
+    rig.steps(5.0)
     fallen = rig.servo.true_position
-    rig.steps(1.0)
+    assert fallen < 0.2
+    rig.steps(0.5)
     assert {EventKind.LOST, EventKind.TORQUE_LOST, EventKind.RETURNED} & set(rig.kinds)
     assert rig.servo.true_position == pytest.approx(fallen, abs=1e-3)
     assert rig.bus.joint("pan").torque is Torque.OFF_UNTIL_COMMANDED

@@ -64,8 +64,7 @@ def calibrate(
                 "hand."
             )
             zero, low, high = (_pose(workshop, link, prompt) for prompt in _PROMPTS)
-            mount = mount_of(servo, link.model, zero, low, high, margin)
-            mounts.append(replace(mount, offset=_offset(link)))
+            mounts.append(with_memory(mount_of(servo, link.model, zero, low, high, margin), link))
     text = configuration(mounts, workshop.port_name, workshop.baud_rate)
     if output is None:
         terminal.show(text)
@@ -133,20 +132,28 @@ def configuration(
     for mount in mounts:
         name, model = mount.joint_name, mount.model.name
         motor = f"id: {mount.id}, model: {model}, init: {mount.init}, min: {mount.min}"
-        offset = "" if mount.offset is None else f", offset: {mount.offset}"
+        memory = "" if mount.offset is None else f", offset: {mount.offset}"
+        memory += "" if mount.reverse is None else f", reverse: {int(mount.reverse)}"
         low, high = mount.position(mount.min), mount.position(mount.max)
         lines += [
             f"    {name}_controller:",
             f"      joint_name: {name}_joint",
-            f"      motor: {{{motor}, max: {mount.max}{offset}}}    # {low:.3f} to {high:.3f} rad",
+            f"      motor: {{{motor}, max: {mount.max}{memory}}}    # {low:.3f} to {high:.3f} rad",
         ]
     return "\n".join(lines) + "\n"
 
 
-def _offset(link: Servo) -> int | None:
-    """Return what the servo's memory adds to its position, ticks; None if it has no register."""
-    register = link.model.offset
-    return None if register is None else register.counts(link.get(register.name))
+def with_memory(mount: ServoCalibration, link: Servo) -> ServoCalibration:
+    """Return a calibration with the settings of the servo's memory that its ticks depend on.
+
+    The bus refuses a servo whose offset or direction is another one later.
+    """
+    offset = link.model.offset
+    return replace(
+        mount,
+        offset=None if offset is None else offset.counts(link.get(offset.name)),
+        reverse=bool(link.get("Drive Mode") & 1) if "Drive Mode" in link.model.modes else None,
+    )
 
 
 def _pose(workshop: Workshop, link: Servo, prompt: str) -> int:
