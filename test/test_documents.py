@@ -68,3 +68,18 @@ def test_files_that_a_document_names_exist(document: Path) -> None:
         if "NAME" in name:
             continue
         assert (ROOT / name).exists() or (ROOT / "head_tracking" / name).exists(), name
+
+
+def test_the_tables_that_a_new_part_is_entered_in_exist() -> None:
+    text = (ROOT / "docs" / "explain" / "architecture.md").read_text()
+    rows = text.partition("\n## Add one\n")[2].partition("\n## ")[0].splitlines()
+    tables = [
+        (name, file)
+        for row in rows
+        for names, file in re.findall(r"((?:`[A-Z]+`(?: and )?)+) in `([\w/]+\.py)`", row)
+        for name in re.findall(r"[A-Z]+", names)
+    ]
+    assert len(tables) >= 5
+    for name, file in tables:
+        code = (ROOT / "head_tracking" / file).read_text()
+        assert re.search(rf"^{name}\b.*=", code, re.MULTILINE), f"{name} in {file}"

@@ -128,6 +128,26 @@ class _Sending(NamedTuple):
     stops: int
 
 
+class OtherNodes(NamedTuple):
+    """How the page reaches the other nodes of a robot.
+
+    Attributes:
+        services: their switches.
+        topics: what they say.
+        graph: which of them are there.
+        parameters: of them.
+        buffer: the robot's frames.
+        stop: until it is resumed nothing is commanded.
+    """
+
+    services: OtherServices
+    topics: OtherTopics
+    graph: Graph
+    parameters: OtherParameters
+    buffer: TransformBuffer
+    stop: Stop
+
+
 class HeadModes:
     """Switches the nodes of a head, and sends targets; for any thread.
 
@@ -136,36 +156,19 @@ class HeadModes:
 
     Args:
         node: sends targets.
-        services: the switches of the nodes.
-        topics: what the nodes say.
-        graph: the nodes that are there.
-        parameters: of those nodes: what the camera is to find.
-        buffer: the robot's frames.
-        stop: ends what the page sends, and whatever is being switched on.
+        others: the nodes; a STOP ends what the page sends, and whatever is being switched on.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        services: OtherServices,
-        topics: OtherTopics,
-        graph: Graph,
-        parameters: OtherParameters,
-        buffer: TransformBuffer,
-        stop: Stop,
-    ) -> None:
+    def __init__(self, node: Node, others: OtherNodes) -> None:
         self._node = node
-        self._services = services
-        self._topics = topics
-        self._graph = graph
-        self._parameters = parameters
-        self._buffer = buffer
-        self._stop = stop
+        self._services, self._topics, self._graph, self._parameters, self._buffer, self._stop = (
+            others
+        )
         self._changing = threading.RLock()  # one change of modes at a time
         self._wanted = Mode.OFF, ""
-        services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
-        services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
-        services.know(
+        self._services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
+        self._services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
+        self._services.know(
             Trigger,
             *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)),
         )

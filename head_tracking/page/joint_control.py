@@ -10,14 +10,10 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
-from head_tracking.page.head_modes import HeadModes, Mode
-from head_tracking.page.other_topics import OtherTopics
-from head_tracking.page.stop import Stop
+from head_tracking.page.head_modes import HeadModes, Mode, OtherNodes
 from head_tracking.ros.kit.diagnostics import Health
-from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.other_parameters import OtherParameters
-from head_tracking.ros.kit.other_services import OtherServices, Outcome
-from head_tracking.transforms import JointState, JointStates, TransformBuffer
+from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.transforms import JointState, JointStates
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
@@ -46,36 +42,18 @@ class JointControl:
 
     Args:
         node: publishes. `look` must be called in its thread, or in that of a node beside it.
-        services: the switches of the servos.
-        parameters: which controller drives which joint.
-        topics: torques, and who owns the joints.
-        graph: what the bus offers.
+        others: the nodes that drive and own the joints.
         modes: what turns the head must let go of it first.
-        stop: until it is resumed nothing is commanded.
-        buffer: the robot's model.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        services: OtherServices,
-        parameters: OtherParameters,
-        topics: OtherTopics,
-        graph: Graph,
-        modes: HeadModes,
-        stop: Stop,
-        buffer: TransformBuffer,
-    ) -> None:
+    def __init__(self, node: Node, others: OtherNodes, modes: HeadModes) -> None:
         self._node = node
-        self._services = services
-        self._parameters = parameters
-        self._topics = topics
-        self._graph = graph
+        self._services, self._topics, self._graph, self._parameters, self._buffer, self._stop = (
+            others
+        )
         self._modes = modes
-        self._stop = stop
-        self._buffer = buffer
-        services.know(SetBool, "torque_enable")
-        services.know(Trigger, "recover")
+        self._services.know(SetBool, "torque_enable")
+        self._services.know(Trigger, "recover")
         self._controllers: tuple[str, ...] = ()
         self._positions: dict[str, float] = {}
         self._others_send = True

@@ -14,7 +14,13 @@ from rclpy.node import Node
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page.badge import Badge, badge
-from head_tracking.page.head_modes import POINTER, TRACKER, HeadModes, Mode
+from head_tracking.page.head_modes import (
+    POINTER,
+    TRACKER,
+    HeadModes,
+    Mode,
+    OtherNodes,
+)
 from head_tracking.page.joint_control import JointControl
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.stop import Stop
@@ -94,25 +100,11 @@ class Robot:
             self.buffer,
             self.parameters.values,
         )
-        self.modes = HeadModes(
-            node,
-            services,
-            self.topics,
-            self._graph,
-            self.parameters,
-            self.buffer,
-            self.stop,
+        others = OtherNodes(
+            services, self.topics, self._graph, self.parameters, self.buffer, self.stop
         )
-        self.joints = JointControl(
-            node,
-            services,
-            self.parameters,
-            self.topics,
-            self._graph,
-            self.modes,
-            self.stop,
-            self.buffer,
-        )
+        self.modes = HeadModes(node, others)
+        self.joints = JointControl(node, others, self.modes)
         self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
         requests.create_timer(_LOOK_PERIOD, self._look)
         node.create_timer(_LOOK_PERIOD, self.topics.look)

@@ -1,10 +1,9 @@
-"""Draw head.png (the head follows its target) and nodes.svg (who talks to whom)."""
+"""Draw head.png: the head follows its target."""
 
 from __future__ import annotations
 
 import io
 import math
-import subprocess
 import sys
 import time
 from contextlib import ExitStack, closing
@@ -30,7 +29,6 @@ from head_tracking.transforms import RobotModel, TransformException
 
 SECONDS = 14.0
 TARGET_COLOUR, HEAD_COLOUR = "#d9480f", "#1864ab"
-INFRASTRUCTURE = ("parameter", "rosout", "type_description", "get_", "set_", "list_", "describe_")
 
 Samples = dict[str, list[float]]
 
@@ -141,40 +139,6 @@ def draw_head(
     figure.savefig(path, dpi=110)
 
 
-def node_graph(head: Composition) -> str:
-    """Nodes, topics and services as they are in the running graph, for graphviz."""
-    observer = rclpy.create_node("observer")
-    lines = [
-        "digraph {",
-        'graph [rankdir=LR, fontname="sans-serif", nodesep=0.18, ranksep=0.5]',
-        'node [fontname="sans-serif", fontsize=11] edge [color="#868e96", arrowsize=0.7]',
-    ]
-    for name in sorted(head.nodes):
-        lines.append(f'"{name}" [shape=box, style="rounded,filled", fillcolor="#d0ebff"]')
-        for topic, _ in observer.get_publisher_names_and_types_by_node(name, "/"):
-            if not infrastructure(topic):
-                lines.append(f'"{name}" -> "{topic}"')
-        for topic, _ in observer.get_subscriber_names_and_types_by_node(name, "/"):
-            if not infrastructure(topic):
-                lines.append(f'"{topic}" -> "{name}"')
-        services = [
-            service.removeprefix(f"/{name}/")
-            for service, _ in observer.get_service_names_and_types_by_node(name, "/")
-            if not infrastructure(service)
-        ]
-        if services:
-            label = "\\l".join(["services", *sorted(services), ""])
-            lines.append(f'"{name} services" [shape=note, fontsize=9, label="{label}"]')
-            lines.append(f'"{name} services" -> "{name}" [style=dotted, arrowhead=none]')
-    observer.destroy_node()
-    return "\n".join([*dict.fromkeys(lines), "}"])
-
-
-def infrastructure(name: str) -> bool:
-    """Whether every ROS node has a topic or service of this name."""
-    return name.rsplit("/", 1)[-1].startswith(INFRASTRUCTURE)
-
-
 def main() -> None:
     """Runs the simulated head and draws what it did."""
     folder = Path(sys.argv[1])
@@ -183,14 +147,10 @@ def main() -> None:
     with ExitStack() as resources, closing(NodeThreads()) as threads:
         head = compose(plan, threads, resources, StopSignal())
         samples, moment, target = record(head)
-        graph = node_graph(head)
         model = head.buffer.core.model
     assert model is not None
     draw_head(folder / "head.png", model, samples, moment, target)
-    subprocess.run(
-        ["dot", "-Tsvg", "-o", str(folder / "nodes.svg")], input=graph, text=True, check=True
-    )
-    print(f"drew {folder / 'head.png'} and {folder / 'nodes.svg'}")
+    print(f"drew {folder / 'head.png'}")
     error = max(
         abs(a - b)
         for joint in ("pan", "tilt")

@@ -80,6 +80,17 @@ def test_a_value_can_be_changed_while_running(make):
     assert seen == [Example(speed=0.5)]
 
 
+def test_a_value_can_be_changed_where_rclpy_has_no_call_after_a_change(make, monkeypatch):
+    """As in ROS 2 Humble."""
+    monkeypatch.delattr(Node, "add_post_set_parameters_callback")
+    node, seen = make(), []
+    parameters = NodeParameters(node, Example, on_change=seen.append)
+    assert not node.set_parameters([Parameter("speed", value=9.0)])[0].successful
+    assert node.set_parameters([Parameter("speed", value=0.5)])[0].successful
+    assert parameters.value.speed == 0.5
+    assert seen == [Example(speed=0.5)]
+
+
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [

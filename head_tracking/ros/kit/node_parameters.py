@@ -82,8 +82,11 @@ class NodeParameters(Generic[P]):
         if refused:
             raise ParameterError("; ".join(self._told(*each) for each in refused))
         self.value: P = kind(**values)
-        node.add_on_set_parameters_callback(self._check)
-        node.add_post_set_parameters_callback(self._take)
+        if hasattr(node, "add_post_set_parameters_callback"):
+            node.add_on_set_parameters_callback(self._check)
+            node.add_post_set_parameters_callback(self._take)
+        else:  # ROS 2 Humble
+            node.add_on_set_parameters_callback(self._check_and_take)
 
     def _told(self, name: str, error: Exception) -> str:
         """What is wrong with the value given for a field, and where it comes from."""
@@ -130,6 +133,12 @@ class NodeParameters(Generic[P]):
                 described.type = self._node.get_parameter(parameter.name).type_.value
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _check_and_take(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        result = self._check(parameters)
+        if result.successful:
+            self._take(parameters)
+        return result
 
     def _take(self, parameters: Sequence[Parameter]) -> None:
         changed = self._changed(parameters)
