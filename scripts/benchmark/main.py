@@ -14,14 +14,14 @@ BENCHMARKS = {
     **{
         name: f"{name}:{name}"
         for name in (
-            "bus", "calibration", "chaos", "faces", "identity", "interfaces", "network",
-            "pointing", "robots", "run", "soak", "tracking", "transforms", "viewer", "vision",
+            "bus", "calibration", "chaos", "faces", "identity", "interfaces", "pointing",
+            "robots", "run", "soak", "target_path", "tracking", "transforms", "vision",
         )
     },
     "beside": "crash:beside",
-    "killed": "crash:killed",
-    "viewer-fluid": "page:fluidity",
-    "viewer-open": "page:left_open",
+    "crash": "crash:killed",
+    "page": "page:fluidity",
+    "page-open": "page:left_open",
 }  # fmt: skip
 
 
@@ -40,11 +40,10 @@ def main() -> None:
     parser.add_argument(
         "--minutes",
         type=float,
-        help="of soak and chaos (default: 10), or how long to leave the viewer's page open "
-        "instead of measuring what it costs",
+        help="of soak, chaos and page-open (default: 10)",
     )
     parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
-    parser.add_argument("--times", type=int, help="of killed (default: 50) and beside (200)")
+    parser.add_argument("--times", type=int, help="of crash (default: 50) and beside (200)")
     options, others = parser.parse_known_args()
     if options.name == "tracking" and others:
         print(resolve_name("tracking:main")(others))
@@ -52,15 +51,13 @@ def main() -> None:
     if others:
         parser.error(f"unknown arguments: {' '.join(others)}")
     name, minutes = options.name, options.minutes
-    if name == "viewer" and minutes:
-        name = "viewer-open"
     arguments: dict[str, tuple[float, ...]] = {
         "soak": (minutes or 10.0,),
         "chaos": (minutes or 10.0, options.seed),
-        "viewer-open": (minutes or 10.0,),
+        "page-open": (minutes or 10.0,),
     }
     if options.times:
-        arguments |= {"beside": (options.times,), "killed": (options.times,)}
+        arguments |= {"beside": (options.times,), "crash": (options.times,)}
     table = resolve_name(BENCHMARKS[name])(*arguments.get(name, ()))
     print(table)
     write(name, table)

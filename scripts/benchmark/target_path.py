@@ -1,6 +1,4 @@
-"""Counts what one target point passes through: from its message to the command for the joints.
-
-    ROS_AUTOMATIC_DISCOVERY_RANGE=OFF .venv/bin/python scripts/benchmark/target_path.py
+"""Count what one target point passes through: from its message to the command for the joints.
 
 A head_tracker node that has followed a moving target for two seconds is handed one more message,
 and then asked for its part in the cycle, as the loop does. Only functions of this package count.
@@ -17,6 +15,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from frame import report, row, table
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.signals import SignalHandlerOptions
 
@@ -29,8 +28,8 @@ from head_tracking.transforms import load_robot_model
 PACKAGE = str(Path(head_tracking.__file__).parent)
 
 
-def main() -> None:
-    """Prints the count and the functions of each file."""
+def target_path() -> str:
+    """Return the table; report the functions of each file."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     buffer = Buffer()
     buffer.core.set_model(load_robot_model(robot_file("kinectbot")))
@@ -61,11 +60,8 @@ def main() -> None:
     node.destroy_node()
     rclpy.try_shutdown()
     files = sorted({path for path, _ in calls})
-    print(f"{len(calls)} functions in {len(files)} files, {sum(calls.values())} calls")
     for path in files:
         names = [f"{name} {count}x" for (file, name), count in calls.items() if file == path]
-        print(f"  {path.removeprefix(PACKAGE + '/')}: {', '.join(sorted(names))}")
-
-
-if __name__ == "__main__":
-    main()
+        report(f"{path.removeprefix(PACKAGE + '/')}: {', '.join(sorted(names))}")
+    counted = row(len(calls), len(files), calls.total(), "90 functions in 14 files")
+    return table("functions | files | calls | asked", [counted])
