@@ -305,6 +305,8 @@ class ServoBus:
                     self._identify_at_once(servo)
                 else:
                     servo.lose(0)
+            for joint in self._all:
+                joint.require_range()
         except BaseException:
             self._port.close()
             raise

@@ -309,14 +309,20 @@ class Joint:
                 "bus runs. Set one that mounts the servo the other way round at the start"
             )
         first, last = sorted(map(new.position, new.within(self.servos[0].own_range)))
-        lower, upper = self._common(first, last)
+        self._require_range(*self._common(first, last))
+        return new
+
+    def require_range(self) -> None:
+        """Raise ConfigurationError if its two servos allow no position in common."""
+        self._require_range(*self.limits)
+
+    def _require_range(self, lower: float, upper: float) -> None:
         if lower >= upper:
             raise ConfigurationError(
                 f"{self.name}: its two servos allow no position in common, one no less than "
                 f"{lower:.3f} rad, one no more than {upper:.3f} rad; correct min and max, or the "
                 "servos' own angle limits"
             )
-        return new
 
 
 def _both(one: IntFlag, other: IntFlag) -> IntFlag:

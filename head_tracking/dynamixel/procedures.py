@@ -235,6 +235,7 @@ class Procedures:
                 servo.ping(3)
                 yield 0.0
                 yield from servo.identify()
+            joint.require_range()
         except DynamixelError:
             for servo in joint.servos:
                 servo.lose(0)
@@ -273,6 +274,11 @@ class Procedures:
         overtaken = joint.overtaken
         keep = others or (joint.resumes and not (joint.relaxed or joint.resting))
         identity = yield from servo.identify(keep_torque=keep)
+        try:
+            joint.require_range()
+        except ConfigurationError:
+            release(self._bus.port, (servo,))
+            raise
         if joint.overtaken != overtaken:
             release(self._bus.port, (servo,))
             return joint.torque.value

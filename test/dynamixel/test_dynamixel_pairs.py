@@ -125,6 +125,33 @@ def test_limits_that_leave_a_pair_no_position_are_refused(name: str) -> None:
     assert joint.limits == before
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_pair_whose_own_limits_have_nothing_in_common_is_refused(name: str) -> None:
+    pair = Pair(name)
+    ticks = pair.joint.model.ticks
+    pair.bus.close()
+    pair.servos[0].set_register(pair.joint.model.position_limits[1], round(0.4 * ticks))
+    pair.servos[1].set_register(pair.joint.model.position_limits[1], round(0.44 * ticks))
+    with pytest.raises(ConfigurationError):
+        pair.bus.connect()
+    assert not any(servo.register("Torque Enable") for servo in pair.servos)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.2)
+    second, limit = pair.servos[1], pair.joint.model.position_limits[1]
+    second.set_register("ID", 99)
+    pair.step(20)
+    second.set_register(limit, round(0.44 * second.model.ticks))  # the joint's 0.56 and more
+    pair.bus.joint("j").reconfigure(highest=round(0.52 * second.model.ticks))
+    second.set_register("ID", 2)
+    pair.step(400)
+    assert not pair.bus.joint("j").complete
+    assert not second.register("Torque Enable")
+
+
 @pytest.mark.parametrize("silent", [1, 2])
 def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
     pair = Pair("XM430-W350")
