@@ -26,6 +26,7 @@ _TIME: Final = "%Y-%m-%dT%H:%M:%S"
 _MALFORMED: Final = (
     yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError,
 )  # fmt: skip
+_OLD: Final = 180 * 86_400.0  # s
 _SAME: Final = 1e-6  # m, and of a quaternion
 
 
@@ -88,6 +89,11 @@ class Calibration:
     def age(self) -> float:
         """How long ago it was made [s]."""
         return time.time() - self.made
+
+    @property
+    def is_old(self) -> bool:
+        """Whether it is older than half a year: horns and cameras work loose."""
+        return self.age > _OLD
 
     @staticmethod
     def of(geometry: HeadGeometry, solution: Solution) -> Calibration:

@@ -1,13 +1,31 @@
 """The model that the robot's nodes get, with a calibration."""
 
+import re
+import time
+from contextlib import ExitStack, closing
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from random_head import kinectbot_geometry
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from ros_domain import own_domain
+from waiting import wait_for
 
 from head_tracking.calibration import Calibration, CalibrationFileError, calibrated
-from head_tracking.calibration.geometry import Solution
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherParameters
+from head_tracking.calibration.geometry import Estimate, Solution
+from head_tracking.ros.kit.diagnostics import Level, health_from_message
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.robot.robot_state_publisher import (
+    RobotStatePublisherNode,
+    RobotStatePublisherParameters,
+)
 from head_tracking.run.options import parse_arguments
+
+NO_SIGNALS = SignalHandlerOptions.NO
 
 
 @pytest.fixture
@@ -32,3 +50,32 @@ def test_a_run_publishes_the_calibrated_model(file):
 def test_that_of_another_robot_is_refused(file):
     with pytest.raises(CalibrationFileError):
         RobotStatePublisherParameters(robot="turtlebot", calibration=str(file)).model()
+
+
+@pytest.mark.parametrize(("age", "level"), [(3 * 86_400, Level.OK), (400 * 86_400, Level.WARN)])
+def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path, age, level):
+    made = replace(
+        Calibration.load(file),
+        made=time.time() - age,
+        estimates={"camera pitch": Estimate(0.02, 0.001, True)},
+    )
+    made.save(tmp_path / "aged.yaml")
+    said: list[DiagnosticArray] = []
+    context = rclpy.Context()
+    with ExitStack() as stack:
+        domain = int(stack.enter_context(own_domain()))
+        rclpy.init(context=context, domain_id=domain, signal_handler_options=NO_SIGNALS)
+        stack.callback(context.try_shutdown)
+        node = RobotStatePublisherNode(
+            context=context,
+            parameter_overrides=[Parameter("calibration", value=str(tmp_path / "aged.yaml"))],
+        )
+        node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
+        stack.enter_context(closing(NodeThreads())).start(node)
+        wait_for(lambda: said)
+    health = health_from_message(said[0].status[0])
+    assert health.name == "robot_state_publisher: calibration"
+    assert health.level is level
+    assert str(age // 86_400) in health.message
+    assert health.values["source"] == str(tmp_path / "aged.yaml")
+    assert re.match(r"\+1\.15 degrees \+- 0\.06", health.values["camera pitch"])

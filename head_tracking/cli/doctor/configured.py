@@ -18,7 +18,6 @@ from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
 _SLACK: Final = 0.02  # rad
-_OLD: Final = 180.0  # days after which a calibration should be checked
 
 
 def check_configured(
@@ -85,6 +84,6 @@ def check_calibration(robot: str, path: Path) -> Finding:
     text = f"{path}: {days:.0f} days old, {calibration.views} views"
     for name, change, deviation in summary(calibration):
         text += f"; {name} {change} +- {deviation}"
-    if days <= _OLD:
+    if not calibration.is_old:
         return Finding("calibration", Grade.GREEN, text)
-    return Finding("calibration", Grade.AMBER, f"{text}; calibrate again after {_OLD:.0f} days")
+    return Finding("calibration", Grade.AMBER, f"{text}; it is old: calibrate again")

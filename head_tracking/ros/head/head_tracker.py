@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from head_tracking.control import ControlLoop
 from head_tracking.head.modes import Following, FollowingSettings
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_interface import HeadInterface
-from head_tracking.ros.kit.diagnostics import in_namespace
+from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.tf import Buffer
@@ -137,19 +137,10 @@ class HeadTrackerNode(Node):
         if unheard:
             values["not heard"] = unheard
         hampered = control.trouble or unheard or state == TargetState.STALLED
-        level = DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK
+        level = Level.WARN if hampered else Level.OK
         if tracker is not None and tracker.fault:
-            level = DiagnosticStatus.ERROR
-        status = DiagnosticStatus(
-            name="head_tracker: target",
-            level=level,
-            message=text,
-            hardware_id="head",
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(in_namespace(self, message))
+            level = Level.ERROR
+        self._diagnostics.publish(report(self, "target", level, text, values))
 
 
 def main() -> int:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 
@@ -34,6 +34,30 @@ def health_from_message(status: DiagnosticStatus) -> Health:
     level = Level(min(int.from_bytes(status.level, "little"), Level.STALE))
     values = {pair.key: pair.value for pair in status.values}
     return Health(status.name, level, status.message, values)
+
+
+def report(
+    node: Node, name: str, level: Level, text: str, values: Mapping[str, str]
+) -> DiagnosticArray:
+    """Return the message by which a node says how a part of the robot is.
+
+    Args:
+        node: that says it.
+        name: of the part; the node's own name comes before it.
+        level: how bad it is.
+        text: for a person.
+        values: what is known, by name.
+    """
+    status = DiagnosticStatus(
+        name=f"{node.get_name()}: {name}",
+        level=bytes((level,)),
+        message=text,
+        hardware_id="head",
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+    message = DiagnosticArray(status=[status])
+    message.header.stamp = node.get_clock().now().to_msg()
+    return in_namespace(node, message)
 
 
 def in_namespace(node: Node, message: DiagnosticArray) -> DiagnosticArray:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -15,9 +16,10 @@ from std_srvs.srv import Trigger
 from head_tracking.control import ControlLoop
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
-from head_tracking.ros.kit.spinning import run_node
+from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,
@@ -36,6 +38,8 @@ from head_tracking.transforms import (
     parse_robot_model,
     with_fixed_root,
 )
+
+_DIAGNOSTICS_PERIOD = 1.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +142,15 @@ class RobotStatePublisherNode(Node):
         if loop is not None:
             loop.observe(lambda stamp, _: self._send_moving(stamp))
         self.create_service(Trigger, "~/frames", self._on_frames)
+        if p.calibration:
+            from head_tracking.calibration import Calibration, summary
+
+            calibration = self._calibration = Calibration.load(p.calibration)
+            self._values = {"source": p.calibration, "views": str(calibration.views)}
+            for name, change, deviation in summary(calibration):
+                self._values[name] = f"{change} +- {deviation}"
+            self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+            steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_calibration)
 
     def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
         self._take(parameters.model())
@@ -163,6 +176,14 @@ class RobotStatePublisherNode(Node):
             moving = self._edges(moving=True)
             if moving:
                 self._sender.sendTransform(moving)
+
+    def _publish_calibration(self) -> None:
+        """How old the calibration is, and each value with its standard deviation."""
+        calibration = self._calibration
+        level = Level.WARN if calibration.is_old else Level.OK
+        advice = "; it is old: calibrate again" if calibration.is_old else ""
+        text = f"{calibration.age / 86400.0:.0f} days old{advice}"
+        self._diagnostics.publish(report(self, "calibration", level, text, self._values))
 
     def _edges(self, *, moving: bool) -> list[TransformStamped]:
         """The transforms of all joints that move, or of all that do not, as far as known."""
