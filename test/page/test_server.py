@@ -12,6 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
+from browser import PATIENCE, NoBrowser, chromium, open_browser
 from waiting import wait_for
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -148,6 +149,21 @@ def test_a_part_that_fails_is_named_and_the_page_goes_on(page: Page) -> None:
         opened.send("\0 nonsense")
         assert {"robot", "motion", "state"} <= until(opened, "about")["failing"].keys()
         until(opened, "state")
+
+
+def test_each_card_says_why_its_part_cannot_be_shown(page: Page) -> None:
+    try:
+        chromium()
+    except NoBrowser as missing:
+        pytest.skip(str(missing))
+    with open_browser() as opened:
+        shown = opened.new_page()
+        shown.set_default_timeout(1e3 * PATIENCE)
+        shown.goto(f"http://127.0.0.1:{page.port}/")
+        for card in ("robot", "chart", "lookat"):
+            assert shown.locator(f"#{card} .failing").inner_text()
+        assert shown.locator("#pill").get_attribute("data-word") == "fault"
+        shown.close()
 
 
 def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:

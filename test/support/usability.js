@@ -38,8 +38,8 @@
       const { left, right } = one.getBoundingClientRect();
       return left < -1 || right > innerWidth + 1;
     }).map(nameOf),
-    small: visible(INPUTS).filter((one) => !["checkbox", "file"].includes(one.type)).filter((one) => {
-      const { width, height } = one.getBoundingClientRect();
+    small: visible(INPUTS).filter((one) => one.type !== "file").filter((one) => {
+      const { width, height } = ((one.type === "checkbox" && one.closest("label")) || one).getBoundingClientRect();
       return width < 43.5 || height < 43.5;
     }).map(nameOf),
     nameless: visible(INPUTS).filter((one) => !(one.tagName !== "SELECT" && one.textContent.trim()) && !one.getAttribute("aria-label") && !one.getAttribute("aria-labelledby") && !one.labels?.[0]?.textContent.trim()).map(nameOf),

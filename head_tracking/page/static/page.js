@@ -2,7 +2,7 @@
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
 import { button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
-import { Joints, Recordings, Tuning, showHealth } from "./places.js";
+import { Joints, Recordings, Tuning, showFailing, showHealth } from "./places.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
 import { Steering } from "./steer.js";
@@ -205,6 +205,11 @@ class Page {
 
   /** Show modes, servos and health: what changes four times a second at most. */
   showAbout(about) {
+    showFailing(about.failing);
+    if (!about.word) { // nothing is known about the robot now, so nothing older is called its state
+      this.about = null;
+      return this.showWord("fault", "the state of the robot can't be shown");
+    }
     this.about = about;
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);

@@ -146,7 +146,7 @@ export class Tuning {
     };
     let input;
     if (typeof one.value === "boolean") {
-      input = element(row, "input", { id, type: "checkbox" });
+      input = element(element(row, "label", { class: "switch" }), "input", { id, type: "checkbox" });
       input.onchange = () => set(input, input.checked);
     } else if (one.choices.length) {
       input = element(row, "select", { id });
@@ -198,6 +198,19 @@ export class Tuning {
 }
 
 const MENDS = { recover: "Clear faults" };
+
+const CARDS = { camera: ["picture", "boxes"], robot: ["robot", "prediction"], chart: ["motion", "joints"], lookat: ["state", "page"] };
+
+/** Say in its card why a part can't be shown. */
+export function showFailing(failing) {
+  for (const [card, parts] of Object.entries(CARDS)) {
+    const text = parts.filter((part) => part in failing).map((part) => `${part} can't be shown: ${failing[part]}`).join("\n");
+    let note = by(card).querySelector(".failing");
+    if (!text) { note?.remove(); continue; }
+    note ??= element(by(card), "p", { class: "failing", role: "alert" });
+    write(note, text);
+  }
+}
 
 export function showHealth(state) {
   by("alarm").hidden = !state.troubles.length;
