@@ -125,15 +125,18 @@ def described(setting: Setting) -> dict[str, Any]:
     """Return a parameter for JSON: its value, range and label in the page's unit."""
     factor, unit = _factor(setting), _unit(setting)
     low, high = factor * setting.minimum, factor * setting.maximum
+    value = shown_value(setting)
     if factor != 1.0 and 1.0 < high - low < math.inf:  # no farther than its node allows
-        low, high = math.ceil(100.0 * low) / 100.0, math.floor(100.0 * high) / 100.0
+        step = 10.0 ** _decimals(max(abs(low), abs(high)))
+        low, high = math.ceil(step * low) / step, math.floor(step * high) / step
+        value = min(max(value, low), high)
     return {
         "node": setting.node,
         "name": setting.name,
         "label": label(setting),
         "unit": _DEGREES.get(unit, unit) if factor != 1.0 else unit,
         "hint": setting.description,
-        "value": shown_value(setting),
+        "value": value,
         "whole": isinstance(setting.value, int) and not isinstance(setting.value, bool),
         "low": low if math.isfinite(low) else None,
         "high": high if math.isfinite(high) else None,
@@ -157,7 +160,13 @@ def shown_value(setting: Setting) -> Any:
     if isinstance(value, list):
         return ", ".join(f"{number:g}" for number in value)
     factor = _factor(setting)
-    return value if factor == 1.0 else round(value * factor, 3)
+    return value if factor == 1.0 else round(value * factor, _decimals(value * factor))
+
+
+def _decimals(number: float) -> int:
+    """Return how many decimals show four digits of a number, three at most."""
+    digits = math.floor(math.log10(abs(number))) + 1 if 1.0 <= abs(number) < math.inf else 1
+    return max(4 - digits, 0)
 
 
 def sent_value(setting: Setting, shown: Any) -> Any:

@@ -166,6 +166,34 @@ def test_each_card_says_why_its_part_cannot_be_shown(page: Page) -> None:
         shown.close()
 
 
+_GARBLED = """
+JSON.parse = ((parse) => (text) => {
+  const said = parse(text);
+  const troubles = [{ what: "a servo is hot", advice: "", mend: null }];
+  if (said?.type === "about")
+    Object.assign(said, { word: "holding", images: [], modes: null, servos: null, troubles });
+  return said;
+})(JSON.parse);
+"""
+
+
+def test_a_part_that_fails_in_the_browser_keeps_no_other_from_being_shown(page: Page) -> None:
+    try:
+        chromium()
+    except NoBrowser as missing:
+        pytest.skip(str(missing))
+    with open_browser() as opened:
+        shown = opened.new_page()
+        shown.set_default_timeout(1e3 * PATIENCE)
+        shown.add_init_script(_GARBLED)
+        shown.goto(f"http://127.0.0.1:{page.port}/")
+        shown.wait_for_selector("#troubles strong", state="attached")
+        assert shown.locator("#troubles strong").text_content() == "a servo is hot"
+        assert shown.locator("#lookat .failing").text_content()
+        assert shown.locator("#health .failing").text_content()
+        shown.close()
+
+
 def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:
     wait_for(lambda: page.browsers == 0, 30.0)
     with browser(page) as first, browser(page) as second:

@@ -50,6 +50,8 @@ def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
     angle = setting("dead_band", math.radians(30.0), "rad")
     assert shown_value(angle) == pytest.approx(30.0)
     assert sent_value(angle, 45.0) == pytest.approx(math.radians(45.0))
+    assert shown_value(setting("max_joint_acceleration", 80.0, "rad/s^2")) == 4584
+    assert shown_value(setting("success_angle_threshold", 0.01, "rad")) == 0.573
     seconds = setting("target_timeout", 0.5, "s")
     assert (shown_value(seconds), sent_value(seconds, 0.7)) == (0.5, 0.7)
     whole = setting("motor.max", 1023, "ticks")
@@ -119,6 +121,12 @@ def test_ranges_over_decades_get_a_logarithmic_slider(low, high, value, descript
         described(Setting("/node", "name", value, description, low, high))["logarithmic"]
         is logarithmic
     )
+
+
+def test_rounded_values_and_ranges_stay_within_what_the_node_allows():
+    one = described(Setting("/head_tracker", "most", 200.0, "Fastest. [rad/s^2]", 0.5, 200.0))
+    assert (one["low"], one["value"], one["high"]) == (29, 11459, 11459)
+    assert math.radians(one["low"]) >= 0.5 and math.radians(one["high"]) <= 200.0
 
 
 def test_what_protects_the_servos_and_what_experts_need_is_marked():

@@ -18,6 +18,7 @@ class Page {
   constructor() {
     this.state = null;
     this.about = null;
+    this.failing = {}; // why a part can't be shown here, by part
     this.scene = new RobotScene(by("scene"), (point) => this.steer.command("look", { point, take_over: true }));
     this.chart = new Chart(by("lines"));
     this.steer = new Steering(() => this.canSteer());
@@ -205,7 +206,7 @@ class Page {
 
   /** Show modes, servos and health: what changes four times a second at most. */
   showAbout(about) {
-    showFailing(about.failing);
+    showFailing({ ...about.failing, ...this.failing });
     if (!about.word) { // nothing is known about the robot now, so nothing older is called its state
       this.about = null;
       return this.showWord("fault", "the state of the robot can't be shown");
@@ -215,11 +216,18 @@ class Page {
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     if (JSON.stringify(about) === this.slow) return;
     this.slow = JSON.stringify(about);
-    this.steer.show(about);
-    this.joints.show(about);
-    this.recordings.show(about);
-    showServos(about.servos);
-    showHealth(about);
+    const parts = {
+      modes: () => this.steer.show(about),
+      torques: () => this.joints.show(about),
+      recordings: () => this.recordings.show(about),
+      servos: () => showServos(about.servos),
+      health: () => showHealth(about),
+    };
+    this.failing = {};
+    for (const [part, show] of Object.entries(parts)) {
+      try { show(); } catch (error) { this.failing[part] = error.message; }
+    }
+    showFailing({ ...about.failing, ...this.failing });
     if (!about.images.length) this.showNoPicture(about.can_start_camera);
   }
 

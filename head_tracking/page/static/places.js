@@ -199,7 +199,15 @@ export class Tuning {
 
 const MENDS = { recover: "Clear faults" };
 
-const CARDS = { camera: ["picture", "boxes"], robot: ["robot", "prediction"], chart: ["motion", "joints"], lookat: ["state", "page"] };
+const CARDS = {
+  camera: ["picture", "boxes"],
+  robot: ["robot", "prediction"],
+  chart: ["motion", "joints"],
+  lookat: ["state", "page", "modes"],
+  joints: ["torques"],
+  record: ["recordings"],
+  health: ["servos", "health"],
+};
 
 /** Say in its card why a part can't be shown. */
 export function showFailing(failing) {
