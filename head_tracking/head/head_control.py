@@ -738,7 +738,7 @@ class HeadControl:
         self._held = None
         if self.task is None:
             return None
-        return self.law.stop(reading.joints, reading.now)
+        return self.law.stop(reading.joints)
 
     def _close(self, task: HeadTask) -> None:
         assert task.result is not None

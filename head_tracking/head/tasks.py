@@ -176,11 +176,11 @@ class PointTask(HeadTask):
         except TransformException as error:
             if now - since >= self._control.transform_timeout:
                 self.end(TaskEnd.ABORTED, f"the target {self.target} cannot be placed: {error}")
-            return law.stop(reading.joints, now) if moves and self.result else None
+            return law.stop(reading.joints) if moves and self.result else None
         gaze = turn.aim(point, stamp, self.start, positions, now)
         if not gaze.is_usable(clamp=self._clamp):
             self.end(TaskEnd.UNREACHABLE, gaze.reason)
-            return law.stop(reading.joints, now) if moves else None
+            return law.stop(reading.joints) if moves else None
         self.miss = turn.miss
         self._placed = now
         result = turn.judge(now)
@@ -236,7 +236,7 @@ class TrajectoryTask(HeadTask):
             self.end(TaskEnd.SUCCEEDED, result.text, result.code)
             return HeadCommand(*self._positions(now), law.fastest, law.fastest)
         self.end(TaskEnd.ABORTED, result.text, result.code)
-        return law.stop(reading.joints, now)
+        return law.stop(reading.joints)
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """See `HeadTask`."""

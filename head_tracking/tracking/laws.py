@@ -177,9 +177,13 @@ class TrackingLaw(ABC):
     ) -> HeadCommand:
         """The command for a way to pan and tilt [rad], not faster than `speed` [rad/s]."""
 
-    @abstractmethod
-    def stop(self, joints: JointReading, now: float) -> HeadCommand:
+    def stop(self, joints: JointReading) -> HeadCommand:
         """The command that stops the head at once: the goal is the present position."""
+        self._forget()
+        return HeadCommand(*inside(self._head, joints.positions), self.fastest, self.fastest)
+
+    def _forget(self) -> None:  # noqa: B027 - some laws remember nothing
+        """Forget what the head was about."""
 
 
 class PositionLaw(TrackingLaw):
@@ -203,11 +207,6 @@ class PositionLaw(TrackingLaw):
     ) -> HeadCommand:
         """See `TrackingLaw`."""
         return together(joints.positions, goal, speed)
-
-    def stop(self, joints: JointReading, now: float) -> HeadCommand:
-        """See `TrackingLaw`."""
-        goal = inside(self._head, joints.positions)
-        return together(goal, goal, self.fastest)
 
 
 class SpeedLaw(TrackingLaw):
@@ -240,7 +239,7 @@ class SpeedLaw(TrackingLaw):
         held = self._held or inside(self._head, joints.positions)
         self._forget()
         self._held = held
-        return self._at_usual_speed(held), gaze
+        return HeadCommand(*held, self.fastest, self.fastest), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -248,11 +247,6 @@ class SpeedLaw(TrackingLaw):
         """See `TrackingLaw`."""
         self._forget()
         return HeadCommand(*goal, speed, speed)
-
-    def stop(self, joints: JointReading, now: float) -> HeadCommand:
-        """See `TrackingLaw`."""
-        self._forget()
-        return self._at_usual_speed(inside(self._head, joints.positions))
 
     def step(self, wanted: tuple[float, float], present: tuple[float, float]) -> HeadCommand:
         """The command for now.
@@ -277,10 +271,6 @@ class SpeedLaw(TrackingLaw):
         return HeadCommand(
             head.pan_limits.clamp(pan), head.tilt_limits.clamp(tilt), pan_speed, tilt_speed
         )
-
-    def _at_usual_speed(self, goal: tuple[float, float]) -> HeadCommand:
-        speed = self.fastest
-        return HeadCommand(*goal, speed, speed)
 
     def _forget(self) -> None:
         self._joints, self._held = (_JointLaw(), _JointLaw()), None
@@ -408,11 +398,8 @@ class PredictiveLaw(TrackingLaw):
         self._aimed = None
         return self._along(path, speed, elapsed, now)
 
-    def stop(self, joints: JointReading, now: float) -> HeadCommand:
-        """See `TrackingLaw`."""
+    def _forget(self) -> None:
         self._stepped, self._aimed = -math.inf, None
-        speed = self.fastest
-        return HeadCommand(*inside(self._head, joints.positions), speed, speed)
 
     def _receive(self, joints: JointReading, now: float) -> float:
         """Give both joints their reading; after a pause they start anew.

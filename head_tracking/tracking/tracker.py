@@ -228,7 +228,7 @@ class Tracker:
         if on and self.camera.fault:
             self.camera = HeadCamera(self.head, self._readings, self._base)
         self.machine.enable(on)
-        return None if on else self._stop(now)
+        return None if on else self._stop()
 
     def recenter(self) -> None:
         """Forgets the target and takes both joints to 0 or the limit next to it."""
@@ -249,7 +249,7 @@ class Tracker:
             way anywhere.
         """
         moving = self.machine.state not in (TargetState.IDLE, TargetState.DISABLED)
-        command = self._stop(now)
+        command = self._stop()
         self._readings.clear()
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
@@ -265,11 +265,11 @@ class Tracker:
     def _follows(self, now: float) -> bool:
         return self.machine.follows(now, self.estimator.parameters.target_timeout)
 
-    def _stop(self, now: float) -> HeadCommand | None:
+    def _stop(self) -> HeadCommand | None:
         for watch in self._stall_watches:
             watch.restart()
         joints = self._readings.latest
-        return None if joints is None else self.law.stop(joints, now)
+        return None if joints is None else self.law.stop(joints)
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:
         """The estimate as the head's base sees it; None if nobody knows where the base is."""

@@ -45,5 +45,5 @@ def test_it_goes_along_the_limit_to_a_target_out_of_reach(law, head, estimate):
 
 
 def test_it_stops_where_it_is(law):
-    command = law.stop(READING, 0.0)
+    command = law.stop(READING)
     assert (command.pan, command.tilt) == READING.positions

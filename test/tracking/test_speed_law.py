@@ -54,7 +54,7 @@ def test_a_target_out_of_reach_stops_it_where_it_was(law, estimate):
 def test_it_goes_and_stops(law):
     reading = JointReading(0.0, (0.3, 0.1))
     assert law.go_to((0.0, 0.0), 0.3, reading, 0.0).pan_speed == 0.3
-    stopped = law.stop(reading, 0.0)
+    stopped = law.stop(reading)
     assert (stopped.pan, stopped.tilt) == (0.3, 0.1)
 
 
