@@ -60,6 +60,46 @@ def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
         assert abs(ours.between(3.0).positions[:, 0]).max() < reach + 0.25
 
 
+class Deaf:
+    """Servos that hear no command for a while, as between two plugs or before their torque is on.
+
+    Args:
+        servos: as they are.
+        seconds: how long from the first command on.
+    """
+
+    def __init__(self, servos, seconds):
+        self._servos, self._deaf = servos, round(seconds * 1e9)
+        self._since = None
+        self.read, self.true_positions = servos.read, servos.true_positions
+
+    @property
+    def goals(self):
+        return self._servos.goals
+
+    def write(self, command, now):
+        self._since = self._since or now
+        if now - self._since > self._deaf:
+            self._servos.write(command, now)
+
+
+@pytest.mark.parametrize("lag", [0.03, 0.05, 0.07])
+@pytest.mark.parametrize("seconds", [0.26, 0.28, 0.3])
+def test_a_servo_that_hears_late_is_not_driven_past_its_target(head, seconds, lag):
+    servo = PlainServo(dead_time=0.03, lag=lag, resolution=0.005)
+    conditions = Conditions(
+        duration=3.0,
+        points=30.0,
+        noise=0.0,
+        delay=0.02,
+        field=(3.0, 3.0),
+        servos=lambda start: Deaf(servo(start), seconds),
+    )
+    for target in (0.24, 0.36, 0.43):
+        recording, _ = run(head, lambda t, target=target: around(target), conditions)
+        assert recording.positions[:, 0].max() < target + 0.06
+
+
 def test_a_servo_with_a_long_lag_comes_to_rest(head):
     servo = PlainServo(profile=40.0, lag=0.077)
     conditions = replace(BESIDE, servos=servo, on_head=True, delay=0.1)
