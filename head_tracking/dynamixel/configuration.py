@@ -125,13 +125,17 @@ class ServoCalibration:
         return self.model.radians_per_tick
 
     def within(self, own_range: tuple[int, int]) -> tuple[int, int]:
-        """Return lowest and highest tick that this and a servo's own angle limits allow.
+        """Return lowest and highest tick that this, its model and a servo's own limits allow.
 
         Raises:
             ConfigurationError: They have nothing in common.
         """
-        (low, high), (lower, upper) = self.tick_range, own_range
-        lowest, highest = max(low, lower), min(high, upper)
+        (low, high), (lower, upper), (first, last) = (
+            self.tick_range,
+            own_range,
+            self.model.goal_range,
+        )
+        lowest, highest = max(low, lower, first), min(high, upper, last)
         if lowest >= highest:
             raise ConfigurationError(
                 f"{self.joint_name}: the configuration allows ticks {low} to {high}, servo "

@@ -38,6 +38,7 @@ TABLES: Final = Path(__file__).parent / "tables"
 
 _FOLDERS: Final = (TABLES, FEETECH_TABLES)
 
+_STS_MARGIN: Final = 10  # ticks; simulated ones overshoot by 4
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _COUNTS: Final = {
     "scale": 1.0,
@@ -147,6 +148,15 @@ class ServoModel:
     def restarts(self) -> bool:
         """Whether a restart clears its errors; without, writing its Torque Limit does."""
         return "Hardware Error Status" in self.control_table
+
+    @property
+    def goal_range(self) -> tuple[int, int]:
+        """Return the lowest and the highest goal, in ticks.
+
+        An STS servo that overshoots an end of its scale reads the other one, and turns all round.
+        """
+        margin = _STS_MARGIN if self.family == "STS" else 0
+        return margin, self.ticks - 1 - margin
 
     def acknowledges_writes(self, level: int) -> bool:
         """Return whether it answers writes with this Status Return Level."""

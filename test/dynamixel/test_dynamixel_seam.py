@@ -151,7 +151,7 @@ def drive(case: Case) -> Rig:
         rig.step(60)
     assert rig.lowest >= min(case.low, start) - SLACK, (start, rig.lowest)
     assert rig.highest <= max(case.high, start) + SLACK, (start, rig.highest)
-    if case.low <= start <= case.high and 0 < start < servo_model(case.model).ticks - 1:
+    if case.low <= start <= case.high and 0 < round(start) < servo_model(case.model).ticks - 1:
         others = [rig.other(round(start))] if case.second is not None else []
         if all(0 <= each < servo_model(case.model).ticks for each in others):
             assert rig.bus.joint("j").torque is Torque.ON  # what is allowed is not refused
@@ -195,6 +195,20 @@ def test_an_ax_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
 @given(case=cases("XM430-W350", True))
 @example(case=Case("XM430-W350", 1000, 2000, 1500, 3000, 900, (0.5,)))
 def test_two_servos_of_a_joint_never_turn_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+@relaxed
+@given(case=cases("STS3215", False))
+@example(case=Case("STS3215", 3000, 4095, 3500, None, 4199, (0.1,)))
+@example(case=Case("STS3215", 0, 900, 500, None, -140, (0.9, 0.0)))
+def test_an_sts_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
+    drive(case)
+
+
+@relaxed
+@given(case=cases("SCS0009", False))
+def test_an_scs_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
     drive(case)
 
 
