@@ -307,7 +307,9 @@ class TargetEstimator:
         estimate = self._estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
-        if self._expected(estimate, stamp, sight):
+        away = self._angle(sight, Sight(*estimate.bearing(stamp), sight.distance))
+        if away <= _NEAR * self.parameters.jump_threshold + self._off:
+            self._off = away  # one that was off widens the gate
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, sight)
             return Verdict.TAKEN
@@ -316,7 +318,7 @@ class TargetEstimator:
         if any(each[0] == stamp for each in suspects):
             return Verdict.DOUBLED
         self._suspects = [*suspects, (stamp, sight)]
-        alike = self._confirming(suspects, stamp, sight)
+        alike = self._confirming(estimate, suspects, (stamp, sight))
         points = sorted((*alike, (stamp, sight)))
         confirmation = min(self.parameters.jump_confirmation, 0.5 * timeout)
         if self._returns(stamp, sight):
@@ -332,15 +334,23 @@ class TargetEstimator:
         return Verdict.TAKEN
 
     def _confirming(
-        self, suspects: list[tuple[float, Sight]], stamp: float, sight: Sight
+        self,
+        before: TargetEstimate,
+        suspects: list[tuple[float, Sight]],
+        newest: tuple[float, Sight],
     ) -> list[tuple[float, Sight]]:
-        """Return the suspects by which a further one is believed; empty: none."""
-        threshold = self.parameters.jump_threshold
+        """Return the suspects by which a further one is believed; empty: none.
+
+        Two that are far apart are believed as a motion that goes on, but not after a jump: two
+        false detections look like that.
+        """
+        threshold, (stamp, sight) = self.parameters.jump_threshold, newest
         alike = [each for each in suspects if self._angle(each[1], sight) < threshold]
         if alike or not suspects:
             return alike
-        before, last = suspects[-1]
-        if self._angle(last, sight) < _FASTEST * abs(stamp - before):
+        then, last = suspects[-1]
+        is_slow = self._angle(last, sight) < _FASTEST * abs(stamp - then)
+        if is_slow and not self._jumped(before, sorted((suspects[-1], newest))):
             return suspects[-1:]
         line = suspects[-2:]
         if len(line) > 1 and self._angle(_line(line[0], line[1], stamp), sight) < threshold:
@@ -352,15 +362,6 @@ class TargetEstimator:
         if self._left is None or stamp - self._left[0] > _RETURN:
             return False
         return self._angle(self._left[1], sight) < _SAME * self.parameters.jump_threshold
-
-    def _expected(self, before: TargetEstimate, stamp: float, sight: Sight) -> bool:
-        """Return whether a point is near the prediction; one that was off widens the gate."""
-        pan, tilt = before.bearing(stamp)
-        away = self._angle(sight, Sight(pan, tilt, sight.distance))
-        expected = away <= _NEAR * self.parameters.jump_threshold + self._off
-        if expected:
-            self._off = away
-        return expected
 
     def _restart(self, points: Sequence[tuple[float, Sight]]) -> None:
         """Start anew from points that are believed, and judge later ones by them."""

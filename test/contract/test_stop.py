@@ -40,13 +40,17 @@ def running(request, tmp_path_factory):
         if request.param == "one process":
             bench.run("--target", "none")
         else:
-            port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
-            bench.start("servo_bus", "--ros-args", *port)
+            start_bus(bench)
             for name in NODES:
                 bench.start(name)
         bench.person.wait_for_joints()
         with published(bench.person):
             yield bench
+
+
+def start_bus(bench):
+    port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
+    return bench.start("servo_bus", "--ros-args", *port)
 
 
 @contextmanager
@@ -232,3 +236,25 @@ def test_one_client_stops_while_another_commands(bench, person):
     finally:
         commanding.set()
         thread.join()
+
+
+def test_a_servo_bus_that_is_started_anew_stays_stopped_until_resume(tmp_path):
+    with closing(Bench(tmp_path)) as bench:
+        person, bus = bench.person, start_bus(bench)
+        for name in NODES:
+            bench.start(name)
+        person.wait_for_joints()
+        with published(person):
+            wait_for(lambda: person.state("head_tracker") == "tracking")
+            assert person.call("stop").success
+            wait_for(lambda: person.state("head_tracker") == "disabled")
+            bus.kill()
+            start_bus(bench)
+            for _ in range(3):  # whoever waits for the one waits for the other
+                wait_for(lambda: person.call("torque_enable", True).success is False)
+                assert person.state("head_tracker") == "disabled"
+                assert bench.servos.torque == [0, 0]
+                time.sleep(0.5)  # targets keep coming
+            assert person.stopped
+            assert person.call("resume").success
+            wait_for(lambda: bench.servos.torque == [1, 1])

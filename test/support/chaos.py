@@ -50,7 +50,7 @@ from rclpy.signals import SignalHandlerOptions
 from ros_domain import own_domain
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import JointConfiguration
@@ -219,7 +219,7 @@ class Chaos:
         self._targets = False
         self._seconds = 0.0
         self._ending = threading.Event()
-        self._stopped = False
+        self._stopped = self._stopped_by_bus = False
         self._commanded = False
         self._owners = ""
         self._trace: deque[str] = deque(maxlen=40)
@@ -250,6 +250,9 @@ class Chaos:
         )
         self.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         self.node.create_subscription(String, "head_tracker/state", self._on_state, LATCHED)
+        self.node.create_subscription(
+            Bool, "stopped", lambda m: setattr(self, "_stopped_by_bus", m.data), LATCHED
+        )
         self.stop_client = self.node.create_client(Trigger, "stop")
         self.resume_client = self.node.create_client(Trigger, "resume")
         self.enable_client = self.node.create_client(SetBool, "head_tracker/enable")
@@ -475,8 +478,14 @@ class Chaos:
         """A process is ended and started again."""
         self._restart(signal.SIGTERM)
 
-    def _restart(self, number: signal.Signals) -> None:
-        program = self.programs[self.random.choice(sorted(self.programs))]
+    def kill_bus(self) -> None:
+        """The servo bus of a stopped head is killed and started again."""
+        self._stopped_by_bus = False  # the new one says what it knows
+        self._restart(signal.SIGKILL, "servo_bus")
+        self.until(lambda: self._stopped_by_bus, START_LIMIT, "the new servo bus is stopped, too")
+
+    def _restart(self, number: signal.Signals, name: str = "") -> None:
+        program = self.programs[name or self.random.choice(sorted(self.programs))]
         self.note(f"{program.name} {number.name}")
         program.signal(number)
         if number == signal.SIGTERM:
@@ -610,16 +619,17 @@ class Chaos:
         self._lift_after_a_while()
 
     def _ask_to_stop(self) -> Callable[[], list[Any]]:
-        """Asks every 0.1 s until it is answered, as whoever means it does; the answers.
+        """Asks every 0.1 s until it is confirmed, as whoever means it does; the answers.
 
         (A request is lost if it is sent before the two ends of a new service have found each
-        other.)
+        other; and a servo that is just coming back confirms nothing.)
         """
         futures: list[Any] = []
 
         def answers() -> list[Any]:
             done = [future.result() for future in futures if future.done()]
-            if not done and (not futures or time.monotonic() > asked[-1] + 0.1):
+            confirmed = any(answer.success for answer in done)
+            if not confirmed and (not futures or time.monotonic() > asked[-1] + 0.1):
                 futures.append(self.stop_client.call_async(Trigger.Request()))
                 asked.append(time.monotonic())
             return done
@@ -647,8 +657,11 @@ class Chaos:
     def _lift_after_a_while(self) -> None:
         self.look()
         self._stopped = True
+        blows = [self.flood_targets, self.flood_commands, self.unplug]
+        if "servo_bus" in self.programs:  # the others remember the STOP
+            blows.append(self.kill_bus)
         for _ in range(self.random.randrange(3)):
-            self.random.choice((self.flood_targets, self.flood_commands, self.unplug))()
+            self.random.choice(blows)()
         self.wait(self.random.uniform(0.2, 0.6))
         self.look()
         self._stopped = False
@@ -698,7 +711,7 @@ class Chaos:
         return robot < self._recovered or (
             self._joints_heard > robot
             and self._state_heard > tracker
-            and not (self._targets and self._state.startswith("idle"))
+            and not (self._targets and self._state.startswith(("idle", "stalled")))
             and self.stop_client.service_is_ready()
         )
 

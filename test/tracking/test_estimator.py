@@ -434,3 +434,15 @@ def test_a_fast_start_is_followed_without_a_stop(rate):
         t = k / rate
         estimator.add(t, Sight(path(t) + rnd.gauss(0.0, 0.005), 0.0, 2.0), t)
         assert abs(estimator.estimate.bearing(t)[0] - path(t)) < 0.45
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.27, 0.33, 0.4])
+def test_two_false_detections_in_a_gap_are_no_motion(gap):
+    estimator = TargetEstimator(EstimatorParameters())
+    for k in range(30):
+        estimator.add(k / 15.0, Sight(0.7, -0.06, 2.0), k / 15.0 + 0.1)
+    for t, pan, tilt in ((2.0, 0.87, -0.3), (2.0 + gap, 0.8, -0.3 + 1.2 * gap)):
+        assert estimator.add(t, Sight(pan, tilt, 2.0), t + 0.1) is Verdict.JUMP
+    pan, tilt = estimator.estimate.bearing(2.5 + gap)
+    assert abs(pan - 0.7) < 0.02
+    assert abs(tilt + 0.06) < 0.02

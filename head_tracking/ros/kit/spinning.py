@@ -17,6 +17,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.timer import Timer
 from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
@@ -215,13 +216,13 @@ def _probe(context: Context) -> bool:
     return bool(heard)
 
 
-def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> None:
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """Calls back after each period [s] of a clock that runs whatever happens to the node's.
 
     A timer on the node's own clock waits for hours when that is set back by hours, and for ever
     while nobody publishes /clock.
     """
-    node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def run_node(make: Callable[[], Node]) -> int:
