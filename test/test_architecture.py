@@ -43,7 +43,17 @@ ALLOWED: dict[str, set[str]] = {
     "tf": {"transforms", "ros"},
     "ros": CORE | {"tf", "share", "recording", "output", "programs"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
-    "page": {"tracking", "transforms", "gaze", "vision", "dynamixel", "parameters", "tf", "ros"}
+    "page": {
+        "tracking",
+        "targets",
+        "transforms",
+        "gaze",
+        "vision",
+        "dynamixel",
+        "parameters",
+        "tf",
+        "ros",
+    }
     | {"recording", "control", "head"},
     "nodes": {"head", "parameters", "recording", "ros", "share", "tf", "page"},
     "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},

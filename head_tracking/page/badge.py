@@ -13,6 +13,7 @@ from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.tracking import TargetState
 
 _ON_TARGET = math.radians(2.0)
+_SEEN = 0.5  # s: nobody knows whether a head is on a target that was last seen longer ago
 _REFUSED = "refused: "
 
 
@@ -104,6 +105,9 @@ def badge(
             return Badge(Word.HOLDING, said or "no target has come yet")
         on_target = live.error < _ON_TARGET
         return Badge(Word.ON_TARGET if on_target else Word.MOVING, said)
-    if found is Word.ON_TARGET and (live.error or 0.0) > _ON_TARGET:
-        return Badge(Word.MOVING, "the head turns after the target")
+    if found is Word.ON_TARGET:
+        if live.target_stamp is None or live.stamp - live.target_stamp > _SEEN * 1e9:
+            return Badge(Word.MOVING, "the target is not seen; its prediction is followed")
+        if live.error is None or live.error > _ON_TARGET:
+            return Badge(Word.MOVING, "the head turns after the target")
     return Badge(found, reason)

@@ -21,6 +21,7 @@ from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
+from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 
@@ -287,8 +288,7 @@ class HeadModes:
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
-                kept = Target(0, frame, (0.0, 0.0, 0.0))
-                self._keep_sending(mode, lambda: kept, stops)
+                self._keep_sending(mode, self._next_of_frame(frame), stops)
             if mode is Mode.PATH:
                 self._along, self._stepped = 0.0, time.monotonic()
                 self._keep_sending(mode, self._next_of_path, stops)
@@ -448,6 +448,19 @@ class HeadModes:
             self._sending = _Sending(mode, target, stops)
             self._timer.reset()
         self._send_next()
+
+    def _next_of_frame(self, frame: str) -> Callable[[], Target | None]:
+        """Return what finds the next target of a frame; nothing while nobody says where it is."""
+        root = self._buffer.model.root if self._buffer.model is not None else frame
+        follower = FrameTarget(self._buffer, FrameTargetParameters(frame, reference_frame=root))
+
+        def newest() -> Target | None:
+            try:
+                return follower.newest(self._node.get_clock().now().nanoseconds)
+            except (StaleFrameError, TransformException):
+                return None
+
+        return newest
 
     def _next_of_path(self) -> Target | None:
         now, model, path = time.monotonic(), self._buffer.model, self.path

@@ -35,6 +35,7 @@ from head_tracking.vision.camera import Camera, camera_with_view
 _WIDEST, _QUALITY = 640, 80  # pixels, of JPEG
 _AHEAD = 1.5  # m: distance of what a person points at where none is known
 _FACE = 0.24  # m: side of the box around a person's face
+_HIDDEN = 10**9  # ns: a person of whom nothing has come for so long is not marked
 _SLOW = 0.25  # s between samples of what changes slowly
 _PREDICTED = 0.1  # s between predictions of the target's path
 _RECORDED = 60.0  # s
@@ -240,8 +241,11 @@ class Live:
 
     def _boxes(self) -> dict[str, Any]:
         """Return what was found in the picture: what is followed, and the frames of people."""
+        latest, oldest = self._robot.buffer.latest_stamps(), self.observation.stamp - _HIDDEN
         people = {
-            name: place for name, place in self.observation.frames.items() if "person" in name
+            name: place
+            for name, place in self.observation.frames.items()
+            if "person" in name and latest.get(name, 0) > oldest
         }
         mode = self._robot.modes.mode()
         region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None

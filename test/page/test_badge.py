@@ -9,7 +9,14 @@ from head_tracking.page.joint_control import Servo
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import Health, Level
 
-LIVE = Observation(1, {"pan": 0.0}, error=0.001, state="head_tracker: tracking: it is there")
+SECOND = 10**9  # ns
+LIVE = Observation(
+    9 * SECOND,
+    {"pan": 0.0},
+    error=0.001,
+    state="head_tracker: tracking: it is there",
+    target_stamp=9 * SECOND - SECOND // 10,
+)
 ON = (Servo("pan_controller", "pan", True), Servo("tilt_controller", "tilt", True))
 OFF = tuple(replace(servo, torque=False) for servo in ON)
 OVERLOAD = Health("servo_bus: pan", Level.ERROR, "overload", {})
@@ -33,6 +40,13 @@ def test_what_the_node_that_turns_the_head_says():
 
 def test_a_head_that_misses_its_target_is_not_on_it_whatever_is_said():
     assert word(replace(LIVE, error=0.09)) is Word.MOVING
+    assert word(replace(LIVE, error=None)) is Word.MOVING
+
+
+def test_a_head_is_not_on_a_target_that_is_hidden():
+    """The points of a hidden person end, or come so late that the tracker refuses them."""
+    assert word(replace(LIVE, target_stamp=LIVE.stamp - SECOND)) is Word.MOVING
+    assert word(replace(LIVE, target_stamp=None)) is Word.MOVING
 
 
 @pytest.mark.parametrize("state", ["tracking: the head is on the target", "acquiring: it turns"])

@@ -14,6 +14,7 @@ from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.badge import Word
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.ros.kit.spinning import NodeThreads
@@ -96,6 +97,22 @@ def test_a_frame_is_followed(robot, seen):
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.5)))
     put(-0.5)
     wait_for(lambda: head_is_at(robot, bearing(1.0, -0.5)))
+
+
+def test_a_head_is_not_on_a_person_of_whom_nothing_comes_any_more(robot, seen):
+    core = robot.composition.buffer.core
+    place = Transform((1.0, 0.5, 0.5), Rotation.identity())
+
+    def word_while_seen() -> Word:
+        now = robot.node.get_clock().now().nanoseconds
+        core.set_transform(now, "base_link", "person_1", place)
+        return seen.badge(seen.observe()).word
+
+    word_while_seen()
+    assert seen.modes.set_mode(Mode.FOLLOW, "person_1").done
+    wait_for(lambda: word_while_seen() is Word.ON_TARGET)
+    wait_for(lambda: seen.badge(seen.observe()).word is Word.HOLDING)
+    assert head_is_at(robot, bearing(1.0, 0.5))
 
 
 def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
