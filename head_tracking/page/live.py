@@ -120,14 +120,14 @@ class Live:
         self.last_minute = LastMinute(_RECORDED)
         self.observation = Observation(0)
 
-    def observe(self) -> None:
+    def observe(self, *, watched: bool = False) -> None:
         """Add what the robot does now to the last minute."""
         self._attempt("robot", self._follow_model)
-        self._attempt("motion", self._observe)
+        self._attempt("motion", lambda: self._observe(watched=watched))
 
     def sample(self) -> str:
         """Return the state of the robot as JSON. A part that fails is named in it."""
-        self.observe()
+        self.observe(watched=True)
         state: dict[str, Any] = {"type": "state"}
         for part, add in (
             ("joints", self._motion),
@@ -222,8 +222,8 @@ class Live:
             }
         )
 
-    def _observe(self) -> None:
-        self.observation = self._robot.observe()
+    def _observe(self, *, watched: bool) -> None:
+        self.observation = self._robot.observe(watched=watched)
         if self._model is not None:
             self.last_minute.add(self.observation)
 

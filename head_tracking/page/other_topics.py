@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 from collections import deque
@@ -36,6 +35,7 @@ _COMPLAINT_AGE = 5.0  # s
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
 _UNWATCHED = 3.0  # s
+_FIND_PERIOD = 0.25  # s between two looks for pictures
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _NEWEST = QoSProfile(depth=1)
@@ -90,16 +90,18 @@ class OtherTopics:
         self._node = node
         self._graph = graph
         self._heard: dict[str, Heard] = {}
-        self._pictures: dict[str, Any] = {}
+        self._asked: dict[str, Any] = {}
+        self._asking = threading.Lock()
         self._diagnostics: dict[str, Heard] = {}
         self._log: deque[Logged] = deque(maxlen=100)
         self._log_lock = threading.Lock()
         self._watched: dict[str, float] = {}
         self._images: tuple[str, ...] = ()
+        self._infos: tuple[str, ...] = ()
+        self._find_due = 0.0
         for name in _SWITCHED:
             self._listen(Bool, f"{name}/enabled", LATCHED)
-        for name, error in ERRORS.items():
-            self._listen(Float64, error, _NEWEST)
+        for name in ERRORS:
             self._listen(String, f"{name}/state", LATCHED)
         self._owners: Mapping[str, str] = {}
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
@@ -107,30 +109,19 @@ class OtherTopics:
         node.create_subscription(Log, "/rosout", self._on_log, _LOG)
 
     def look(self) -> None:
-        """Finds pictures, and listens to those that somebody looks at."""
-        kinds = {
-            name: types
-            for name, types in self._node.get_topic_names_and_types()
-            if self._graph.is_below(name)
-        }
-        images = [name for name, types in kinds.items() if "sensor_msgs/msg/Image" in types]
-        now = time.monotonic()
-        looked_at = [n for n in images if now - self._watched.get(n, -math.inf) < _UNWATCHED]
-        wanted: dict[str, type] = dict.fromkeys(looked_at, Image)
-        if now - self._watched.get(_REGION, -math.inf) < _UNWATCHED:
-            wanted[_REGION] = RegionOfInterest
-        for name in looked_at:
-            wanted |= {
-                info: CameraInfo
-                for info in _camera_infos(name)
-                if "sensor_msgs/msg/CameraInfo" in kinds.get(info, ())
-            }
-        self._images = tuple(sorted(images))
-        for name in self._pictures.keys() - wanted.keys():
-            self._node.destroy_subscription(self._pictures.pop(name))
-            self._heard.pop(name, None)
-        for name in wanted.keys() - self._pictures.keys():
-            self._pictures[name] = self._listen(wanted[name], name, MEASUREMENT)
+        """Listen no more to what nobody has asked for lately."""
+        due = time.monotonic() - _UNWATCHED
+        with self._asking:
+            for name in [name for name in self._asked if self._watched[name] < due]:
+                self._node.destroy_subscription(self._asked.pop(name))
+                self._heard.pop(name, None)
+
+    def _ask(self, name: str, kind: type, quality: QoSProfile) -> None:
+        """Listen to a topic from now on, for as long as it is asked for."""
+        with self._asking:
+            self._watched[name] = time.monotonic()
+            if name not in self._asked:
+                self._asked[name] = self._listen(kind, name, quality)
 
     def enabled(self, name: str) -> bool | None:
         """Whether a node says that it is switched on; None if it has said nothing."""
@@ -146,8 +137,12 @@ class OtherTopics:
         return {joint: owner.rpartition("/")[2] for joint, owner in self._owners.items()}
 
     def error(self, name: str) -> float | None:
-        """By how much the head misses the target of a node that turns it, now [rad]."""
-        heard = self._heard.get(ERRORS.get(name, ""))
+        """Return by how much the head misses the target of a node that turns it, now [rad].
+
+        None if nothing was heard lately. To ask keeps the subscription.
+        """
+        self._ask(ERRORS[name], Float64, _NEWEST)
+        heard = self._heard.get(ERRORS[name])
         fresh = heard is not None and time.monotonic() - heard.at < _FRESH
         return float(heard.what.data) if heard is not None and fresh else None
 
@@ -202,20 +197,32 @@ class OtherTopics:
 
         None if nothing was found lately. To ask keeps the subscription: finding things costs time.
         """
-        self._watched[_REGION] = now = time.monotonic()
+        self._ask(_REGION, RegionOfInterest, MEASUREMENT)
         heard = self._heard.get(_REGION)
-        if heard is None or now - heard.at > _FRESH:
+        if heard is None or time.monotonic() - heard.at > _FRESH:
             return None
         box = heard.what
         return int(box.x_offset), int(box.y_offset), int(box.width), int(box.height)
 
     def images(self) -> tuple[str, ...]:
-        """Topics with pictures."""
+        """Return the topics with pictures: found while somebody asks, and only then."""
+        now = time.monotonic()
+        if now >= self._find_due:
+            self._find_due = now + _FIND_PERIOD
+            known = [
+                (name, types)
+                for name, types in self._node.get_topic_names_and_types()
+                if self._graph.is_below(name)
+            ]
+            self._images, self._infos = (
+                tuple(sorted(name for name, types in known if kind in types))
+                for kind in ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo")
+            )
         return self._images
 
     def picture(self, topic: str) -> Picture | None:
-        """The newest picture; asking keeps its topic listened to."""
-        self._watched[topic] = time.monotonic()
+        """Return the latest picture; to ask keeps the subscription."""
+        self._ask(topic, Image, MEASUREMENT)
         heard = self._heard.get(topic)
         pixels = None if heard is None else pixels_of(heard.what)
         if heard is None or pixels is None:
@@ -233,6 +240,8 @@ class OtherTopics:
     def _camera(self, topic: str, size: tuple[int, int]) -> Camera | None:
         """What took the pictures of a topic, if it fits their size."""
         for name in _camera_infos(topic):
+            if name in self._infos:
+                self._ask(name, CameraInfo, MEASUREMENT)
             heard = self._heard.get(name)
             if heard is not None:
                 with contextlib.suppress(CameraError):

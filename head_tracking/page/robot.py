@@ -143,8 +143,12 @@ class Robot:
         """What a person should know of the set-up."""
         return tuple(filter(None, (self._no_head, self.modes.fighting())))
 
-    def observe(self) -> Observation:
-        """The newest of everything; never waits."""
+    def observe(self, *, watched: bool = True) -> Observation:
+        """Return the latest of everything; never wait.
+
+        Args:
+            watched: somebody looks; False: without the error, which is published in each cycle.
+        """
         model = self._model
         if model is None:
             return Observation(self._now)
@@ -159,7 +163,7 @@ class Robot:
             outer_frames(self.buffer, model, self._frame_watch.silent(self.buffer.latest_stamps())),
             None if target is None else target.point,
             "" if target is None else str(target.target),
-            None if mode is Mode.OFF else self.topics.error(turner),
+            None if mode is Mode.OFF or not watched else self.topics.error(turner),
             f"{turner}: {state}" if state else "",
             None if target is None else target.stamp,
             self._silent_joints(),

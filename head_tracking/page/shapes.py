@@ -8,13 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
-import trimesh
 import yourdfpy
 
 from head_tracking.transforms import Transform, Vector3
+
+if TYPE_CHECKING:
+    import trimesh
 
 _GREY = (0.6, 0.6, 0.62, 1.0)
 
@@ -193,6 +195,8 @@ def _load(
 ) -> trimesh.Trimesh | None:
     """The mesh at an address; None with the reason in `loaded`."""
     if address not in loaded:
+        import trimesh  # takes half a second; a robot of boxes and cylinders does without
+
         try:
             mesh = trimesh.load(mesh_file(address, find_package), force="mesh")
             loaded[address] = (

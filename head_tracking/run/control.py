@@ -172,17 +172,17 @@ class OtherProcesses:
         self._changed = threading.Condition()
 
     def start(self, spec: NodeSpec) -> None:
-        """Start a node; wait until it runs, unless it is the page.
+        """Start a node and wait until it runs; the supervisor has started the page.
 
         Raises:
             NodeNotStartedError: it cannot; says why.
             EndRequestedError: somebody asked to stop meanwhile.
         """
+        if spec.process == PAGE:
+            return
         with self._changed:
             self._reports.pop(spec.name, None)
             self._line.send(enabled=True, **asdict(spec))
-            if spec.process == PAGE:  # a head does without
-                return
             for _ in range(round(_START_PATIENCE / _POLL)):
                 self._changed.wait(_POLL)
                 self._stop.check()

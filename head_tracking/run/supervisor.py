@@ -22,6 +22,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from typing import Any, Final
 
 from head_tracking.exceptions import RefusedError
@@ -199,6 +200,9 @@ class Supervisor:
             _hear((signal.SIGTSTP, signal.SIGCONT))
         control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
         self._selector.register(control, selectors.EVENT_READ, control)
+        for node in self._plan.nodes:
+            if node.process == PAGE:  # it takes the longest to start, and waits for nobody
+                self._others[PAGE].add({"enabled": True, **asdict(node)})
         import head_tracking.dynamixel  # noqa: F401  now: after a crash there is no time for it
 
         try:
