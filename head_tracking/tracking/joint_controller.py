@@ -248,7 +248,7 @@ _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dea
 _UNSURE = 0.03  # s; while the deviation of the delay is more, the joint is moved cautiously
 _CAUTIOUS = 12.0  # rad/s^2 of such a joint
 _BRAKED = 0.25  # s in which it must be able to stop
-_USED = 0.9  # of the acceleration that the servo is thought to have
+_USED = 0.75  # of the acceleration that the servo is thought to have
 _LATE = 0.04  # s between two commands; a goal that is ahead is reached in such a time
 _PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
 
