@@ -100,7 +100,7 @@ def main() -> int:
                 page.set_default_timeout(1e3 * PATIENCE)
                 page.goto(f"http://127.0.0.1:{run.port}/")
                 page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
-                page.wait_for_function("document.getElementById('picture').naturalWidth > 0", timeout=40e3)
+                page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
                 steps = (name for stage in STAGES for name in stage(page))
                 for number, name in enumerate(steps, 1):
                     page.wait_for_timeout(SETTLING)

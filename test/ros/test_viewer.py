@@ -341,7 +341,9 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
 
 def test_a_wide_window_is_used(viewer, browser):
     page = open_page(browser, viewer.page.port, 1920, 1000)
-    right = "Math.max(...[...document.querySelectorAll('.card')].map(c => c.getBoundingClientRect().right))"
+    right = """Math.max(...[...document.querySelectorAll(".card")].map(
+      card => card.getBoundingClientRect().right
+    ))"""
     for place in PLACES:
         open_tab(page, place)
         assert page.evaluate(right) > 1850, place
@@ -361,14 +363,20 @@ def test_a_label_hides_no_face_however_small(page, faces, width):
     hidden = page.evaluate(
         """([faces, width]) => {
           const size = {left: 0, top: 0, width: `${width}px`, height: `${0.75 * width}px`};
-          for (const id of ["overlay", "labels"]) Object.assign(document.getElementById(id).style, size);
-          headPage.camera.mark([]);
-          headPage.camera.mark(faces.map((box, i) => ({frame: `person_${i}`, label: `person ${i}`, box, distance: 4})));
-          const marked = [...headPage.camera.faces.values()];
-          const hides = (a, b) => Math.min(a.right, b.right) > Math.max(a.left, b.left) + 1 && Math.min(a.bottom, b.bottom) > Math.max(a.top, b.top) + 1;
+          for (const id of ["overlay", "labels"]) {
+            Object.assign(document.getElementById(id).style, size);
+          }
+          const { camera } = headPage;
+          camera.mark([]);
+          camera.mark(faces.map((box, i) => (
+            {frame: `person_${i}`, label: `person ${i}`, box, distance: 4}
+          )));
+          const marked = [...camera.faces.values()];
+          const meet = (a, b) => Math.min(a.right, b.right) > Math.max(a.left, b.left) + 1
+            && Math.min(a.bottom, b.bottom) > Math.max(a.top, b.top) + 1;
           const labels = marked.map(one => one.label.getBoundingClientRect());
           const boxes = marked.map(one => one.box.getBoundingClientRect());
-          return labels.flatMap((label, i) => boxes.filter(box => hides(label, box)).map(() => i));
+          return labels.flatMap((label, i) => boxes.filter(box => meet(label, box)).map(() => i));
         }""",
         [faces, width],
     )
