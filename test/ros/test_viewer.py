@@ -339,6 +339,50 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
     page.close()
 
 
+def test_a_wide_window_is_used(viewer, browser):
+    page = open_page(browser, viewer.page.port, 1920, 1000)
+    right = """Math.max(...[...document.querySelectorAll(".card")].map(
+      card => card.getBoundingClientRect().right
+    ))"""
+    for place in PLACES:
+        open_tab(page, place)
+        assert page.evaluate(right) > 1850, place
+    page.close()
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        [[0.5, 0.02, 0.06, 0.08]],
+        [[0.3, 0.3, 0.05, 0.07], [0.31, 0.2, 0.05, 0.07]],
+        [[0.92, 0.9, 0.05, 0.07], [0.0, 0.5, 0.05, 0.07]],
+    ],
+)
+@pytest.mark.parametrize("width", [360, 560])
+def test_a_label_hides_no_face_however_small(page, faces, width):
+    hidden = page.evaluate(
+        """([faces, width]) => {
+          const size = {left: 0, top: 0, width: `${width}px`, height: `${0.75 * width}px`};
+          for (const id of ["overlay", "labels"]) {
+            Object.assign(document.getElementById(id).style, size);
+          }
+          const { camera } = headPage;
+          camera.mark([]);
+          camera.mark(faces.map((box, i) => (
+            {frame: `person_${i}`, label: `person ${i}`, box, distance: 4}
+          )));
+          const marked = [...camera.faces.values()];
+          const meet = (a, b) => Math.min(a.right, b.right) > Math.max(a.left, b.left) + 1
+            && Math.min(a.bottom, b.bottom) > Math.max(a.top, b.top) + 1;
+          const labels = marked.map(one => one.label.getBoundingClientRect());
+          const boxes = marked.map(one => one.box.getBoundingClientRect());
+          return labels.flatMap((label, i) => boxes.filter(box => meet(label, box)).map(() => i));
+        }""",
+        [faces, width],
+    )
+    assert hidden == []
+
+
 def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, browser):
     context = browser.new_context(viewport={"width": 900, "height": 700})
     page = context.new_page()

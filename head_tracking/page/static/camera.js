@@ -62,6 +62,7 @@ export class CameraPicture {
   clear() {
     if (this.image.src) URL.revokeObjectURL(this.image.src);
     this.image.removeAttribute("src");
+    write(by("fps"), "no picture");
     this.mark([]);
   }
 
@@ -87,15 +88,31 @@ export class CameraPicture {
   mark(boxes) {
     const seen = new Set(boxes.map((one) => one.frame));
     for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
-    for (const one of boxes) {
-      const { box, label } = this.faces.get(one.frame) ?? this.add(one.frame);
+    const { clientWidth: across, clientHeight: down } = by("labels");
+    const taken = boxes.map(({ box: [x, y, width, height] }) => ({ x: x * across, y: y * down, width: width * across, height: height * down }));
+    for (const [number, one] of boxes.entries()) {
+      const face = this.faces.get(one.frame) ?? this.add(one.frame);
       const [x, y, width, height] = one.box;
-      for (const [key, value] of Object.entries({ x, y, width, height })) box.setAttribute(key, value);
-      label.style.left = `${100 * Math.min(Math.max(x, 0), 0.8)}%`;
-      label.style.top = `${100 * Math.min(Math.max(y, 0.1), 1)}%`;
-      label.hidden = x > 1 || x + width < 0;
-      write(label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
+      for (const [key, value] of Object.entries({ x, y, width, height })) face.box.setAttribute(key, value);
+      face.label.hidden = x > 1 || x + width < 0;
+      write(face.label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
+      if (!face.label.hidden) taken.push(this.placeLabel(face, taken[number], taken, across, down));
     }
+  }
+
+  /** Put a label where it hides the least: above its box, below it or beside it; return where. */
+  placeLabel(face, box, taken, across, down) {
+    const size = { width: face.label.offsetWidth, height: face.label.offsetHeight };
+    const spots = [[box.x, box.y - size.height], [box.x, box.y + box.height], [box.x + box.width, box.y], [box.x - size.width, box.y]].map(([x, y]) => ({
+      x: Math.max(0, Math.min(x, across - size.width)), y: Math.max(0, Math.min(y, down - size.height)), ...size,
+    }));
+    const hides = (spot) => taken.reduce((sum, one) => sum + overlap(spot, one), 0);
+    const least = Math.min(...spots.map(hides));
+    if (!spots[face.side] || hides(spots[face.side]) > least) face.side = spots.findIndex((spot) => hides(spot) === least); // it stays while it may
+    const spot = spots[face.side];
+    face.label.style.left = `${spot.x}px`;
+    face.label.style.top = `${spot.y}px`;
+    return spot;
   }
 
   add(frame) {
@@ -106,4 +123,11 @@ export class CameraPicture {
     this.faces.set(frame, { box, label });
     return this.faces.get(frame);
   }
+}
+
+/** Return by how much two rectangles overlap [square pixels]. */
+function overlap(one, other) {
+  const across = Math.min(one.x + one.width, other.x + other.width) - Math.max(one.x, other.x);
+  const down = Math.min(one.y + one.height, other.y + other.height) - Math.max(one.y, other.y);
+  return Math.max(0, across) * Math.max(0, down);
 }

@@ -228,12 +228,12 @@ class Page {
       try { show(); } catch (error) { this.failing[part] = error.message; }
     }
     showFailing({ ...about.failing, ...this.failing });
-    if (!about.images.length) this.showNoPicture(about.can_start_camera);
+    this.showNoPicture(!about.images.length && about.can_start_camera);
   }
 
   showNoPicture(canStart) {
     by("nopicture").replaceChildren();
-    element(by("nopicture"), "span", {}, "No picture yet");
+    element(by("nopicture"), "span", {}, "No picture");
     if (canStart) button(by("nopicture"), "Simulate the camera", () => command("camera"));
   }
 }

@@ -1,0 +1,114 @@
+"""Walks through the page of a run in 25 steps and takes a picture of each, in Debian's chromium."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from browser import PATIENCE, choose, choose_mode, open_browser, open_tab, point_head, press
+from simulated_run import SimulatedRun, own_domain
+
+SIZES = ((1280, 800), (1920, 1080), (390, 844))
+SCHEMES = ("light", "dark")
+SETTLING = 1500  # ms after each step
+
+
+def welcome(page: Any) -> Iterator[str]:
+    """What a newcomer sees."""
+    for name in ("head", "stop", "follow"):
+        page.locator("#welcome").wait_for()
+        yield f"welcome-{name}"
+        page.locator("#welcome-next").dispatch_event("click")
+
+
+def looking(page: Any) -> Iterator[str]:
+    """What the head can look at."""
+    yield "live"
+    for mode in ("face", "ball", "marker"):
+        choose_mode(page, mode)
+        page.wait_for_timeout(2 * SETTLING)
+        yield mode
+    page.locator("#camera").click(position={"x": 60, "y": 140}, force=True)
+    yield "click"
+    page.locator("#pad").focus()
+    page.keyboard.press("ArrowRight")
+    yield "pad"
+    choose_mode(page, "point")
+    yield "point"
+    point_head(page, "base_link", 1.0, 0.4, 0.3)
+    yield "pointed"
+    choose_mode(page, "path")
+    yield "path"
+    choose(page, "shape", "points")
+    yield "path-points"
+    choose_mode(page, "nothing")
+    yield "hands-off"
+    page.locator("#drawn summary").dispatch_event("click")
+    yield "view"
+    page.locator("#drawn summary").dispatch_event("click")
+
+
+def places(page: Any) -> Iterator[str]:
+    """The other places, and STOP."""
+    open_tab(page, "joints")
+    yield "joints"
+    press(page, "Randomise")
+    yield "joints-moved"
+    open_tab(page, "tune")
+    page.locator("#experts").wait_for()
+    yield "tune"
+    page.evaluate("document.getElementById('experts').open = true")
+    yield "tune-experts"
+    open_tab(page, "health")
+    yield "health"
+    page.evaluate("document.querySelector('#faults details').open = true")
+    yield "health-values"
+    open_tab(page, "record")
+    yield "record"
+    press(page, "Replay the last minute")
+    page.locator("#replaying").wait_for()
+    yield "replay"
+    press(page, "Back to the robot")
+    page.locator("#stop").dispatch_event("click")
+    page.locator("#resume").wait_for()
+    yield "stopped"
+    page.locator("#resume").dispatch_event("click")
+    choose(page, "source", "none")
+    yield "no-picture"
+
+
+STAGES: tuple[Callable[[Any], Iterator[str]], ...] = (welcome, looking, places)
+
+
+def main() -> int:
+    """Take the pictures; return 1 if a step could not be done."""
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    chosen = sys.argv[2:]
+    own_domain()
+    with SimulatedRun("--viewer") as run, open_browser() as browser:
+        for width, height in SIZES:
+            for scheme in SCHEMES:
+                if chosen and f"{width}-{scheme}" not in chosen:
+                    continue
+                context = browser.new_context(
+                    viewport={"width": width, "height": height}, color_scheme=scheme
+                )
+                page = context.new_page()
+                page.set_default_timeout(1e3 * PATIENCE)
+                page.goto(f"http://127.0.0.1:{run.port}/")
+                page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
+                page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
+                steps = (name for stage in STAGES for name in stage(page))
+                for number, name in enumerate(steps, 1):
+                    page.wait_for_timeout(SETTLING)
+                    page.screenshot(path=folder / f"{width}-{scheme}-{number:02d}-{name}.png")
+                    print(f"{width} {scheme} {number:2d} {name}", flush=True)
+                context.close()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
