@@ -96,6 +96,10 @@ class ServoBus:
             for joint in check_configuration(joints)
         }
         self._all = tuple(self._joints.values())
+        for joint in self._all:
+            others = {s.id for other in self._all if other is not joint for s in other.servos}
+            for servo in joint.servos:
+                servo.others = others
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
         self._bus = BusContext(
             port, self._joints, self.requests, settings, changes, clock, monotonic, pause

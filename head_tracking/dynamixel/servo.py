@@ -8,7 +8,7 @@ cycles; `run` takes them at once.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
@@ -144,6 +144,7 @@ class Servo:
         identity: What it said about itself; None until it was found.
         link: Whether it answers.
         changes: Counts its changes, and those of the other servos of its bus.
+        others: Ids of the servos of other joints.
         failed_cycles: Failed cycles in a row.
         ask_at: Not before this monotonic time, ns, is it asked again.
         damaged_cycles: Cycles in a row whose replies were damaged, and no reply since.
@@ -182,6 +183,7 @@ class Servo:
         self.identity: ServoIdentity | None = None
         self.link = LinkState.UNKNOWN
         self.changes = changes or Changes()
+        self.others: Collection[int] = ()
         self.failed_cycles = 0
         self.ask_at = 0
         self.damaged_cycles = 0
@@ -402,6 +404,7 @@ class Servo:
             _check_mode(self, memory, lower, upper)
             _check_offset(self, memory)
             _check_direction(self, memory)
+            _check_secondary_id(self, memory)
             self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
             problem = cause
@@ -676,7 +679,7 @@ def _spans(table: ControlTable, own: tuple[str, ...]) -> tuple[Block, ...]:
     wanted = (
         "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
         "Temperature Limit", "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit",
-        "Hardware Error Status", "EEPROM Lock", "Alarm LED", *own,
+        "Hardware Error Status", "EEPROM Lock", "Alarm LED", "Secondary ID", *own,
     )  # fmt: skip
     found = tuple(table.spans(_LONGEST_SPAN, wanted))
     # Of different lengths, so that no reply is taken for the next one.
@@ -728,6 +731,17 @@ def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
             f"servo {servo.id} ({servo.calibration.joint_name}) has {register.name} {offset} in "
             f"its memory, but the configuration was made with offset {wanted}: calibrate it "
             f"again, or `servo set {servo.id} '{register.name}' {wanted}`"
+        )
+
+
+def _check_secondary_id(servo: Servo, memory: Mapping[str, int]) -> None:
+    """Refuse a servo that obeys packets for a servo of another joint, too."""
+    other = memory.get("Secondary ID")
+    if other in servo.others:
+        raise ServoSetupError(
+            f"servo {servo.id} ({servo.calibration.joint_name}) obeys packets for servo {other}, "
+            "too, which turns another joint: take its Secondary ID away, for example with "
+            f"`servo set {servo.id} 'Secondary ID' 255`"
         )
 
 

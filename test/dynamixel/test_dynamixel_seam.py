@@ -312,3 +312,28 @@ def test_a_time_based_profile_is_refused() -> None:
 def test_a_model_without_drive_mode_has_no_reverse() -> None:
     with pytest.raises(ConfigurationError):
         JointConfiguration("j", 1, controller="c", reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("secondary", "refused"), [(1, True), (3, False), (9, False), (255, False)]
+)
+def test_a_servo_that_obeys_packets_for_another_joint_is_refused(
+    secondary: int, refused: bool
+) -> None:
+    model = servo_model("XM430-W350")
+    servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
+    servos[1].set_register("Secondary ID", secondary)
+    bench = Bench(servos)
+    second = ServoCalibration("tilt", 3, 2048, 4095, 0, model)
+    joints = [
+        JointConfiguration("pan", 1, 2048, 0, 4095, controller="p", model=model),
+        JointConfiguration("tilt", 2, 2048, 0, 4095, controller="t", model=model, second=second),
+    ]
+    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    if refused:
+        with pytest.raises(ServoSetupError):
+            bus.connect()
+    else:
+        bus.connect()
+        bus.close()
+    assert {servo.register("Torque Enable") for servo in servos} == {0}
