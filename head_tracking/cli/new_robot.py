@@ -34,6 +34,7 @@ _MODEL: Final = "pan_tilt_head.xacro"
 _READINGS: Final = 9
 _MARGIN: Final = 0.03  # rad that the limits stay away from the ends found by hand
 _MOVED: Final = 0.1  # rad: a servo that turned less was not meant
+_ALIKE: Final = 0.85  # of the way: two servos of one joint turn at least so far alike
 _PAN, _TILT = "head_pan", "head_tilt"
 _POSES: Final = {
     "ahead": "Point the camera straight ahead",
@@ -93,11 +94,11 @@ def main(
     try:
         files = _new_files(options)
         measures = {name: _measure(terminal, options, name) for name in _MEASURES}
-        rate, calibrations = _calibrate(
-            options, lambda baud: workshop(terminal, options.port, baud)
-        )
+        rate, mounts = _calibrate(options, lambda baud: workshop(terminal, options.port, baud))
+        calibrations = [mount for mount, *_ in mounts]
+        seconds = {mount.joint_name: other for mount, *others in mounts for other in others}
         model = _model(options, calibrations, measures)
-        text = configuration(calibrations, options.port, rate, "head_tracking new-robot")
+        text = configuration(calibrations, options.port, rate, "head_tracking new-robot", seconds)
         _check_and_write(files, (model, text))
     except RefusedError as error:
         terminal.say(f"new-robot: refused: {error}")
@@ -216,8 +217,8 @@ def _measure(terminal: Terminal, options: argparse.Namespace, name: str) -> str:
 
 def _calibrate(
     options: argparse.Namespace, workshop: Callable[[int], Workshop]
-) -> tuple[int, tuple[ServoCalibration, ...]]:
-    """Return the baud rate of the servos, and how pan and tilt are mounted."""
+) -> tuple[int, list[list[ServoCalibration]]]:
+    """Return the baud rate, and how the servos of pan and of tilt are mounted."""
     if (options.pan is None) != (options.tilt is None):
         raise RefusedError("give both --pan and --tilt, or neither to move the head by hand")
     if options.pan is not None and options.pan == options.tilt:
@@ -229,17 +230,22 @@ def _calibrate(
         links = [find_servo(port, number) for number in wanted or ids]
         if wanted:
             motions = [
-                _as_given(link, options, joint)
+                [_as_given(link, options, joint)]
                 for link, joint in zip(links, ("pan", "tilt"), strict=True)
             ]
         else:
             motions = _by_hand(bench, links)
         margin = 0.0 if wanted else _MARGIN
-        mounts = []
-        for name, (link, zero, low, high) in zip((_PAN, _TILT), motions, strict=True):
-            mount = mount_of(Wanted(name, link.id), link.model, zero, low, high, margin)
-            mounts.append(with_memory(mount, link))
-    return rate, tuple(mounts)
+        mounts = [
+            [_mounted(name, motion, margin) for motion in found]
+            for name, found in zip((_PAN, _TILT), motions, strict=True)
+        ]
+    return rate, mounts
+
+
+def _mounted(name: str, motion: Motion, margin: float) -> ServoCalibration:
+    link, zero, low, high = motion
+    return with_memory(mount_of(Wanted(name, link.id), link.model, zero, low, high, margin), link)
 
 
 def _find_rate(
@@ -284,8 +290,8 @@ def _as_given(link: Servo, options: argparse.Namespace, joint: str) -> Motion:
     return Motion(link, zero, low, high)
 
 
-def _by_hand(bench: Workshop, links: Sequence[Servo]) -> list[Motion]:
-    """Return pan and tilt as somebody moves them by hand."""
+def _by_hand(bench: Workshop, links: Sequence[Servo]) -> list[list[Motion]]:
+    """Return the servos of pan and of tilt as somebody moves them by hand."""
     held = [link for link in links if link.get("Torque Enable")]
     if held:
         ids = ", ".join(str(link.id) for link in held)
@@ -299,38 +305,40 @@ def _by_hand(bench: Workshop, links: Sequence[Servo]) -> list[Motion]:
             link.id: round(median(link.get("Present Position") for _ in range(_READINGS)))
             for link in links
         }
-    pan = _moved(links, poses, ("right", "left"), ())
-    tilt = _moved(links, poses, ("up", "down"), (pan.link,))
+    pan = _moved(bench.terminal, links, poses, ("right", "left"))
+    rest = [link for link in links if link not in [motion.link for motion in pan]]
+    tilt = _moved(bench.terminal, rest, poses, ("up", "down"))
     return [pan, tilt]
 
 
 def _moved(
-    links: Sequence[Servo], poses: Poses, ends: tuple[str, str], taken: Sequence[Servo]
-) -> Motion:
-    """Return the servo that turned most between two poses.
+    terminal: Terminal, links: Sequence[Servo], poses: Poses, ends: tuple[str, str]
+) -> list[Motion]:
+    """Return the servo that turned most between two poses, and a second one that turned as far.
 
     Raises:
-        RefusedError: none turned, or two did by the same amount.
+        RefusedError: none turned, or others did that drive another joint.
     """
     low, high = (poses[end] for end in ends)
 
     def turn(link: Servo) -> float:
         return abs(high[link.id] - low[link.id]) * link.model.radians_per_tick
 
-    order = sorted(links, key=turn, reverse=True)
-    link, others = order[0], order[1:]
-    if turn(link) < _MOVED or link in taken:
+    most = max(map(turn, links), default=0.0)
+    if most < _MOVED:
         raise RefusedError(
             f"no other servo turned between {ends[0]} and {ends[1]}; was the right joint moved? "
             "Run it again, or name the servos with --pan and --tilt"
         )
-    if others and turn(others[0]) > 0.5 * turn(link):
-        raise RefusedError(
-            f"servos {link.id} and {others[0].id} both turned between {ends[0]} and {ends[1]}. "
-            "Move one joint at a time; if two servos drive one joint, name one of them with --pan "
-            "and --tilt, and add second_motor to the YAML"
-        )
-    return Motion(link, poses["ahead"][link.id], low[link.id], high[link.id])
+    moved = [link for link in links if turn(link) > 0.5 * most]
+    if len(moved) > 1:
+        ids = " and ".join(str(link.id) for link in moved)
+        if len(moved) > 2 or min(map(turn, moved)) < _ALIKE * most:
+            raise RefusedError(
+                f"servos {ids} turned between {ends[0]} and {ends[1]}; move one joint at a time"
+            )
+        terminal.confirm(f"Servos {ids} turned alike. Do they drive one joint together?")
+    return [Motion(link, poses["ahead"][link.id], low[link.id], high[link.id]) for link in moved]
 
 
 def _ticks_text(links: Sequence[Servo]) -> str:

@@ -122,6 +122,21 @@ def test_a_head_that_nobody_has_described_tracks(newcomer: Newcomer) -> None:
     assert worst < math.radians(10.0)
 
 
+def test_a_joint_with_two_servos_is_described(newcomer: Newcomer) -> None:
+    newcomer.poses = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
+    newcomer.answers = "\n\n\ny\n"
+    assert newcomer.run() == DONE
+    text = yaml.safe_load((newcomer.folder / "my_head.yaml").read_text())
+    bus = text["/**/servo_bus"]["ros__parameters"]
+    tilt = bus["head_tilt_controller"]
+    assert {tilt["motor"]["id"], tilt["second_motor"]["id"]} == {3, 5}
+    assert "second_motor" not in bus["head_pan_controller"]
+    directions = [motor["max"] - motor["min"] for motor in (tilt["motor"], tilt["second_motor"])]
+    assert directions[0] * directions[1] < 0
+    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+        assert head.look_at((2.0, 0.8, 0.3)).arrived
+
+
 def test_options_replace_the_poses(newcomer: Newcomer) -> None:
     options = ("--pan-zero", "1500", "--reverse-tilt", "--tilt-range", "-30", "20")
     assert newcomer.run(*GIVEN, *options, "--pan-xyz", "0", "0", "0.3", "--yes") == DONE
@@ -181,9 +196,10 @@ def test_torque_stays_as_it_is_until_somebody_agrees(newcomer: Newcomer) -> None
         [{}, {}, {}, {}, {}],  # nothing was moved
         [{}, {9: 600}, {9: 2600}, {9: 600}, {9: 2600}],  # pan moves in place of tilt
         [{}, {9: 600, 5: 1000}, {9: 2600, 5: 3000}, {}, {}],  # two at once
+        [{}, {9: 600, 5: 1500}, {9: 2600, 5: 2800}, {}, {}],  # two at once, not alike
         [{9: 600}, {}, {9: 2600}, {5: 2900}, {5: 1700}],  # zero is at the end of the range
     ],
-    ids=["none", "same", "both", "zero"],
+    ids=["none", "same", "both", "unlike", "zero"],
 )
 def test_poses_that_make_no_sense_are_refused(
     newcomer: Newcomer, poses: list[dict[int, int]]

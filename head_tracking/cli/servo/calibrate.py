@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -117,8 +117,17 @@ def configuration(
     port_name: str,
     baud_rate: int,
     program: str = "servo calibrate",
+    seconds: Mapping[str, ServoCalibration] = {},
 ) -> str:
-    """Return the servo bus's part of a configuration file such as config/kinectbot.yaml."""
+    """Return the servo bus's part of a configuration file such as config/kinectbot.yaml.
+
+    Args:
+        mounts: Of the joints.
+        port_name: Of the servos.
+        baud_rate: Of them.
+        program: Which writes it.
+        seconds: The second servo of a joint that has two, by the joint's name.
+    """
     mounts = tuple(mounts)
     lines = [
         f"# Written by `{program}`.",
@@ -130,17 +139,23 @@ def configuration(
         f"    dynamixels: [{', '.join(mount.joint_name for mount in mounts)}]",
     ]
     for mount in mounts:
-        name, model = mount.joint_name, mount.model.name
-        motor = f"id: {mount.id}, model: {model}, init: {mount.init}, min: {mount.min}"
-        memory = "" if mount.offset is None else f", offset: {mount.offset}"
-        memory += "" if mount.reverse is None else f", reverse: {int(mount.reverse)}"
+        name = mount.joint_name
         low, high = mount.position(mount.min), mount.position(mount.max)
+        motor = f"model: {mount.model.name}, {_values(mount)}"
         lines += [
             f"    {name}_controller:",
             f"      joint_name: {name}_joint",
-            f"      motor: {{{motor}, max: {mount.max}{memory}}}    # {low:.3f} to {high:.3f} rad",
+            f"      motor: {{{motor}}}    # {low:.3f} to {high:.3f} rad",
         ]
+        if name in seconds:
+            lines.append(f"      second_motor: {{{_values(seconds[name])}}}")
     return "\n".join(lines) + "\n"
+
+
+def _values(mount: ServoCalibration) -> str:
+    text = f"id: {mount.id}, init: {mount.init}, min: {mount.min}, max: {mount.max}"
+    text += "" if mount.offset is None else f", offset: {mount.offset}"
+    return text + ("" if mount.reverse is None else f", reverse: {int(mount.reverse)}")
 
 
 def with_memory(mount: ServoCalibration, link: Servo) -> ServoCalibration:
