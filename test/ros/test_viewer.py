@@ -175,11 +175,13 @@ def test_the_target_is_dragged_where_the_head_shall_look(robot, viewer, page):
     box = canvas.bounding_box()
     x = box["x"] + 0.5 * (1 + across) * box["width"]
     y = box["y"] + 0.5 * (1 - up) * box["height"]
+    over = up + 2 * 30 / box["height"]  # where the drag ends
     view = page.evaluate("headPage.scene.camera.position.toArray()")
     before = viewer.robot.observe().target
     drag(page, (x, y), (x, y - 30))
-    wait_for(lambda: viewer.robot.observe().target[2] > before[2] + 0.02, PATIENCE)
+    wait_for(lambda: abs(page.evaluate(seen)[1] - over) < 0.01, PATIENCE)
     assert page.evaluate("headPage.scene.camera.position.toArray()") == pytest.approx(view)
+    assert viewer.robot.observe().target[2] > before[2] + 0.02
     there = viewer.robot.observe().target
     drag(page, (x, y + 60), (x + 60, y + 60))  # beside the target the view turns
     assert page.evaluate("headPage.scene.camera.position.toArray()") != pytest.approx(view)
