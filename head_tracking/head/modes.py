@@ -13,6 +13,7 @@ from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
     HeadBase,
+    Learning,
     Refusal,
     SpeedLimits,
     TargetState,
@@ -35,6 +36,7 @@ class FollowingSettings:
         law_parameters: of this law, of its class `Parameters`.
         estimator: what counts as the same target.
         state: what to do without one.
+        learning: a name in `Learning`.
     """
 
     law: str = "predictive"
@@ -42,6 +44,7 @@ class FollowingSettings:
     law_parameters: Any = None
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     state: TargetStateParameters = field(default_factory=TargetStateParameters)
+    learning: str = Learning.ON
 
 
 class Following(TargetMode):
@@ -74,6 +77,7 @@ class Following(TargetMode):
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
+        tracker.learn(Learning(settings.learning))
 
     def use(self, control: HeadControl, head: PanTiltHead, base: HeadBase | None) -> None:
         """See `TargetMode`."""
@@ -81,6 +85,7 @@ class Following(TargetMode):
         self._law, self._period = settings.law, control.period
         law = LAWS[self._law](head, self._period, settings.limits, settings.law_parameters)
         self.tracker = Tracker(head, law, settings.estimator, settings.state, base)
+        self.tracker.learn(Learning(settings.learning))
         if before is not None:
             control.send(before.reset("another robot_description has come", control.now))
         self.enable(control.off, control.now)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -41,10 +42,19 @@ from head_tracking.exceptions import (
 from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.head.modes import Following
+from head_tracking.head.modes import Following, FollowingSettings
 from head_tracking.head.tasks import HeadTask, PointTask, TaskEnd
+from head_tracking.parameters import checked, parameter_info
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.tracking import ClockWatch, Target, TargetState, Tracker
+from head_tracking.tracking import (
+    ClockWatch,
+    LearnedValue,
+    Learning,
+    PredictiveLawParameters,
+    Target,
+    TargetState,
+    Tracker,
+)
 from head_tracking.transforms import (
     LATEST,
     RobotModel,
@@ -145,7 +155,8 @@ class Head:
         self._pan, self._tilt = pan.joint_name, tilt.joint_name
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
-        self._following = Following()
+        self._settings = FollowingSettings()
+        self._following = Following(lambda: self._settings)
         self._bus = ServoBus(
             DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
             servos,
@@ -397,6 +408,31 @@ class Head:
             self, camera, marker=marker, frame=frame, model=model, focal_length=focal_length,
             report=report,
         )  # fmt: skip
+
+    @property
+    def learned(self) -> Mapping[str, LearnedValue]:
+        """What tracking has learned of the servos and of a camera on the head, by name."""
+        with self._control.lock:
+            return self._tracker.learned
+
+    def learn(self, how: str = "on", *, servo_delay: float = 0.0) -> None:
+        """Choose what becomes of what tracking learns.
+
+        Args:
+            how: "on": it is learned; "frozen": it stays as it is; "off": it is forgotten.
+            servo_delay: from a command to the motion [s], given by hand; 0: learned.
+
+        Raises:
+            ValueError: there is no such way to learn, or the delay is not from 0 to 0.15 s.
+        """
+        if how not in tuple(Learning):
+            raise ValueError(f"how to learn is {how!r}; allowed are {', '.join(Learning)}")
+        (known,) = [each for each in fields(PredictiveLawParameters) if each.name == "servo_delay"]
+        delay = checked(known.name, parameter_info(known), 0.0, servo_delay)
+        law = PredictiveLawParameters(servo_delay=delay)
+        self._settings = FollowingSettings(law_parameters=law, learning=how)
+        with self._control.lock:
+            self._following.tune()
 
     def hold(self) -> None:
         """End what is under way, also of another thread; the head stays where it is."""

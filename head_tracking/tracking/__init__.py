@@ -21,6 +21,7 @@ from head_tracking.tracking.laws import (
     SpeedLimits,
     TrackingLaw,
 )
+from head_tracking.tracking.learned import LearnedValue, Learning
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
@@ -64,6 +65,8 @@ __all__ = [
     "JointPoint",
     "JointReading",
     "JointTrajectory",
+    "LearnedValue",
+    "Learning",
     "NotFollowing",
     "PositionLaw",
     "PredictiveLaw",

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking.hypothesis_bank import HypothesisBank
 from head_tracking.tracking.joint_readings import JointReadings
+from head_tracking.tracking.learned import LearnedValue
 from head_tracking.tracking.target import HeadBase
 from head_tracking.transforms import Rotation, Vector3
 
@@ -96,18 +97,19 @@ class HeadCamera:
         applied: the stamp error that points are corrected by [s]; 0 until it is clear.
         fault: how the servos turn the camera otherwise than they report; empty: as they report.
         waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
+        is_learning: whether points are judged.
     """
 
     def __init__(
         self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
     ) -> None:
-        self.applied, self.fault = 0.0, ""
+        self.applied, self.fault, self.is_learning = 0.0, "", True
         self.waiting: deque[tuple[float, Vector3]] = deque()
         self._head, self._readings, self._base = head, readings, base
         self._came = self._judged = -math.inf
         self._range = math.nan
         self._first: Rotation | None = None
-        self._confirmed = False
+        self._deviation = math.inf  # of the applied error, when the points told it best
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
         wrong = len(_TURNS) - 1
         self._errors = np.concatenate([_ERRORS, np.tile(_NEAR, wrong)])
@@ -121,6 +123,12 @@ class HeadCamera:
         return _moments(self._timing)
 
     @property
+    def learned(self) -> LearnedValue:
+        """The error of the stamps, as it is applied."""
+        deviation = min(self._deviation, self.stamp_error.deviation)
+        return LearnedValue(self.applied, deviation, self._judged)
+
+    @property
     def safe_speed(self) -> float:
         """The greatest speed [rad/s] at which doubt about the stamps does not cost the target.
 
@@ -130,6 +138,10 @@ class HeadCamera:
             return math.inf
         mean, deviation = _moments(self._timing + _PRIOR)
         return max(_VIEW / math.hypot(deviation, mean - self.applied), _TELLING)
+
+    @property
+    def _confirmed(self) -> bool:
+        return self._deviation < _EXACT
 
     @property
     def _timing(self) -> Array:
@@ -150,8 +162,13 @@ class HeadCamera:
         if latest is not None and self._came < stamp < latest.stamp + _AHEAD:
             self._came = stamp
             self._recent.append((stamp, ray))
-            self.waiting.append((stamp, ray))
+            if self.is_learning:
+                self.waiting.append((stamp, ray))
         return self._placed(stamp, ray) if self.applied else (stamp, point)
+
+    def keep(self, before: HeadCamera) -> None:
+        """Apply the error of the stamps that was learned before."""
+        self.applied, self._deviation = before.applied, before._deviation
 
     def forget_target(self) -> None:
         """Forget the points of the target; what they have told of the camera is kept."""
@@ -244,7 +261,7 @@ class HeadCamera:
         applied = float(np.interp(self.applied, _ERRORS, scores))
         farther = abs(mean - self.applied) - _NEARBY
         if abs(mean - self.applied) < _OTHERWISE:
-            self._confirmed = self._confirmed or _moments(scores).deviation < _EXACT
+            self._deviation = min(self._deviation, _moments(scores).deviation)
         elif farther > 0.0 and applied > -max(_CONTRADICTED * self._confirmed, _MORE * farther):
             return
         before = self.applied
@@ -254,7 +271,8 @@ class HeadCamera:
             right = np.exp(scores + _PRIOR)
             if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
                 self.applied = 0.0
-        self._confirmed = self._confirmed and abs(self.applied - before) < _OTHERWISE
+        if abs(self.applied - before) >= _OTHERWISE:
+            self._deviation = math.inf
 
     def _decide_mounting(self) -> None:
         """Report a mounting that is clearly wrong; exclude those that the points contradict."""

@@ -280,6 +280,10 @@ class JointController:
         self._side = 0.0
         self._goal = self._speed = math.nan
 
+    def forget(self) -> None:
+        """Forget what was learned of the servo; `restart` must follow."""
+        self.servo = ServoModel()
+
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], so long after the last command [s]."""
         motion = self.motion

@@ -22,6 +22,7 @@ from head_tracking.tracking.joint_controller import (
     Reference,
 )
 from head_tracking.tracking.joint_readings import JointReading
+from head_tracking.tracking.learned import LearnedValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +118,7 @@ class TrackingLaw(ABC):
         limits: may change at any time.
         parameters: may change at any time.
         at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
+        is_learning: whether it learns how late the servos are.
     """
 
     Parameters: ClassVar[type[Any]] = NoParameters
@@ -124,6 +126,7 @@ class TrackingLaw(ABC):
     usual_speed: ClassVar[float] = 5.0
     parameters: Any
     at_most = math.inf
+    is_learning = True
 
     def __init__(
         self,
@@ -148,9 +151,12 @@ class TrackingLaw(ABC):
         return 0.0, 0.0
 
     @property
-    def deviations(self) -> tuple[float, float]:
-        """Standard deviations of `delays` [s]."""
-        return 0.0, 0.0
+    def learned(self) -> tuple[LearnedValue, ...]:
+        """What is learned of `delays`."""
+        return ()
+
+    def forget_learned(self) -> None:  # noqa: B027 - some laws learn nothing
+        """Forget what was learned."""
 
     @property
     def lead_times(self) -> tuple[float, float]:
@@ -346,11 +352,18 @@ class PredictiveLaw(TrackingLaw):
         return pan.servo.delay, tilt.servo.delay
 
     @property
-    def deviations(self) -> tuple[float, float]:
+    def learned(self) -> tuple[LearnedValue, ...]:
         """See `TrackingLaw`."""
-        pan, tilt = self._joints
-        known = self.parameters.servo_delay > 0.0
-        return (0.0, 0.0) if known else (pan.servo.deviation, tilt.servo.deviation)
+        if self.parameters.servo_delay > 0.0:
+            return tuple(LearnedValue(delay, is_given=True) for delay in self.delays)
+        servos = [joint.servo for joint in self._joints]
+        return tuple(LearnedValue(servo.delay, servo.deviation, servo.learned) for servo in servos)
+
+    def forget_learned(self) -> None:
+        """See `TrackingLaw`."""
+        self._stepped = -math.inf
+        for joint in self._joints:
+            joint.forget()
 
     @property
     def lead_times(self) -> tuple[float, float]:
@@ -416,6 +429,7 @@ class PredictiveLaw(TrackingLaw):
             self._joints, joints.positions, joints.velocities, strict=True
         ):
             joint.servo.known_delay = self.parameters.servo_delay
+            joint.servo.is_learning = self.is_learning
             if anew:
                 joint.restart(joints.stamp, position, velocity)
             else:

@@ -80,6 +80,8 @@ class ServoModel:
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
         acceleration: geometric mean of the posterior over how hard the shaft can accelerate
             [rad/s^2].
+        is_learning: whether the posterior changes.
+        learned: when it did last [s]; -inf: never.
     """
 
     def __init__(self) -> None:
@@ -90,6 +92,7 @@ class ServoModel:
         self._posterior()
         self.delay = self.mean
         self.known_delay = 0.0
+        self.is_learning, self.learned = True, -math.inf
         self.restart(0.0, 0.0)
 
     @property
@@ -239,7 +242,7 @@ class ServoModel:
         """Compare the shaft's displacement in a window with the one of every hypothesis."""
         cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
         newest = self._grid_start + cell * _CELL
-        if newest < self._judged + _EVERY:
+        if newest < self._judged + _EVERY or not self.is_learning:
             return
         position = self._at(newest)
         before = self._at(newest - _WINDOW * _CELL)
@@ -264,6 +267,7 @@ class ServoModel:
         self._xy = kept * self._xy + (weight * moved) * expected
         self._yy = kept * self._yy + weight * (moved * moved + unexplained * unexplained)
         self._windows = kept * self._windows + share
+        self.learned = newest
         self._posterior()
 
     def _limited(self, setpoints: Array, start: float, stamp: float) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
@@ -17,6 +17,7 @@ from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.head_camera import HeadCamera
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
 from head_tracking.tracking.laws import TrackingLaw
+from head_tracking.tracking.learned import LearnedValue, Learning
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
     TargetState,
@@ -57,14 +58,12 @@ class Delays:
         interval: between points [s].
         reading: age of a joint's measurement when it is used [s].
         servos: from a command to the motion it causes, of pan and tilt [s].
-        deviations: standard deviations of `servos` [s].
     """
 
     message: float
     interval: float
     reading: float
     servos: tuple[float, float]
-    deviations: tuple[float, float]
 
 
 class Tracker:
@@ -107,7 +106,8 @@ class Tracker:
             FollowingWatch(head.tilt_joint),
         )
         self._readings = JointReadings()
-        self.camera = HeadCamera(head, self._readings, base)
+        self._learning = Learning.ON
+        self.camera = self._new_camera()
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
         self._interval = 0.0
@@ -129,9 +129,29 @@ class Tracker:
     @property
     def delays(self) -> Delays:
         """How late everything is, as measured."""
-        law = self.law
         ages = self._message_age, self._interval, self._reading_age
-        return Delays(*ages, law.delays, law.deviations)
+        return Delays(*ages, self.law.delays)
+
+    @property
+    def learned(self) -> Mapping[str, LearnedValue]:
+        """What was learned of the servos and of a camera on the head, by name."""
+        joints = self.head.pan_joint, self.head.tilt_joint
+        servos = zip(joints, self.law.learned, strict=False)
+        found = {f"{joint}: delay of its servo": value for joint, value in servos}
+        return {**found, "camera: its stamps are too late by": self.camera.learned}
+
+    def learn(self, how: Learning) -> None:
+        """Learn from now on, keep what was learned as it is, or forget it."""
+        self._learning = how
+        if how is Learning.OFF:
+            self.law.forget_learned()
+            self.camera = self._new_camera()
+        self.law.is_learning = self.camera.is_learning = how is Learning.ON
+
+    def _new_camera(self) -> HeadCamera:
+        camera = HeadCamera(self.head, self._readings, self._base)
+        camera.is_learning = self._learning is Learning.ON
+        return camera
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Accept pan and tilt [rad] as measured at `stamp` [s]; only newer, finite ones count."""
@@ -226,7 +246,7 @@ class Tracker:
             return None
         self._forget_target()
         if on and self.camera.fault:
-            self.camera = HeadCamera(self.head, self._readings, self._base)
+            self.camera = self._new_camera()
         self.machine.enable(on)
         return None if on else self._stop()
 
@@ -253,7 +273,9 @@ class Tracker:
         self._readings.clear()
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
-        self.camera = HeadCamera(self.head, self._readings, self._base)
+        before, self.camera = self.camera, self._new_camera()
+        if self._learning is Learning.FROZEN:
+            self.camera.keep(before)
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")
         return command if moving else None

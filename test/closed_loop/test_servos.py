@@ -7,7 +7,7 @@ import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import Pair, PlainServo
 
-from head_tracking.tracking import LAWS, Tracker
+from head_tracking.tracking import LAWS, Learning, Tracker
 
 
 def around(pan, tilt=0.0):
@@ -116,5 +116,38 @@ def test_each_joint_is_predicted_at_its_own_delay(head):
     assert recording.between(6.0).rms < 1.5 * alike.between(6.0).rms
     pan, tilt = steered.law.lead_times
     assert pan - tilt == pytest.approx(0.13, abs=0.02)
-    deviations = steered.delays.deviations
-    assert max(deviations) < 0.03
+    learned = steered.learned
+    assert max(learned[name].deviation for name in learned if "servo" in name) < 0.03
+
+
+@pytest.mark.parametrize("how", list(Learning))
+def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, how):
+    steered = tracker(head)
+    before = steered.learned
+    ordinary = replace(BESIDE, duration=8.0, servos=PlainServo(dead_time=0.02), on_head=True)
+    ClosedLoop(swing, ordinary).run(steered)
+    learned = steered.learned
+    assert {each.source for each in learned.values()} >= {"learned"}
+    steered.learn(how)
+    steered.reset("a new run", 0.0)
+    other = replace(ordinary, servos=PlainServo(dead_time=0.12), stamp_error=0.09)
+    ClosedLoop(swing, other).run(steered)
+    now = steered.learned
+    assert list(now) == list(learned)
+    pan, tilt, camera = now
+    if how is Learning.ON:
+        assert now[pan].value > learned[pan].value + 0.015
+        assert now[camera].value == pytest.approx(0.09, abs=0.02)
+    elif how is Learning.FROZEN:
+        assert [now[name].value for name in (tilt, camera)] == [
+            learned[name].value for name in (tilt, camera)
+        ]
+        assert now[pan].value == pytest.approx(learned[pan].value, abs=0.02)
+        assert now[camera].source == "learned"
+    else:
+        assert {each.source for each in now.values()} == {"not observable"}
+        assert [each.value for each in now.values()] == [each.value for each in before.values()]
+    steered.learn(Learning.ON)
+    steered.law.parameters = replace(steered.law.parameters, servo_delay=0.05)
+    ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
+    assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")

@@ -110,6 +110,30 @@ def test_a_moving_target_is_followed(head, servos):
     assert servos.true != before
 
 
+def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
+    pan = next(name for name in head.learned if "pan" in name)
+    assert head.learned[pan].source == "not observable"
+    began = time.time()
+
+    def learns():
+        now = time.time()
+        swing = 0.7 * math.sin(1.5 * (now - began))
+        head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
+        time.sleep(0.02)
+        return head.learned[pan].source == "learned"
+
+    wait_for(learns)
+    head.learn("frozen")
+    assert head.learned[pan].source == "learned"
+    head.learn("off")
+    assert head.learned[pan].source == "not observable"
+    head.learn(servo_delay=0.06)
+    wait_for(lambda: head.learned[pan].source == "given")
+    for wrong in ({"how": "never"}, {"servo_delay": 9.0}, {"servo_delay": "long"}):
+        with pytest.raises(ValueError):
+            head.learn(**wrong)
+
+
 def test_following_does_not_wait_for_the_servos(head, servos):
     answering = threading.Event()
     silence = threading.Thread(target=servos.port.use, args=[lambda _: answering.wait(30.0)])

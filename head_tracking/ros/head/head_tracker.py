@@ -19,13 +19,13 @@ from head_tracking.tf import Buffer
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
+    Learning,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_KNOWN = 0.05  # s; a stamp error with a larger deviation is not shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,12 @@ class HeadTrackerParameters:
         "What steers the head: "
         + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
+    )
+    learning: str = parameter(
+        Learning.ON.value,
+        "How late servos and camera are is learned (on), kept as it was learned (frozen), or "
+        "forgotten (off).",
+        choices=tuple(each.value for each in Learning),
     )
 
 
@@ -90,13 +96,15 @@ class HeadTrackerNode(Node):
         return self.interface.control.failure
 
     def _settings(self) -> FollowingSettings:
-        law = self._own.value.law
+        own = self._own.value
+        law = own.law
         return FollowingSettings(
             law,
             self._limits.value,
             self._laws[law].value,
             self._estimator.value,
             self._target_state.value,
+            own.learning,
         )
 
     def _tune(self, _: object) -> None:
@@ -108,20 +116,12 @@ class HeadTrackerNode(Node):
         tracker = self._following.tracker
         if tracker is None:
             return {}
-        delays, camera = tracker.delays, tracker.camera
-        pan, tilt = delays.servos
-        deviation = camera.stamp_error.deviation
+        delays, now = tracker.delays, self.interface.control.now
         return {
             "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
             "age of a target (ms)": f"{1e3 * delays.message:.1f}",
             "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
-            "pan servo's delay (ms)": f"{1e3 * pan:.1f}",
-            "tilt servo's delay (ms)": f"{1e3 * tilt:.1f}",
-            "stamps of the camera too late by (ms)": (
-                f"{1e3 * camera.applied:.0f} ±{1e3 * deviation:.0f}"
-                if deviation < _KNOWN
-                else "not observable yet"
-            ),
+            **{name: value.told(now) for name, value in tracker.learned.items()},
         }
 
     def _publish_diagnostics(self) -> None:
