@@ -44,7 +44,7 @@ class FollowingSettings:
     law_parameters: Any = None
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     state: TargetStateParameters = field(default_factory=TargetStateParameters)
-    learning: str = Learning.ON
+    learning: str = Learning.LEARN
 
 
 class Following(TargetMode):

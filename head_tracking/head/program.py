@@ -415,11 +415,11 @@ class Head:
         with self._control.lock:
             return self._tracker.learned
 
-    def learn(self, how: str = "on", *, servo_delay: float = 0.0) -> None:
+    def learn(self, how: str = "learn", *, servo_delay: float = 0.0) -> None:
         """Choose what becomes of what tracking learns.
 
         Args:
-            how: "on": it is learned; "frozen": it stays as it is; "off": it is forgotten.
+            how: "learn": it is learned; "freeze": it stays as it is; "forget": it is forgotten.
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
 
         Raises:

@@ -11,9 +11,9 @@ from head_tracking.compatibility import StrEnum
 class Learning(StrEnum):
     """What becomes of learned values: they are learned, kept as they are, or forgotten."""
 
-    ON = "on"
-    FROZEN = "frozen"
-    OFF = "off"
+    LEARN = "learn"
+    FREEZE = "freeze"
+    FORGET = "forget"
 
 
 _KNOWN = 0.04  # s; with a larger deviation nothing is known

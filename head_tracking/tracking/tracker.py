@@ -106,7 +106,7 @@ class Tracker:
             FollowingWatch(head.tilt_joint),
         )
         self._readings = JointReadings()
-        self._learning = Learning.ON
+        self._learning = Learning.LEARN
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
@@ -143,14 +143,14 @@ class Tracker:
     def learn(self, how: Learning) -> None:
         """Learn from now on, keep what was learned as it is, or forget it."""
         self._learning = how
-        if how is Learning.OFF:
+        if how is Learning.FORGET:
             self.law.forget_learned()
             self.camera = self._new_camera()
-        self.law.is_learning = self.camera.is_learning = how is Learning.ON
+        self.law.is_learning = self.camera.is_learning = how is Learning.LEARN
 
     def _new_camera(self) -> HeadCamera:
         camera = HeadCamera(self.head, self._readings, self._base)
-        camera.is_learning = self._learning is Learning.ON
+        camera.is_learning = self._learning is Learning.LEARN
         return camera
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
@@ -274,7 +274,7 @@ class Tracker:
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
         before, self.camera = self.camera, self._new_camera()
-        if self._learning is Learning.FROZEN:
+        if self._learning is Learning.FREEZE:
             self.camera.keep(before)
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")

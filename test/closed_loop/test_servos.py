@@ -135,10 +135,10 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, how):
     now = steered.learned
     assert list(now) == list(learned)
     pan, tilt, camera = now
-    if how is Learning.ON:
+    if how is Learning.LEARN:
         assert now[pan].value > learned[pan].value + 0.015
         assert now[camera].value == pytest.approx(0.09, abs=0.02)
-    elif how is Learning.FROZEN:
+    elif how is Learning.FREEZE:
         assert [now[name].value for name in (tilt, camera)] == [
             learned[name].value for name in (tilt, camera)
         ]
@@ -147,7 +147,7 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, how):
     else:
         assert {each.source for each in now.values()} == {"not observable"}
         assert [each.value for each in now.values()] == [each.value for each in before.values()]
-    steered.learn(Learning.ON)
+    steered.learn(Learning.LEARN)
     steered.law.parameters = replace(steered.law.parameters, servo_delay=0.05)
     ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
     assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")

@@ -123,9 +123,9 @@ def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
         return head.learned[pan].source == "learned"
 
     wait_for(learns)
-    head.learn("frozen")
+    head.learn("freeze")
     assert head.learned[pan].source == "learned"
-    head.learn("off")
+    head.learn("forget")
     assert head.learned[pan].source == "not observable"
     head.learn(servo_delay=0.06)
     wait_for(lambda: head.learned[pan].source == "given")

@@ -43,9 +43,9 @@ class HeadTrackerParameters:
         choices=tuple(LAWS),
     )
     learning: str = parameter(
-        Learning.ON.value,
-        "How late servos and camera are is learned (on), kept as it was learned (frozen), or "
-        "forgotten (off).",
+        Learning.LEARN.value,
+        "What becomes of what is learned of servos and camera: learn: it is learned; freeze: it "
+        "stays as it is; forget: it is forgotten.",
         choices=tuple(each.value for each in Learning),
     )
 
