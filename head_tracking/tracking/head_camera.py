@@ -17,7 +17,7 @@ import numpy.typing as npt
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking.hypothesis_bank import HypothesisBank
 from head_tracking.tracking.joint_readings import JointReadings
-from head_tracking.tracking.learned import LearnedValue
+from head_tracking.tracking.learned import KNOWN, LearnedValue
 from head_tracking.tracking.target import HeadBase
 from head_tracking.transforms import Rotation, Vector3
 
@@ -28,6 +28,7 @@ _ERRORS: Array = np.concatenate([np.arange(-0.2, 0.301, 0.02), np.arange(0.35, 0
 _ZERO = int(np.abs(_ERRORS).argmin())
 _RIGHT = 0.9  # prior probability that the stamps are right
 _USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
+_LEAST_DEVIATION = 0.006  # s; the target's own motion is not known any better
 _WORTH = 0.025  # s; an error is applied if it is larger than this
 _CLEAR = 4.0  # and than so many deviations
 _NEARBY = 0.1  # s; a change by more must be clearer:
@@ -125,8 +126,8 @@ class HeadCamera:
     @property
     def learned(self) -> LearnedValue:
         """The error of the stamps, as it is applied."""
-        deviation = min(self._deviation, self.stamp_error.deviation)
-        return LearnedValue(self.applied, deviation, self._judged)
+        deviation = max(min(self._deviation, self.stamp_error.deviation), _LEAST_DEVIATION)
+        return LearnedValue(self.applied, "s", deviation, self._judged, KNOWN)
 
     @property
     def safe_speed(self) -> float:

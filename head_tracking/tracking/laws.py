@@ -151,9 +151,9 @@ class TrackingLaw(ABC):
         return 0.0, 0.0
 
     @property
-    def learned(self) -> tuple[LearnedValue, ...]:
-        """What is learned of `delays`."""
-        return ()
+    def learned(self) -> Mapping[str, LearnedValue]:
+        """What is learned of the servos, by name."""
+        return {}
 
     def forget_learned(self) -> None:  # noqa: B027 - some laws learn nothing
         """Forget what was learned."""
@@ -352,12 +352,14 @@ class PredictiveLaw(TrackingLaw):
         return pan.servo.delay, tilt.servo.delay
 
     @property
-    def learned(self) -> tuple[LearnedValue, ...]:
+    def learned(self) -> Mapping[str, LearnedValue]:
         """See `TrackingLaw`."""
-        if self.parameters.servo_delay > 0.0:
-            return tuple(LearnedValue(delay, is_given=True) for delay in self.delays)
-        servos = [joint.servo for joint in self._joints]
-        return tuple(LearnedValue(servo.delay, servo.deviation, servo.learned) for servo in servos)
+        names = self._head.pan_joint, self._head.tilt_joint
+        return {
+            f"{name}: {what}": value
+            for name, joint in zip(names, self._joints, strict=True)
+            for what, value in joint.servo.values.items()
+        }
 
     def forget_learned(self) -> None:
         """See `TrackingLaw`."""

@@ -1,4 +1,4 @@
-"""What a head learns while it tracks: how late its servos and its camera are."""
+"""What a head learns while it tracks: of its servos, and how late its camera is."""
 
 from __future__ import annotations
 
@@ -16,23 +16,27 @@ class Learning(StrEnum):
     FORGET = "forget"
 
 
-_KNOWN = 0.04  # s; with a larger deviation nothing is known
+KNOWN = 0.04  # s; of a delay with a larger deviation nothing is known
 
 
 @dataclass(frozen=True, slots=True)
 class LearnedValue:
-    """A time that is learned, or given by hand.
+    """A value that is learned, or given by hand.
 
     Attributes:
-        value: as it is used [s].
-        deviation: standard deviation of what was learned [s].
+        value: as it is used, in `unit`.
+        unit: s, rad or rad/s^2.
+        deviation: standard deviation of what was learned, in `unit`; inf: nothing was.
         learned: when something was learned of it last, on the clock of the stamps [s]; -inf: never.
+        known: with a larger deviation nothing is known.
         is_given: whether it is given by hand.
     """
 
     value: float
+    unit: str
     deviation: float = 0.0
     learned: float = -math.inf
+    known: float = math.inf
     is_given: bool = False
 
     @property
@@ -40,13 +44,12 @@ class LearnedValue:
         """Where it comes from: "given", "learned", or "not observable" as yet."""
         if self.is_given:
             return "given"
-        return "learned" if self.deviation < _KNOWN else "not observable"
+        return "learned" if self.deviation < self.known else "not observable"
 
     def told(self, now: float) -> str:
         """Return it for a person, with its deviation and its age at the time `now` [s]."""
-        text = f"{1e3 * self.value:.1f} ms, {self.source}"
-        if self.source == "learned":
-            text = f"{1e3 * self.value:.1f} ±{1e3 * self.deviation:.1f} ms, {self.source}"
-            if self.learned > -math.inf:
-                text += f" {now - self.learned:.0f} s ago"
-        return text
+        if self.source != "learned":
+            return f"{self.value:.3g} {self.unit}, {self.source}"
+        text = f"{self.value:.3g} ±{self.deviation:.2g} {self.unit}, learned"
+        age = now - self.learned
+        return f"{text} {age:.0f} s ago" if 0.0 <= age < math.inf else text

@@ -12,10 +12,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+
+from head_tracking.tracking.learned import KNOWN, LearnedValue
 
 Array = npt.NDArray[np.float64]
 
@@ -66,6 +69,14 @@ _OUTLIER = 3.0  # deviations; so much of a reading that is farther off is believ
 _FASTEST = 0.1  # s in which an offset is corrected at the fastest
 
 
+def _statistics(weights: Array, values: npt.ArrayLike) -> tuple[float, float]:
+    """Return mean and standard deviation of values by their weights, of any sum."""
+    total = weights.sum()
+    mean = float(weights @ np.asarray(values) / total)
+    square = float(weights @ (np.asarray(values) - mean) ** 2 / total)
+    return mean, math.sqrt(square)
+
+
 class ServoModel:
     """Estimate one joint's set-point, and the delay, dead band and acceleration of its shaft.
 
@@ -80,6 +91,7 @@ class ServoModel:
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
         acceleration: geometric mean of the posterior over how hard the shaft can accelerate
             [rad/s^2].
+        dead_band_deviation, acceleration_deviation: standard deviations of these.
         is_learning: whether the posterior changes.
         learned: when it did last [s]; -inf: never.
     """
@@ -94,6 +106,24 @@ class ServoModel:
         self.known_delay = 0.0
         self.is_learning, self.learned = True, -math.inf
         self.restart(0.0, 0.0)
+
+    @property
+    def values(self) -> Mapping[str, LearnedValue]:
+        """What was learned of the servo, by name."""
+        at, known = self.learned, self.learned > -math.inf
+        others = (
+            ("dead band", self.dead_band, "rad", self.dead_band_deviation),
+            ("acceleration", self.acceleration, "rad/s^2", self.acceleration_deviation),
+        )
+        return {
+            "delay of its servo": LearnedValue(
+                self.delay, "s", self.deviation, at, KNOWN, is_given=self.known_delay > 0.0
+            ),
+            **{
+                name: LearnedValue(value, unit, deviation if known else math.inf, at)
+                for name, value, unit, deviation in others
+            },
+        }
 
     @property
     def speed(self) -> float:
@@ -317,14 +347,15 @@ class ServoModel:
         weights = np.exp(score - score.max())
         weights /= weights.sum()
         by_delay = weights.sum(axis=0)
-        self.mean = float(by_delay @ _DELAYS)
-        variance = float(by_delay @ (_DELAYS - self.mean) ** 2)
-        self.deviation = max(math.sqrt(variance), _LEAST_DEVIATION)
+        self.mean, deviation = _statistics(by_delay, _DELAYS)
+        self.deviation = max(deviation, _LEAST_DEVIATION)
         by_shaft = weights.sum(axis=1)
         by_band = by_shaft[: len(_BANDS)]
         self._best = int(by_band.argmax())
-        self.dead_band = float(by_band @ _BANDS / by_band.sum())
-        self.acceleration = math.exp(float(by_shaft @ _ROW_LIMITS))
+        self.dead_band, self.dead_band_deviation = _statistics(by_band, _BANDS)
+        limit, spread = _statistics(by_shaft, _ROW_LIMITS)
+        self.acceleration = math.exp(limit)
+        self.acceleration_deviation = spread * self.acceleration
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
             # narrower than the grid: the vertex of the parabola through three scores

@@ -135,10 +135,7 @@ class Tracker:
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
         """What was learned of the servos and of a camera on the head, by name."""
-        joints = self.head.pan_joint, self.head.tilt_joint
-        servos = zip(joints, self.law.learned, strict=False)
-        found = {f"{joint}: delay of its servo": value for joint, value in servos}
-        return {**found, "camera: its stamps are too late by": self.camera.learned}
+        return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
 
     def learn(self, how: Learning) -> None:
         """Learn from now on, keep what was learned as it is, or forget it."""
