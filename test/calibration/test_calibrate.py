@@ -73,7 +73,7 @@ def test_the_play_of_simulated_servos_is_found(quick, degrees):
             true = {name: servos.true_position(name) for name in names}
             return model.transform("base_link", "camera_optical_frame", true)
 
-        with Head(servos.port_name, model, configured.servos, reply_timeout=0.05) as head:
+        with Head(servos.port_name, model, configured.servos, reply_timeout=0.3) as head:
             found = head.calibrate(
                 film("still marker", camera), marker=MarkerParameters("4X4_50", -1, 0.16)
             )

@@ -9,6 +9,7 @@ import rclpy
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool
 
 from head_tracking.dynamixel import StoppedError
 from head_tracking.tracking import Target
@@ -77,6 +78,11 @@ class Driven:
     def mine(self):
         return not (self.stopped or self.off)
 
+    @property
+    def turning(self):
+        state, _ = self.control.mode.state(self.control)
+        return state == "turning"
+
     def under_way(self):
         return [goal for goal in self.sent if not goal.status]
 
@@ -140,7 +146,7 @@ class Driven:
         self.stopped = False
 
     def switched(self, on):
-        request, response = type("Request", (), {"data": on})(), type("Response", (), {})()
+        request, response = SetBool.Request(data=on), SetBool.Response()
         self.node.interface._on_enable(request, response)
         return response.success
 
@@ -189,6 +195,8 @@ NAMES = {"on": "turn_on", "off": "turn_off", "other": "take_over"}
 @settings(max_examples=EXAMPLES)
 @given(st.lists(STEPS, min_size=3, max_size=12))
 @example([("point", (1.0, 0.0, 0.3)), ("wait", 0.5), ("stop", None), ("resume", None)])
+@example([("point", (1.0, 0.0, 0.3)), ("cancel", None), ("target", None)])
+@example([("wait", 0.1), ("stop", None), ("on", None)])
 @example([("follow", ([(1.0, 0.0)], 1.0, 0.05)), ("wait", 0.1), ("cancel", None), ("wait", 0.5)])
 def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
     driven = Driven(kinectbot)
@@ -198,7 +206,7 @@ def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
             assert len(driven.under_way()) <= 1
             assert bool(driven.control.task) >= bool(driven.under_way())
         waited = 0.0
-        while driven.under_way() or driven.control.task is not None:
+        while driven.under_way() or driven.control.task is not None or driven.turning:
             driven.wait(0.5)
             waited += 0.5
             assert waited < 30.0
