@@ -198,6 +198,11 @@ class DynamixelBackend:
     def claim(self) -> None:
         """See `JointBackend`; the owners of this process are those of its servos."""
 
+    def servo(self, joint: str) -> str:
+        """See `JointBackend`: the adapter's serial number, the model and the id."""
+        thread = self._by_joint.get(joint)
+        return "" if thread is None else thread.bus.servo_name(joint)
+
     # Torque
 
     def joint(self, name: str) -> Joint:

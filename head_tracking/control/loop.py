@@ -68,6 +68,9 @@ class JointBackend(Protocol):
     def claim(self) -> None:
         """Let a servo bus of another process know that its joints have an owner here."""
 
+    def servo(self, joint: str) -> str:
+        """Return what identifies the servo of a joint in another run; empty: that is not known."""
+
     def relax_now(self) -> Mapping[str, str]:
         """Relax all joints and return what went wrong, for each joint; empty: confirmed."""
 

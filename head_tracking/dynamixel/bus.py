@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Final
 
 from head_tracking.dynamixel.adapter import Adapter
@@ -229,6 +230,14 @@ class ServoBus:
             f"{len(ids)} {model} {'servos: ids' if len(ids) > 1 else 'servo: id'} {', '.join(ids)}"
             for model, ids in by_model.items()
         )
+
+    def servo_name(self, joint_name: str) -> str:
+        """Return what identifies the servo of a joint in another run; "" if that is not known.
+
+        It is the adapter's name by its serial number, the servo's model and its id.
+        """
+        adapter, servo = self._port.stable_name, self.joint(joint_name).configuration
+        return f"{Path(adapter).name} {servo.model.name} {servo.id}" if adapter else ""
 
     def statistics(self) -> BusStatistics:
         """Return the counters."""

@@ -90,6 +90,7 @@ class DynamixelPort:
         baud_rate: Bits per second.
         clock: Monotonic time, s.
         adapter: What is known about the device since it was opened.
+        stable_name: Of the device by its serial number, once it has been open; "": it has none.
         searches: Replies that were not just what was expected, and had to be searched for.
         surplus: Number of status packets that were not asked for, by servo id: two servos have that
             id, packets are repeated, or another program asks.
@@ -121,7 +122,7 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._open_device = open_device
         self._was_open = False
-        self._stable_name = ""  # by its serial number, once it has been open
+        self.stable_name = ""
         self._device: SerialDevice | None = None
         self._line: SerialLine | None = None
         self._timeout = ReplyTimeout(reply_timeout)
@@ -166,13 +167,13 @@ class DynamixelPort:
         if self._device is not None:
             return
         try:
-            device = self._open_device(self._stable_name or self.name, self.baud_rate)
+            device = self._open_device(self.stable_name or self.name, self.baud_rate)
         except PortMissingError:
             if self._was_open:  # searched between cycles: a list of all ports takes too long
                 raise
             raise PortMissingError(self.name, serial_ports()) from None
         self._was_open = True
-        self._stable_name = self._stable_name or stable_name(self.name)
+        self.stable_name = self.stable_name or stable_name(self.name)
         self.adapter = device.adapter
         self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
         self._late = LateReplies(self.clock)

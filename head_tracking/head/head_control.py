@@ -16,6 +16,7 @@ from head_tracking.control.owners import STOPPED, OwnershipError
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
 from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.head.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
@@ -108,6 +109,9 @@ class TargetMode(ABC):
     def recenter(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
         """Begin to turn the head to its centre."""
 
+    def save(self, memory: ServoMemory) -> None:  # noqa: B027 - some modes learn nothing
+        """Keep what was learned of the servos for the next run."""
+
     @abstractmethod
     def state(self, control: HeadControl) -> tuple[str, str]:
         """Return the state, in a word, and in a sentence."""
@@ -141,6 +145,7 @@ class HeadControl:
         trouble: why the head is left alone; empty: nothing keeps it from moving.
         outcome: of the latest task or target, for a person.
         law: leads the joints along paths, once the robot's model is known.
+        memory: of what earlier runs have learned of the servos.
         error: by how much the head misses its target [rad]; None: it has none.
         target: the latest that could be placed, as it was sent.
         is_cautious: whether it is slow after a STOP.
@@ -175,6 +180,7 @@ class HeadControl:
         self.target: Target | None = None
         self.is_cautious = False
         self.law: PredictiveLaw
+        self.memory = ServoMemory({})
         self.lock = threading.RLock()
         self.failure: Exception | None = None
         self.period = max(period, loop.period)
@@ -253,6 +259,11 @@ class HeadControl:
             self._disabled = reason
             self._loop.owners.release(self.name)
         self.watch()
+
+    def save(self) -> None:
+        """Keep what was learned of the servos for the next run; called at the end."""
+        with self.lock:
+            self.mode.save(self.memory)
 
     def fail(self, reason: str, command: HeadCommand | None) -> None:
         """Stop the head by a command and give the joints up, for something is wrong with it."""
@@ -424,6 +435,9 @@ class HeadControl:
         self._base = HeadBase(self._buffer, fixed_frame, head.base_frame) if moves else None
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
         self.law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))
+        backend = self._loop.backend
+        self.memory = ServoMemory({j: backend.servo(j) for j in self.joints} if backend else {})
+        self.law.expect(self.memory.load())
         self.mode.use(self, head, self._base)
         self._log.info(f"ready to point {head.pointing_frame} at target_point")
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from head_tracking.gaze import HeadCommand, PanTiltHead, PointingParameters, together
 from head_tracking.head.head_control import HeadControl, TargetMode
+from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.head.tasks import HeadReading
 from head_tracking.tracking import (
     LAWS,
@@ -64,6 +65,7 @@ class Following(TargetMode):
         self._settings = settings
         self._law = ""
         self._period = 0.0
+        self._memory = ServoMemory({})
 
     def tune(self) -> None:
         """Use the settings as they are now."""
@@ -73,11 +75,17 @@ class Following(TargetMode):
         if settings.law != self._law:
             self._law = settings.law
             tracker.law = LAWS[self._law](tracker.head, self._period)
+            tracker.law.expect(self._memory.load())
         tracker.law.limits = settings.limits
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
+        self._learn(tracker, settings)
+
+    def _learn(self, tracker: Tracker, settings: FollowingSettings) -> None:
         tracker.learn(Learning(settings.learning))
+        if settings.learning == Learning.FORGET:
+            self._memory.forget()
 
     def use(self, control: HeadControl, head: PanTiltHead, base: HeadBase | None) -> None:
         """See `TargetMode`."""
@@ -85,7 +93,9 @@ class Following(TargetMode):
         self._law, self._period = settings.law, control.period
         law = LAWS[self._law](head, self._period, settings.limits, settings.law_parameters)
         self.tracker = Tracker(head, law, settings.estimator, settings.state, base)
-        self.tracker.learn(Learning(settings.learning))
+        self._memory = control.memory
+        law.expect(self._memory.load())
+        self._learn(self.tracker, settings)
         if before is not None:
             control.send(before.reset("another robot_description has come", control.now))
         self.enable(control.off, control.now)
@@ -124,6 +134,8 @@ class Following(TargetMode):
         tracker.at_most = control.fastest
         step = tracker.step(now)
         control.error = step.error
+        for joint in tracker.law.take_contradicted():
+            control.warn(joint, f"{joint}: its servo is not as it was in the last run")
         if tracker.fault and not control.off:
             control.fail(tracker.fault, step.command)
             return None
@@ -136,6 +148,11 @@ class Following(TargetMode):
         assert self.tracker is not None
         self.tracker.recenter()
         return None
+
+    def save(self, memory: ServoMemory) -> None:
+        """See `TargetMode`."""
+        if self.tracker is not None:
+            memory.save(self.tracker.law.to_save)
 
     def state(self, control: HeadControl) -> tuple[str, str]:
         """See `TargetMode`."""

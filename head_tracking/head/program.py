@@ -688,6 +688,7 @@ class Head:
             unconfirmed = self._servos.close()
         finally:
             self._resources.close()
+            self._control.save()
         if unconfirmed:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
 

@@ -21,7 +21,7 @@ from head_tracking.tracking.laws import (
     SpeedLimits,
     TrackingLaw,
 )
-from head_tracking.tracking.learned import LearnedValue, Learning
+from head_tracking.tracking.learned import LearnedValue, Learning, ServoValues
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
@@ -73,6 +73,7 @@ __all__ = [
     "PredictiveLawParameters",
     "Refusal",
     "Sample",
+    "ServoValues",
     "SetpointStream",
     "SpeedLaw",
     "SpeedLawParameters",

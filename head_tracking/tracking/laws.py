@@ -22,7 +22,8 @@ from head_tracking.tracking.joint_controller import (
     Reference,
 )
 from head_tracking.tracking.joint_readings import JointReading
-from head_tracking.tracking.learned import LearnedValue
+from head_tracking.tracking.learned import LearnedValue, ServoValues
+from head_tracking.tracking.servo_model import ServoModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +156,20 @@ class TrackingLaw(ABC):
         """What is learned of the servos, by name."""
         return {}
 
+    @property
+    def to_save(self) -> Mapping[str, ServoValues]:
+        """What is worth knowing of the servos in another run, by joint."""
+        return {}
+
     def forget_learned(self) -> None:  # noqa: B027 - some laws learn nothing
         """Forget what was learned."""
+
+    def expect(self, saved: Mapping[str, ServoValues]) -> None:  # noqa: B027
+        """Begin with what an earlier run has learned of the servos, by joint."""
+
+    def take_contradicted(self) -> Sequence[str]:
+        """Return joints whose saved values have turned out not to fit since the last call."""
+        return ()
 
     @property
     def lead_times(self) -> tuple[float, float]:
@@ -344,6 +357,7 @@ class PredictiveLaw(TrackingLaw):
         )
         self._stepped = -math.inf
         self._aimed: tuple[float, float] | None = None
+        self._expected: frozenset[str] = frozenset()  # joints whose saved values are used
 
     @property
     def delays(self) -> tuple[float, float]:
@@ -354,16 +368,39 @@ class PredictiveLaw(TrackingLaw):
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
         """See `TrackingLaw`."""
-        names = self._head.pan_joint, self._head.tilt_joint
         return {
             f"{name}: {what}": value
-            for name, joint in zip(names, self._joints, strict=True)
-            for what, value in joint.servo.values.items()
+            for name, servo in self._servos.items()
+            for what, value in servo.values.items()
         }
+
+    @property
+    def to_save(self) -> Mapping[str, ServoValues]:
+        """See `TrackingLaw`."""
+        values = {name: servo.to_save for name, servo in self._servos.items()}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def expect(self, saved: Mapping[str, ServoValues]) -> None:
+        """See `TrackingLaw`."""
+        for name, servo in self._servos.items():
+            servo.expect(saved.get(name))
+        self._expected = frozenset(saved)
+
+    def take_contradicted(self) -> Sequence[str]:
+        """See `TrackingLaw`."""
+        servos = self._servos
+        found = [name for name in self._expected if servos[name].saved is None]
+        self._expected -= set(found)
+        return found
+
+    @property
+    def _servos(self) -> Mapping[str, ServoModel]:
+        names = self._head.pan_joint, self._head.tilt_joint
+        return {name: joint.servo for name, joint in zip(names, self._joints, strict=True)}
 
     def forget_learned(self) -> None:
         """See `TrackingLaw`."""
-        self._stepped = -math.inf
+        self._stepped, self._expected = -math.inf, frozenset()
         for joint in self._joints:
             joint.forget()
 

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from head_tracking.tracking.learned import KNOWN, LearnedValue
+from head_tracking.tracking.learned import KNOWN, LearnedValue, ServoValues
 
 Array = npt.NDArray[np.float64]
 
@@ -58,6 +58,11 @@ _MEMORY = 6.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
 _SHARPNESS = 0.15  # windows overlap, and errors last
 
+_SAVED_DELAY = 0.02  # s: least deviation of a delay of an earlier run
+_SAVED_BAND = 0.003  # rad: deviation of a dead band of an earlier run
+_TRUST = 5.0  # so much of the logarithm of a likelihood at most speaks for an earlier run
+_CONTRADICTED = 0.8  # of that: the mean over the posterior of what speaks against it
+
 _NARROW = 0.9  # of the posterior in three cells
 _SLEW = 0.1  # s/s; a new mean is applied so fast
 
@@ -94,6 +99,7 @@ class ServoModel:
         dead_band_deviation, acceleration_deviation: standard deviations of these.
         is_learning: whether the posterior changes.
         learned: when it did last [s]; -inf: never.
+        saved: what an earlier run has learned of this servo; None: nothing, or it does not fit.
     """
 
     def __init__(self) -> None:
@@ -101,29 +107,58 @@ class ServoModel:
         self._xy: Array = np.zeros_like(self._xx)
         self._yy: Array = np.zeros_like(self._xx)
         self._windows = 0.0
-        self._posterior()
-        self.delay = self.mean
         self.known_delay = 0.0
+        self.expect(None)
         self.is_learning, self.learned = True, -math.inf
         self.restart(0.0, 0.0)
 
     @property
     def values(self) -> Mapping[str, LearnedValue]:
         """What was learned of the servo, by name."""
-        at, known = self.learned, self.learned > -math.inf
+        at, is_saved = self.learned, self.learned == -math.inf and self.saved is not None
+        known = is_saved or at > -math.inf
         others = (
             ("dead band", self.dead_band, "rad", self.dead_band_deviation),
             ("acceleration", self.acceleration, "rad/s^2", self.acceleration_deviation),
         )
         return {
             "delay of its servo": LearnedValue(
-                self.delay, "s", self.deviation, at, KNOWN, is_given=self.known_delay > 0.0
+                self.delay,
+                "s",
+                self.deviation,
+                at,
+                KNOWN,
+                is_given=self.known_delay > 0.0,
+                is_saved=is_saved,
             ),
             **{
-                name: LearnedValue(value, unit, deviation if known else math.inf, at)
+                name: LearnedValue(
+                    value, unit, deviation if known else math.inf, at, is_saved=is_saved
+                )
                 for name, value, unit, deviation in others
             },
         }
+
+    @property
+    def to_save(self) -> ServoValues | None:
+        """What this run has learned; None: too little."""
+        if self.learned == -math.inf or self.deviation > KNOWN:
+            return None
+        return ServoValues(self.mean, self.deviation, self.dead_band)
+
+    def expect(self, saved: ServoValues | None) -> None:
+        """Begin with what an earlier run has learned; it counts until motion contradicts it."""
+        self.saved = saved
+        self._expected: Array = np.zeros_like(self._xx)
+        if saved is not None:
+            spread = max(saved.deviation, _SAVED_DELAY)
+            off = ((_DELAYS - saved.delay) / spread) ** 2
+            bands: Array = np.array([_BANDS[row] for row in _ROWS])
+            shafts = ((bands - saved.dead_band) / _SAVED_BAND) ** 2
+            shafts[len(_BANDS) :] = 0.0
+            self._expected = np.maximum(-0.5 * (off + shafts[:, None]), -_TRUST)
+        self._posterior()
+        self.delay = self.known_delay or self.mean
 
     @property
     def speed(self) -> float:
@@ -344,8 +379,12 @@ class ServoModel:
         tight = 1.0 / _GAIN**2
         squares = self._yy + tight - (self._xy + tight) ** 2 / (self._xx + tight)
         score = _PRIOR - 0.5 * _SHARPNESS * (self._windows + 4.0) * np.log(4.0 + squares)
+        score += self._expected
         weights = np.exp(score - score.max())
         weights /= weights.sum()
+        if self.saved is not None and np.vdot(weights, self._expected) < -_CONTRADICTED * _TRUST:
+            self.saved = None  # the next window is judged without it
+            self._expected = np.zeros_like(self._xx)
         by_delay = weights.sum(axis=0)
         self.mean, deviation = _statistics(by_delay, _DELAYS)
         self.deviation = max(deviation, _LEAST_DEVIATION)

@@ -110,9 +110,7 @@ def test_a_moving_target_is_followed(head, servos):
     assert servos.true != before
 
 
-def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
-    pan = next(name for name in head.learned if "pan" in name)
-    assert head.learned[pan].source == "not observable"
+def swing_until_learned(head, value):
     began = time.time()
 
     def learns():
@@ -120,9 +118,15 @@ def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
         swing = 0.7 * math.sin(1.5 * (now - began))
         head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
         time.sleep(0.02)
-        return head.learned[pan].source == "learned"
+        return head.learned[value].source == "learned"
 
     wait_for(learns)
+
+
+def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
+    pan = next(name for name in head.learned if "pan" in name)
+    assert head.learned[pan].source == "not observable"
+    swing_until_learned(head, pan)
     head.learn("freeze")
     assert head.learned[pan].source == "learned"
     head.learn("forget")
@@ -132,6 +136,22 @@ def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
     for wrong in ({"how": "never"}, {"servo_delay": 9.0}, {"servo_delay": "long"}):
         with pytest.raises(ValueError):
             head.learn(**wrong)
+
+
+def test_the_next_run_knows_the_servos(servos, kinectbot, tmp_path, monkeypatch):
+    adapter = tmp_path / "usb-FTDI_USB_Adapter_A1"
+    adapter.symlink_to(servos.name)
+    monkeypatch.setattr("head_tracking.dynamixel.port.stable_name", lambda _: str(adapter))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    pan, found = "head_pan_joint: delay of its servo", []
+    for run in range(4):
+        with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+            found.append(head.learned[pan].source)
+            if run in (0, 1):
+                swing_until_learned(head, pan)
+            elif run == 2:
+                head.learn("forget")
+    assert found == ["not observable", "saved", "saved", "not observable"]
 
 
 def test_following_does_not_wait_for_the_servos(head, servos):

@@ -161,6 +161,10 @@ class World:
     def claim(self) -> None:
         """See `JointBackend`."""
 
+    def servo(self, joint: str) -> str:
+        """Return nothing: what is learned is not kept."""
+        return ""
+
     def relax_now(self) -> Mapping[str, str]:
         """See `JointBackend`; the servos hold."""
         return {}

@@ -153,7 +153,8 @@ class HeadInterface:
         self._publish(None)
 
     def close(self) -> None:
-        """Withdraw what drives the joints, if this node has made it."""
+        """Keep what was learned, and withdraw what drives the joints if this node has made it."""
+        self.control.save()
         if self._backend is not None:
             self._backend.close()
 

@@ -61,6 +61,10 @@ class JointTopics:
         message.header.frame_id = sender(name, epoch)
         self._commands.publish(message)
 
+    def servo(self, joint: str) -> str:
+        """See `JointBackend`; the servo bus is another process."""
+        return ""
+
     def claim(self) -> None:
         """See `JointBackend`."""
         message = JointState(name=list(self._joints))

@@ -83,6 +83,10 @@ class TrajectoryBackend:
         """See `JointBackend`: withdraw the services."""
         self._services.close()
 
+    def servo(self, joint: str) -> str:
+        """See `JointBackend`; nobody knows."""
+        return ""
+
     def claim(self) -> None:
         """See `JointBackend`; no servo bus has owners of these joints."""
 

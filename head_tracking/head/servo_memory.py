@@ -1,0 +1,70 @@
+"""What was learned of servos, kept in files from one run to the next: one file for each servo."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import yaml
+
+from head_tracking.tracking import ServoValues
+
+
+def state_folder() -> Path:
+    """Return where programs keep what they have learned: see the XDG base directories."""
+    folder = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(folder) / "head_tracking" / "servos"
+
+
+class ServoMemory:
+    """Keeps what a run has learned of its servos for the next one.
+
+    Args:
+        servos: what identifies the servo of each joint; empty: not known, nothing is kept.
+        folder: of the files.
+    """
+
+    def __init__(self, servos: Mapping[str, str], folder: Path | None = None) -> None:
+        self._folder = folder or state_folder()
+        self._servos = {joint: name for joint, name in servos.items() if name}
+
+    def load(self) -> dict[str, ServoValues]:
+        """Return the values of earlier runs, by joint; a file that cannot be used is left out."""
+        return {joint: value for joint in self._servos if (value := self._read(self._file(joint)))}
+
+    def save(self, values: Mapping[str, ServoValues]) -> None:
+        """Keep values, by joint; where files cannot be written, nothing is kept."""
+        for joint in self._servos.keys() & values.keys():
+            text = yaml.safe_dump({name: float(x) for name, x in asdict(values[joint]).items()})
+            file = self._file(joint)
+            half = file.with_suffix(f".{os.getpid()}")
+            with suppress(OSError):
+                self._folder.mkdir(parents=True, exist_ok=True)
+                half.write_text(text)
+                half.replace(file)
+
+    def forget(self) -> None:
+        """Delete what is kept."""
+        for joint in self._servos:
+            with suppress(OSError):
+                self._file(joint).unlink()
+
+    def _file(self, joint: str) -> Path:
+        name = "".join(c if c.isalnum() or c in "-_." else "_" for c in self._servos[joint])
+        return self._folder / f"{name}.yaml"
+
+    @staticmethod
+    def _read(file: Path) -> ServoValues | None:
+        try:
+            found = yaml.safe_load(file.read_text())
+            values = ServoValues(
+                **{each.name: float(found[each.name]) for each in fields(ServoValues)}
+            )
+        except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+            return None
+        numbers = asdict(values).values()
+        return values if all(0.0 <= number < math.inf for number in numbers) else None

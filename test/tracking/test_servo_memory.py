@@ -1,0 +1,100 @@
+"""What was learned of the servos is kept from one run to the next."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from closed_loop import ClosedLoop, Conditions
+from plant import PlainServo
+
+from head_tracking.head.servo_memory import ServoMemory
+from head_tracking.tracking import LAWS, ServoValues, Tracker
+
+VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
+LATE = PlainServo(dead_time=0.1)
+
+
+def around(pan):
+    return 2.0 * math.cos(pan), 2.0 * math.sin(pan), 0.08
+
+
+def swing(t):
+    return around(0.5 * math.sin(math.pi * t))
+
+
+def follow(head, servo, saved=None, duration=8.0, start=(0.0, 0.0)):
+    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
+    tracker.law.expect({head.pan_joint: saved} if saved else {})
+    conditions = Conditions(duration=duration, noise=0.002, delay=0.05, servos=servo, start=start)
+    return ClosedLoop(swing, replace(conditions, field=(3.0, 3.0))).run(tracker).recording, tracker
+
+
+def test_a_head_that_knows_its_servos_tracks_well_at_once(head):
+    _, first = follow(head, LATE)
+    saved = first.law.to_save[head.pan_joint]
+    assert saved.delay == pytest.approx(0.1, abs=0.03)
+    fresh, _ = follow(head, LATE, duration=1.5, start=(0.3, 0.0))
+    knowing, again = follow(head, LATE, saved, duration=1.5, start=(0.3, 0.0))
+    assert knowing.rms < 0.9 * fresh.rms
+    assert not again.law.take_contradicted()
+
+
+def test_what_is_known_from_an_earlier_run_says_so(head):
+    law = LAWS["predictive"](head, 0.02)
+    assert {each.source for each in law.learned.values()} <= {"not observable"}
+    law.expect({head.pan_joint: VALUES})
+    assert law.delays[0] == pytest.approx(0.1, abs=0.02)
+    sources = {name: each.source for name, each in law.learned.items()}
+    assert {sources[name] for name in sources if name.startswith(head.pan_joint)} == {"saved"}
+    assert "saved" not in {sources[name] for name in sources if name.startswith(head.tilt_joint)}
+    assert not law.to_save, "nothing was learned yet"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        replace(VALUES, delay=0.3),
+        replace(VALUES, delay=0.17),
+        replace(VALUES, delay=0.2, dead_band=0.012),
+    ],
+)
+def test_values_that_do_not_fit_are_dropped(head, wrong):
+    servo = PlainServo(dead_time=0.03)
+    fresh, _ = follow(head, servo)
+    misled, tracker = follow(head, servo, wrong)
+    assert tracker.law.take_contradicted() == [head.pan_joint]
+    assert tracker.law.take_contradicted() == []
+    assert tracker.law.delays[0] == pytest.approx(0.05, abs=0.03)
+    assert misled.between(4.0).rms < 1.3 * fresh.between(4.0).rms
+    assert abs(misled.positions).max() < 0.8
+
+
+def test_files_keep_values_by_servo(tmp_path):
+    memory = ServoMemory({"pan": "usb-FTDI_A1 AX-12 1", "tilt": ""}, tmp_path / "new")
+    assert memory.load() == {}
+    memory.save({"pan": VALUES, "tilt": VALUES})
+    assert memory.load() == {"pan": VALUES}
+    renamed = ServoMemory(
+        {"neck": "usb-FTDI_A1 AX-12 1", "pan": "usb-FTDI_A1 AX-12 2"}, tmp_path / "new"
+    )
+    assert renamed.load() == {"neck": VALUES}
+    memory.forget()
+    assert memory.load() == renamed.load() == {}
+
+
+@pytest.mark.parametrize("text", ["", "delay: .nan", "- 1", "delay: [", "delay: x", "\x00", "{}"])
+def test_files_that_cannot_be_used_are_left_out(tmp_path, text):
+    memory = ServoMemory({"pan": "servo"}, tmp_path)
+    memory.save({"pan": VALUES})
+    (file,) = tmp_path.iterdir()
+    for content in (text, file.read_text().replace("0.1", text or "-1"), file.read_text()[:30]):
+        file.write_text(content)
+        assert memory.load() == {}
+
+
+def test_a_folder_that_cannot_be_written_keeps_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    memory = ServoMemory({"pan": "servo"}, tmp_path / "file" / "folder")
+    memory.save({"pan": VALUES})
+    memory.forget()
+    assert memory.load() == {}
