@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cache
 from pathlib import Path
@@ -39,6 +40,12 @@ def share_directory() -> Path:
         f"the share directory of {PACKAGE} with urdf/ and config/ is not in: "
         f"{', '.join(map(str, candidates))}; install the package again"
     )
+
+
+def state_folder(name: str) -> Path:
+    """Return the folder in which something is kept between runs; see XDG's base directories."""
+    folder = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(folder) / PACKAGE / name
 
 
 def robot_names() -> list[str]:

@@ -54,7 +54,7 @@ ALLOWED: dict[str, set[str]] = {
         "tf",
         "ros",
     }
-    | {"recording", "control", "head"},
+    | {"recording", "control", "head", "calibration", "share"},
     "nodes": {"head", "parameters", "recording", "ros", "share", "tf", "page"},
     "cli": CORE | {"output", "run", "tf", "share", "ros", "command_line"},
     "programs": set(),

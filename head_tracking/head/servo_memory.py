@@ -11,13 +11,8 @@ from pathlib import Path
 
 import yaml
 
+from head_tracking.share import state_folder
 from head_tracking.tracking import ServoValues
-
-
-def state_folder() -> Path:
-    """Return where programs keep what they have learned: see the XDG base directories."""
-    folder = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(folder) / "head_tracking" / "servos"
 
 
 class ServoMemory:
@@ -29,7 +24,7 @@ class ServoMemory:
     """
 
     def __init__(self, servos: Mapping[str, str], folder: Path | None = None) -> None:
-        self._folder = folder or state_folder()
+        self._folder = folder or state_folder("servos")
         self._servos = {joint: name for joint, name in servos.items() if name}
 
     def load(self) -> dict[str, ServoValues]:

@@ -186,7 +186,7 @@ class HeadModes:
         """What decides where the head looks now."""
         if self._is_on(TRACKER):
             if self._is_on(VISUAL):
-                follows = self._value(VISUAL, "follow")
+                follows = self.value(VISUAL, "follow")
                 return next((mode for mode, it in _FINDS.items() if it == follows), Mode.VISUAL)
             for mode in (Mode.FICTITIOUS, Mode.MUX):
                 if self._is_on(_NEEDED[mode][1]):
@@ -420,15 +420,15 @@ class HeadModes:
 
     def _find(self, mode: Mode, ended: Callable[[], str]) -> None:
         """Lets `visual_target` look for something; in a simulated room there is one."""
-        scene = self._value(CAMERA, "scene")
+        scene = self.value(CAMERA, "scene")
         if scene is not None and scene not in _SHOWS[mode]:
-            self._set(CAMERA, "scene", "everything")
+            self.set_value(CAMERA, "scene", "everything")
         late = f"{VISUAL} does not say what it follows; try again"  # it has only just been started
-        _wait(lambda: self._value(VISUAL, "follow") is not None, late, ended)
-        if self._value(VISUAL, "follow") != _FINDS[mode]:
-            _text_of(self._set(VISUAL, "follow", _FINDS[mode]))
+        _wait(lambda: self.value(VISUAL, "follow") is not None, late, ended)
+        if self.value(VISUAL, "follow") != _FINDS[mode]:
+            _text_of(self.set_value(VISUAL, "follow", _FINDS[mode]))
 
-    def _value(self, node: str, name: str) -> Any:
+    def value(self, node: str, name: str) -> Any:
         """A parameter of a node of this robot; None if it is not known."""
         owner = f"{self._graph.namespace.rstrip('/')}/{node}"
         return next(
@@ -440,7 +440,8 @@ class HeadModes:
             None,
         )
 
-    def _set(self, node: str, name: str, value: Any) -> Outcome:
+    def set_value(self, node: str, name: str, value: Any) -> Outcome:
+        """Set a parameter of a node of this robot."""
         return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
     def _keep_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:

@@ -17,6 +17,7 @@ from PIL import Image
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.advice import troubles
+from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.joint_control import joint_of
 from head_tracking.page.other_topics import Picture
@@ -93,6 +94,7 @@ class Live:
         meshes: of that robot, binary STL.
         failing: parts that can't be shown, each with the reason.
         last_minute: what has been sampled.
+        calibration: of the camera.
     """
 
     def __init__(
@@ -119,6 +121,7 @@ class Live:
         self.failing: dict[str, str] = {}
         self.last_minute = LastMinute(_RECORDED)
         self.observation = Observation(0)
+        self.calibration = CameraCalibration(robot, self.latest_picture)
 
     def observe(self, *, watched: bool = False) -> None:
         """Add what the robot does now to the last minute."""
@@ -170,7 +173,7 @@ class Live:
         Raises:
             ValueError: there is no picture, or its camera's frame is unknown.
         """
-        picture, model = self._latest_picture(topic), self._model
+        picture, model = self.latest_picture(topic), self._model
         if picture is None or model is None:
             raise ValueError("No picture has been received: choose a camera or start one.")
         pose = frame_pose(self._robot.buffer, model.root, picture.frame_id, stamp or picture.stamp)
@@ -249,7 +252,7 @@ class Live:
         }
         mode = self._robot.modes.mode()
         region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
-        picture = self._latest_picture("") if people or region is not None else None
+        picture = self.latest_picture("") if people or region is not None else None
         if picture is None or self._model is None:
             return {"boxes": []}
         camera, boxes = self._camera(picture), []
@@ -325,6 +328,7 @@ class Live:
             "can_start_camera": robot.modes.can_start(CAMERA),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,
+            "calibration": self.calibration.progress._asdict(),
         }
 
     def _start_camera(self) -> None:
@@ -336,7 +340,7 @@ class Live:
         threading.Thread(target=lambda: robot.modes.start(CAMERA), daemon=True).start()
 
     def _encoded(self, topic: str) -> Shown | None:
-        picture = self._latest_picture(topic)
+        picture = self.latest_picture(topic)
         if picture is None:
             return None
         shown = self._shown.get(topic)
@@ -349,7 +353,8 @@ class Live:
             shown = self._shown[topic] = Shown(picture.number, header + data.getvalue())
         return shown
 
-    def _latest_picture(self, topic: str) -> Picture | None:
+    def latest_picture(self, topic: str) -> Picture | None:
+        """Return the latest picture of a topic; empty: of the first one by `_rank`."""
         topics = self._robot.topics.images()
         if topic:
             return self._robot.topics.picture(topic) if topic in topics else None

@@ -124,6 +124,9 @@ class Page:
             "reset": lambda _: self._tuning.reset(),
             "preset": lambda said: self._tuning.choose(str(said["name"])),
             "record": self._record,
+            "calibrate": lambda said: self._live.calibration.begin(
+                float(said["size"]), str(said.get("topic", ""))
+            ),
         }
         self._socket = _listening(parameters.host, parameters.port)
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)

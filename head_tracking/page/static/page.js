@@ -2,7 +2,7 @@
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
 import { button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
-import { Joints, Recordings, Tuning, showFailing, showHealth } from "./places.js";
+import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./places.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
 import { Steering } from "./steer.js";
@@ -28,6 +28,7 @@ class Page {
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();
+    this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
     this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob) : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.go("live"); });
     by("stop").onclick = () => this.stop();
@@ -222,6 +223,7 @@ class Page {
       recordings: () => this.recordings.show(about),
       servos: () => showServos(about.servos),
       health: () => showHealth(about),
+      calibration: () => this.calibration.show(about.calibration),
     };
     this.failing = {};
     for (const [part, show] of Object.entries(parts)) {

@@ -185,8 +185,9 @@ export class Tuning {
   }
 
   /** Ask whether a person is sure; this concerns their browser only. */
-  ask(text) {
+  ask(text, yes = "Set it") {
     write(by("sure-text"), text);
+    write(by("sure-yes"), yes);
     by("sure").show();
     by("sure-no").focus();
     return new Promise((resolve) => {
@@ -194,6 +195,30 @@ export class Tuning {
       by("sure-no").onclick = () => by("sure").close();
       by("sure").onclose = () => resolve(false);
     });
+  }
+}
+
+export class Calibration {
+  /** @param {(text: string, yes: string) => Promise<boolean>} ask asks whether a person is sure. */
+  constructor(ask) {
+    by("calibrate").querySelector("form").onsubmit = async (event) => {
+      event.preventDefault();
+      by("calibrator").blur();
+      if (await ask("The head will look around for a minute and a half at most. Is its way free?", "Look around"))
+        command("calibrate", { size: Number(by("marker-size").value) / 1000, topic: ["", "none"].includes(by("source").value) ? "" : by("source").value });
+    };
+  }
+
+  show({ runs, text, rows }) {
+    by("calibrator").disabled = runs;
+    write(by("calibrating"), text);
+    by("calibrated").replaceChildren();
+    for (const [name, change, deviation] of rows) {
+      const row = element(by("calibrated"), "tr");
+      element(row, "th", { scope: "row" }, name);
+      element(row, "td", {}, change);
+      element(row, "td", {}, change === "not observable" ? deviation : `± ${deviation}`);
+    }
   }
 }
 
@@ -206,7 +231,7 @@ const CARDS = {
   lookat: ["state", "page", "modes"],
   joints: ["torques"],
   record: ["recordings"],
-  health: ["servos", "health"],
+  health: ["servos", "health", "calibration"],
 };
 
 /** Say in its card why a part can't be shown. */

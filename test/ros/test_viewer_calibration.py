@@ -1,0 +1,100 @@
+"""The page's button that calibrates the camera, over real topics, without a browser."""
+
+from importlib.util import find_spec
+from typing import Any
+
+import pytest
+from robot_under_test import Robot
+from waiting import wait_for
+
+from head_tracking.calibration import Calibration, gathering
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.calibrating import CameraCalibration
+from head_tracking.page.head_modes import Mode
+from head_tracking.ros.kit.diagnostics import Health, Level
+
+pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+pytestmark = pytest.mark.skipif(
+    find_spec("nicegui") is None,
+    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
+)
+PATIENCE = 90.0
+
+
+@pytest.fixture(scope="module")
+def robot(make_module_robot) -> Robot:
+    return make_module_robot("--target", "none", "--viewer")
+
+
+@pytest.fixture(scope="module")
+def seen(robot) -> Any:
+    """The robot as the page sees it, with a camera in front of a marker."""
+    node = ViewerNode(robot.composition.buffer)
+    robot.threads.start(node)
+    seen = node.robot
+    wait_for(lambda: seen.modes.can_start("simulated_camera"))
+    assert seen.modes.start("simulated_camera").done
+    wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)
+    assert seen.modes.set_value("simulated_camera", "scene", "still marker").done
+    wait_for(lambda: seen.topics.picture("/image") is not None)
+    return seen
+
+
+@pytest.fixture
+def calibration(seen, monkeypatch, tmp_path) -> CameraCalibration:
+    monkeypatch.setattr(gathering, "MOST_VIEWS", 13)
+    monkeypatch.setattr(gathering, "_SETTLING", 0.2)
+    monkeypatch.setattr(gathering, "_SPEED", 1.5)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return CameraCalibration(seen, lambda _: seen.topics.picture("/image"))
+
+
+def ended(calibration: CameraCalibration) -> bool:
+    return not calibration.progress.runs
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, 3.0, float("nan")])
+def test_a_marker_without_a_size_is_refused(calibration, size):
+    with pytest.raises(ValueError, match="allowed"):
+        calibration.begin(size, "")
+    assert ended(calibration)
+
+
+def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
+    used = Health("robot_state_publisher: calibration", Level.OK, "3 days old", ())
+    monkeypatch.setattr(seen, "health", lambda: (used,))
+    assert not calibration.begin(0.16, "").done
+    assert ended(calibration)
+
+
+def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, calibration, tmp_path):
+    usual = seen.modes.value("point_head", "max_velocity")
+    assert calibration.begin(0.16, "").done
+    assert not calibration.begin(0.16, "").done, "once at a time"
+    wait_for(lambda: ended(calibration), PATIENCE)
+    assert "measured" in calibration.progress.text
+    (file,) = tmp_path.rglob("*.yaml")
+    assert str(file) in calibration.progress.text
+    found = Calibration.load(file)
+    assert found.robot == "kinectbot"
+    assert found.views > 8
+    assert abs(found.estimates["camera yaw"].value) < 0.02  # rad: it sits as the model says
+    assert [name for name, *_ in calibration.progress.rows] == list(found.estimates)
+    wait_for(lambda: seen.modes.value("point_head", "max_velocity") == (usual or 2.0))
+
+
+@pytest.mark.parametrize("what", ["stop", "mode"])
+def test_stop_and_another_mode_end_it(robot, seen, calibration, what, tmp_path):
+    assert calibration.begin(0.16, "").done
+    wait_for(lambda: "direction 2" in calibration.progress.text, PATIENCE)
+    if what == "stop":
+        assert robot.call("stop").success
+    else:
+        assert seen.modes.set_mode(Mode.TRACK).done
+    wait_for(lambda: ended(calibration), PATIENCE)
+    assert "not calibrated" in calibration.progress.text
+    assert not list(tmp_path.rglob("*.yaml"))
+    if what == "stop":
+        assert not calibration.begin(0.16, "").done, "the head is stopped"
+        assert robot.call("resume").success
+        wait_for(lambda: not seen.stop.stopped)
