@@ -127,6 +127,12 @@ class JointOwners:
         if changed:
             self._notify()
 
+    def claim_at_resume(self, owner: str, joints: Iterable[str]) -> None:
+        """Let `resume` give joints to an owner, unless it gives some of them back to another."""
+        with self._lock:
+            if self.stopped and not self._interrupted.keys() & set(joints):
+                self._interrupted |= dict.fromkeys(joints, owner)
+
     def take_over(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> None:
         """Give joints to an owner, whoever had them.
 
@@ -178,10 +184,8 @@ class JointOwners:
         self._notify()
         return resumed
 
-    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> bool:
-        """Do as the servo bus of another process, and return whether it knows of the STOP here.
-
-        One that was started anew does not: nobody has called `resume`, so it must be stopped, too.
+    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> None:
+        """Do as the servo bus of another process.
 
         Args:
             stopped: whether it is stopped.
@@ -189,8 +193,6 @@ class JointOwners:
             owners: of its joints. What an owner of this process loses there, it loses here.
         """
         with self._lock:
-            if self.stopped and not stopped and epoch != self.epoch.value:
-                return False
             before, self._elsewhere = self._elsewhere, dict(owners or {})
             changed = (stopped, epoch) != (self.stopped, self.epoch.value)
             self.epoch.value = epoch
@@ -205,7 +207,6 @@ class JointOwners:
                     changed = True
         if changed:
             self._notify()
-        return True
 
     def elsewhere(self, joints: Iterable[str]) -> str:
         """Return who owns one of these joints at a servo bus of another process; empty: nobody."""

@@ -214,6 +214,8 @@ class HeadControl:
             owners.claim(self.name, self.joints)
         except (OwnershipError, StoppedError) as error:
             self._disabled = str(error)
+            if owners.stopped:
+                owners.claim_at_resume(self.name, self.joints)
             self._log.warning(f"{error}; until then {self.mode.title} is disabled")
         self.watch()
         self._loop.add(self)

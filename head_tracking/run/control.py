@@ -19,6 +19,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.joint_owners import resume_report, stop_report
+from head_tracking.ros.kit.kept_stop import KeptStop
 from head_tracking.ros.kit.spinning import NodeThreads, describe
 from head_tracking.ros.kit.start import start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
@@ -80,6 +81,7 @@ def compose(
     stop: StopSignal,
     start_elsewhere: Callable[[NodeSpec], None] | None = None,
     on_servos: Callable[[Any], object] = lambda _: None,
+    owners: JointOwners | None = None,
 ) -> Composition:
     """Make the nodes of a run and start them.
 
@@ -90,6 +92,7 @@ def compose(
         stop: asks to stop while there are nodes to make.
         start_elsewhere: starts the nodes of other processes; None: they are made here.
         on_servos: gets the servo bus before anything is commanded.
+        owners: of the joints; None: new ones, as planned.
 
     Raises:
         EndRequestedError: somebody asked to stop.
@@ -97,7 +100,7 @@ def compose(
         Exception: a node could not start; says why.
     """
     buffer = Buffer()
-    loop = ControlLoop(buffer.core, JointOwners(exclusive=not plan.allow_others))
+    loop = ControlLoop(buffer.core, owners or JointOwners(exclusive=not plan.allow_others))
     simulated: list[SimulatedJoints] = []
 
     def simulate(joints: Sequence[JointConfiguration]) -> str:
@@ -213,7 +216,10 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
         plan = parse_arguments(arguments)
         start_ros(plan.ros_arguments)
         with ExitStack() as resources, closing(threads):
-            _run(plan, threads, resources, stop, status, line)
+            kept = None if plan.simulated else KeptStop(plan.arguments)
+            _run(plan, threads, resources, stop, status, line, kept)
+            if kept is not None and threads.exit_code() == 0:
+                kept.forget()
     except EndRequestedError:
         status.end("stopped before everything had started")
     except Exception as error:
@@ -251,6 +257,7 @@ def _run(
     stop: StopSignal,
     status: StatusLine,
     line: SupervisorLine,
+    kept: KeptStop | None,
 ) -> None:
     handed_over: list[Any] = []
 
@@ -277,7 +284,10 @@ def _run(
     claim = _claim(plan, threads, stop, status)
     others = OtherProcesses(line, stop)
     line.receive(receive)
-    head = compose(plan, threads, resources, stop, others.start, hand_over)
+    owners = JointOwners(exclusive=not plan.allow_others)
+    if kept is not None:
+        kept.guard(owners)
+    head = compose(plan, threads, resources, stop, others.start, hand_over, owners)
     parameter_sources.check(head.nodes.values())
     get_logger("head_tracking").info(threads.executor)
     head_node = head.nodes.get(plan.head_node)
