@@ -7,7 +7,7 @@ import sys
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
-from head_tracking.programs import NO_ROS, has_ros
+from head_tracking.programs import NO_ROS, has_ros, head_tracking
 from head_tracking.ros.kit.stop_signal import EndRequestedError
 from head_tracking.run.options import parse_arguments
 from head_tracking.run.status_line import StatusLine
@@ -36,4 +36,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(head_tracking())

@@ -9,8 +9,10 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
+from pkgutil import resolve_name
 from typing import Final
 
 NODES: Final = {
@@ -28,7 +30,7 @@ NODES: Final = {
     "viewer": "nodes",
     "recorder": "ros.robot",
 }
-"""The packages of the nodes, by name."""
+"""The packages of the nodes, by name; see `node_class`. A module with a `main` starts by that."""
 
 TOOLS: Final = (
     "servo",
@@ -75,13 +77,17 @@ def __getattr__(name: str) -> Callable[[], int]:
             sys.argv[0] = chosen
         try:
             program = import_module(f"head_tracking.{_module(chosen)}")
+            spinning = "head_tracking.ros.kit.spinning"
+            run = getattr(program, "main", None) or partial(
+                import_module(spinning).run_node, resolve_name(node_class(chosen))
+            )
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _ROS and not package.endswith("_msgs"):
                 raise
             print(f"{chosen}: {NO_ROS} ({package} is missing)", file=sys.stderr)
             return 1
-        code: int = program.main()
+        code: int = run()
         return code
 
     return main
@@ -92,6 +98,12 @@ def has_ros() -> bool:
     with suppress(ValueError):  # it is hidden
         return find_spec("rclpy") is not None
     return False
+
+
+def node_class(name: str) -> str:
+    """Return where the class of a node is, such as head_tracking.nodes.viewer.ViewerNode."""
+    kind = name.title().replace("_", "") + "Node"
+    return f"head_tracking.{NODES.get(name, 'run')}.{name}.{kind}"
 
 
 def _module(name: str) -> str:

@@ -16,8 +16,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from unittest import mock
 
@@ -95,7 +95,7 @@ def read_interfaces() -> Iterator[Interface]:
     import rclpy
     from rclpy.parameter import Parameter
 
-    from head_tracking.programs import NODES
+    from head_tracking.programs import NODES, node_class
     from head_tracking.simulation import SimulatedPort, SimulatedServo
 
     with ExitStack() as stack:
@@ -107,8 +107,7 @@ def read_interfaces() -> Iterator[Interface]:
         rclpy.init(args=["--ros-args", "--log-level", "fatal"])
         stack.callback(rclpy.try_shutdown)
         for name in NODES:
-            module = import_module(f"head_tracking.{NODES[name]}.{name}")
-            kind = getattr(module, name.title().replace("_", "") + "Node")
+            kind = resolve_name(node_class(name))
             given: dict[str, Any] = {
                 "parameter_overrides": [
                     Parameter(parameter, value=value)

@@ -141,7 +141,3 @@ def _parser() -> argparse.ArgumentParser:
 
 def _camera(text: str) -> int | str:
     return int(text) if text.isdecimal() else text
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -52,7 +52,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"check_model: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -206,7 +206,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"head_setup: {error}", file=sys.stderr)
         return FAILED
     return carry_out(steps, dry_run=options.dry_run, yes=options.yes)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -155,7 +155,3 @@ def _number_or_point(text: str) -> float | PointInFrame:
 
 def _degrees(text: str) -> float:
     return math.radians(finite(text))
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -387,7 +387,3 @@ def _check_and_write(files: Sequence[Path], texts: Sequence[str]) -> None:
     for file, text in zip(files, texts, strict=True):
         with file.open("x", encoding="utf-8") as output:
             output.write(text)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -23,7 +23,3 @@ def main() -> int:
     with running_client("relax") as client:
         print(client.call(["relax"], _PATIENCE))
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

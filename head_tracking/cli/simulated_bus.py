@@ -178,7 +178,3 @@ def _fault(text: str) -> Fault:
         return Fault[text.upper()]
     except KeyError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a kind of fault") from None
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

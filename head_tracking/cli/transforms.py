@@ -116,7 +116,3 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
                 "--listen", type=above_zero, default=2.0, help="listen for S seconds (default 2)"
             )
     return parser.parse_args(arguments)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

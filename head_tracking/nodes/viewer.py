@@ -16,7 +16,6 @@ from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import run_node
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
 
@@ -119,12 +118,3 @@ def find_package(name: str) -> Path | None:
 
 def _reachable(host: str) -> str:
     return "localhost" if host in ("0.0.0.0", "127.0.0.1") else host
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(ViewerNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

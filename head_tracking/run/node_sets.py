@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import Any
+
+from head_tracking.programs import node_class
 
 CONTROL, VISION, PAGE = "control", "vision", "page"
 """The processes of a run: servos and head; cameras and detectors; the page in a browser."""
@@ -16,7 +19,6 @@ class NodeSpec:
 
     Attributes:
         name: the node's name.
-        kind: its class, in head_tracking; imported when it is needed.
         needs: arguments that its process hands to it: "buffer", the transforms that the nodes of
             the process share; "loop", its controllers; "connect", the port of simulated servos, or
             None; "true_position", where a simulated joint really is [rad], or None; "start", to
@@ -26,7 +28,6 @@ class NodeSpec:
     """
 
     name: str
-    kind: str
     needs: tuple[str, ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
     process: str = CONTROL
@@ -37,27 +38,17 @@ class NodeSpec:
         Args:
             shared: what its process can hand to it.
         """
-        from pkgutil import resolve_name
-
         from rclpy.parameter import Parameter
 
         overrides = [Parameter(name, value=value) for name, value in self.parameters.items()]
-        kind = resolve_name(f"head_tracking.{self.kind}")
+        kind = resolve_name(node_class(self.name))
         return kind(parameter_overrides=overrides, **{name: shared[name] for name in self.needs})
 
 
 ROBOT = (
-    NodeSpec("servo_bus", "ros.bus.servo_bus.ServoBusNode", ("connect", "loop")),
-    NodeSpec(
-        "robot_state_publisher",
-        "ros.robot.robot_state_publisher.RobotStatePublisherNode",
-        ("buffer", "loop"),
-    ),
-    NodeSpec(
-        "joint_state_publisher",
-        "ros.robot.joint_state_publisher.JointStatePublisherNode",
-        ("loop",),
-    ),
+    NodeSpec("servo_bus", ("connect", "loop")),
+    NodeSpec("robot_state_publisher", ("buffer", "loop")),
+    NodeSpec("joint_state_publisher", ("loop",)),
 )
 
 FEEDS_BUFFER = "robot_state_publisher"
@@ -70,8 +61,8 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """What a robot may have already, so that a run can do without."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", "ros.head.head_tracker.HeadTrackerNode", ("buffer", "loop")),
-    "point": NodeSpec("point_head", "ros.head.point_head.PointHeadNode", ("buffer", "loop")),
+    "track": NodeSpec("head_tracker", ("buffer", "loop")),
+    "point": NodeSpec("point_head", ("buffer", "loop")),
 }
 
 # Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
@@ -79,35 +70,25 @@ SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
 def _visual(follow: str) -> tuple[NodeSpec, ...]:
-    kind = "ros.targets.visual_target.VisualTargetNode"
-    return (NodeSpec("visual_target", kind, ("buffer",), {"follow": follow}, VISION),)
+    return (NodeSpec("visual_target", ("buffer",), {"follow": follow}, VISION),)
 
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
-    kind = "ros.targets.fictitious_target.FictitiousTargetNode"
-    return (NodeSpec("fictitious_target", kind, parameters=parameters),)
+    return (NodeSpec("fictitious_target", parameters=parameters),)
 
 
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
-    "mux": (NodeSpec("target_mux", "ros.targets.target_mux.TargetMuxNode", ("buffer",)),),
+    "mux": (NodeSpec("target_mux", ("buffer",)),),
     "face": _visual("face"),
     "ball": _visual("colour"),
     "marker": _visual("marker"),
     "features": _visual("features"),
     "nearest": _visual("nearest"),
     **{
-        source: (
-            NodeSpec(
-                "detection_target",
-                "ros.targets.detection_target.DetectionTargetNode",
-                ("buffer",),
-                {"source": source},
-                VISION,
-            ),
-        )
+        source: (NodeSpec("detection_target", ("buffer",), {"source": source}, VISION),)
         for source in ("detections_2d", "detections_3d", "faces", "bodies")
     },
 }
@@ -126,15 +107,14 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """Return the camera of a simulated head; small images, for they share a processor."""
     return NodeSpec(
         "simulated_camera",
-        "ros.targets.simulated_camera.SimulatedCameraNode",
         ("buffer", "true_position"),
         {"scene": scene, "width": 320, "height": 240, **parameters},
         VISION,
     )
 
 
-STARTER = NodeSpec("node_starter", "run.node_starter.NodeStarterNode", ("start", "startable"))
-VIEWER = NodeSpec("viewer", "nodes.viewer.ViewerNode", process=PAGE)
+STARTER = NodeSpec("node_starter", ("start", "startable"))
+VIEWER = NodeSpec("viewer", process=PAGE)
 
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
@@ -147,8 +127,7 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
 
 def frame_target(frame: str) -> tuple[NodeSpec, ...]:
     """Return the node that publishes where a frame is."""
-    kind = "ros.targets.frame_target.FrameTargetNode"
-    return (NodeSpec("frame_target", kind, ("buffer",), {"frame": frame}),)
+    return (NodeSpec("frame_target", ("buffer",), {"frame": frame}),)
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:

@@ -38,7 +38,7 @@ def soak(minutes: float) -> str:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "servos"
-        command = [sys.executable, "-m", "head_tracking.cli.simulated_bus", "--link", str(link)]
+        command = [sys.executable, "-m", "head_tracking", "simulated_bus", "--link", str(link)]
         command += ["--faults", "1", "--unplug-every", "30", "--seed", "1"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as servos:
             assert servos.stdout is not None

@@ -1,6 +1,7 @@
 """detection_target over real topics with the real messages of other packages."""
 
 import math
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -14,9 +15,8 @@ from std_msgs.msg import String
 from waiting import wait_for
 
 from head_tracking.ros.kit.images import camera_info, image_message
-from head_tracking.ros.targets import detection_target
+from head_tracking.ros.kit.message_types import MessagesMissingError
 from head_tracking.ros.targets.detection_target import DetectionTargetNode
-from head_tracking.ros.targets.detections import MessagesMissingError
 from head_tracking.tf import Buffer
 from head_tracking.tf.messages import header
 from head_tracking.transforms import Rotation, Transform
@@ -254,18 +254,14 @@ def test_a_face_with_a_frame_is_taken_from_there(scene):
 
 
 @pytest.mark.parametrize(
-    ("source", "kind", "words"),
-    [
-        ("detections_2d", "Detection2DArray", "vision_msgs is not installed"),
-        ("detections_3d", "Detection3DArray", "vision_msgs is not installed"),
-        ("faces", "IdsList", "hri_msgs is not installed"),
-    ],
+    ("source", "package"),
+    [("detections_2d", "vision_msgs"), ("detections_3d", "vision_msgs"), ("faces", "hri_msgs")],
 )
-def test_without_the_messages_one_line_says_what_to_install(monkeypatch, source, kind, words):
-    monkeypatch.setattr(detection_target, kind, None)
+def test_without_the_messages_one_line_says_what_to_install(monkeypatch, source, package):
+    monkeypatch.setitem(sys.modules, f"{package}.msg", None)
     rclpy.init()
     try:
-        with pytest.raises(MessagesMissingError, match=words) as raised:
+        with pytest.raises(MessagesMissingError, match=package) as raised:
             DetectionTargetNode(Buffer(), parameter_overrides=[Parameter("source", value=source)])
         assert "\n" not in str(raised.value)
         assert "ros-jazzy-" in str(raised.value)

@@ -22,7 +22,7 @@ PONG = StatusPacket(1).encode()
 class Program:
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "head_tracking.cli.simulated_bus", *options],
+            [sys.executable, "-m", "head_tracking", "simulated_bus", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

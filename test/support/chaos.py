@@ -55,7 +55,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.gaze import PanTiltHead
-from head_tracking.programs import NODES
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedPort, SimulatedServo, Write
 from head_tracking.transforms import load_robot_model
@@ -296,13 +295,11 @@ class Chaos:
                 "joint_state_publisher",
                 "head_tracker",
             ):
-                yield program(name, f"head_tracking.{NODES[name]}.{name}", *ros)
+                yield program(name, "head_tracking", name, *ros)
         else:
             yield program("run", "head_tracking", "--port", str(link), "--params", files[1])
         if importlib.util.find_spec("nicegui"):
-            yield program(
-                "page", f"head_tracking.{NODES['viewer']}.viewer", "--ros-args", "-p", "port:=0"
-            )
+            yield program("page", "head_tracking", "viewer", "--ros-args", "-p", "port:=0")
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor()

@@ -27,7 +27,7 @@ def test_everything_loads_without_it():
 def test_a_program_that_needs_it_says_how_to_get_it():
     done = run(
         "import sys; sys.argv = ['visual_target']\n"
-        "from head_tracking.ros.targets.visual_target import main; sys.exit(main())"
+        "from head_tracking.programs import visual_target as main; sys.exit(main())"
     )
     assert done.returncode == 1
     assert "OpenCV is not installed" in done.stderr

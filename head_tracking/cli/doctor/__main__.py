@@ -132,7 +132,3 @@ def _parser() -> argparse.ArgumentParser:
         help="how long to listen to other nodes; 0: not at all (%(default)s s)",
     )  # fmt: skip
     return parser
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -175,7 +175,3 @@ def _wanted(text: str) -> Wanted:
     if not name.isidentifier():
         raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
     return Wanted(name, number)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

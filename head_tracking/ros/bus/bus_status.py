@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from head_tracking.dynamixel import (
     BusSettings,
@@ -16,6 +16,7 @@ from head_tracking.dynamixel import (
     ServoStatistics,
     describe_errors,
 )
+from head_tracking.ros.kit.diagnostics import Level, status_message
 
 _FRESH_CYCLES = 5.0
 _FRESH_SECONDS = 0.2
@@ -87,15 +88,15 @@ def bus_diagnostics(status: BusStatus) -> list[DiagnosticStatus]:
 
 def _bus(status: BusStatus) -> DiagnosticStatus:
     timing, counted = status.timing, status.statistics
-    level = DiagnosticStatus.OK
+    level = Level.OK
     message = f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second"
     if not counted.connected:
-        level, message = DiagnosticStatus.ERROR, "the port has gone; it is looked for all the time"
+        level, message = Level.ERROR, "the port has gone; it is looked for all the time"
     elif counted.adapter.advice:
-        level, message = DiagnosticStatus.WARN, counted.adapter.advice
+        level, message = Level.WARN, counted.adapter.advice
     elif 0 < timing.reached_rate < 0.9 * timing.update_rate:
-        level = DiagnosticStatus.WARN
-    return _entry(
+        level = Level.WARN
+    return status_message(
         f"servo_bus: {status.port_name}",
         level,
         message,
@@ -145,43 +146,31 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
     name = f"servo_bus: {servo.joint_name}"
     if sum(other.joint_name == servo.joint_name for other in status.statistics.servos) > 1:
         name += f" (servo {servo.id})"
-    return _entry(name, level, message, values, str(servo.id))
+    return status_message(name, level, message, values, str(servo.id))
 
 
-def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tuple[bytes, str]:
+def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tuple[Level, str]:
     """Level and message; the worst comes first."""
     fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / status.timing.update_rate)
     errors = describe_errors(servo.errors)
     if servo.health is Health.FAULTED:
-        return DiagnosticStatus.ERROR, f"{servo.health.value}: {errors}; call recover"
+        return Level.ERROR, f"{servo.health.value}: {errors}; call recover"
     if servo.health in _BAD:
-        return DiagnosticStatus.ERROR, servo.health.value
+        return Level.ERROR, servo.health.value
     if servo.health is Health.STOPPED:
-        return DiagnosticStatus.WARN, servo.health.value
+        return Level.WARN, servo.health.value
     if servo.health is Health.STALE or age is None or age > fresh:
-        return DiagnosticStatus.STALE, Health.STALE.value
+        return Level.STALE, Health.STALE.value
     if servo.errors:
-        return DiagnosticStatus.ERROR, errors
+        return Level.ERROR, errors
     if servo.symptoms:
         serious = any(symptom.serious for symptom in servo.symptoms)
-        level = DiagnosticStatus.ERROR if serious else DiagnosticStatus.WARN
+        level = Level.ERROR if serious else Level.WARN
         told = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
         return level, "; ".join(told)
     temperature = servo.temperature or 0.0
     if temperature >= status.settings.hot:
-        return DiagnosticStatus.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"
+        return Level.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"
     if temperature >= status.settings.warm:
-        return DiagnosticStatus.WARN, f"{temperature:.0f} degrees Celsius; {servo.torque}"
-    return DiagnosticStatus.OK, servo.torque
-
-
-def _entry(
-    name: str, level: bytes, message: str, values: Mapping[str, str], hardware_id: str
-) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        name=name,
-        level=level,
-        message=message,
-        hardware_id=hardware_id,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
+        return Level.WARN, f"{temperature:.0f} degrees Celsius; {servo.torque}"
+    return Level.OK, servo.torque

@@ -40,7 +40,7 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.bus.joint_configuration import declare_joint
-from head_tracking.ros.kit.diagnostics import in_namespace
+from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
@@ -342,11 +342,8 @@ class ServoBusNode(Node):
 
     def _publish_diagnostics(self) -> None:
         self._owners_output.publish()
-        message = DiagnosticArray(
-            status=[entry for status in self._statuses() for entry in bus_diagnostics(status)]
-        )
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(in_namespace(self, message))
+        entries = [entry for status in self._statuses() for entry in bus_diagnostics(status)]
+        self._diagnostics.publish(diagnostics(self, entries))
 
 
 class StatesMessage:
@@ -422,7 +419,3 @@ def _claiming_node() -> ServoBusNode:
     node = ServoBusNode(loop=loop)
     HeadClaim(node, simulated=False).begin()
     return node
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_msgs.msg import Bool, Float64, String
@@ -19,6 +19,7 @@ from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
+from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.listening import TopicListener, unheard
 from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
@@ -213,12 +214,7 @@ class HeadInterface:
                 self._enabled_topic.publish(Bool(data=not off))
             hampered = off or control.trouble or self.unheard
             self._status_topic.publish(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if hampered else DiagnosticStatus.OK,
-                    name=control.name,
-                    message=text,
-                    values=[KeyValue(key=key, value=value) for key, value in fields.items()],
-                )
+                status_message(control.name, Level.WARN if hampered else Level.OK, text, fields)
             )
             if text != before[0]:
                 self._state_topic.publish(String(data=text))

@@ -14,7 +14,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_interface import HeadInterface
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.tf import Buffer
 from head_tracking.tracking import (
     LAWS,
@@ -141,12 +141,3 @@ class HeadTrackerNode(Node):
         if tracker is not None and tracker.fault:
             level = Level.ERROR
         self._diagnostics.publish(report(self, "target", level, text, values))
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(HeadTrackerNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

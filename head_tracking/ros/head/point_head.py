@@ -14,7 +14,6 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_interface import HeadInterface
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import run_node
 from head_tracking.tf import Buffer
 
 _PERIOD = 0.02  # s
@@ -72,12 +71,3 @@ class PointHeadNode(Node):
     def failure(self) -> Exception | None:
         """What has ended its part in the loop."""
         return self.interface.control.failure
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(PointHeadNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

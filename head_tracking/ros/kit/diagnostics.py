@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -36,6 +36,19 @@ def health_from_message(status: DiagnosticStatus) -> Health:
     return Health(status.name, level, status.message, values)
 
 
+def status_message(
+    name: str, level: Level, text: str, values: Mapping[str, str], hardware_id: str = ""
+) -> DiagnosticStatus:
+    """Return the message that says how something is."""
+    return DiagnosticStatus(
+        name=name,
+        level=bytes((level,)),
+        message=text,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
 def report(
     node: Node, name: str, level: Level, text: str, values: Mapping[str, str]
 ) -> DiagnosticArray:
@@ -48,25 +61,18 @@ def report(
         text: for a person.
         values: what is known, by name.
     """
-    status = DiagnosticStatus(
-        name=f"{node.get_name()}: {name}",
-        level=bytes((level,)),
-        message=text,
-        hardware_id="head",
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = node.get_clock().now().to_msg()
-    return in_namespace(node, message)
+    name = f"{node.get_name()}: {name}"
+    return diagnostics(node, [status_message(name, level, text, values, "head")])
 
 
-def in_namespace(node: Node, message: DiagnosticArray) -> DiagnosticArray:
-    """The message, with the node's namespace before the names in it.
+def diagnostics(node: Node, statuses: Sequence[DiagnosticStatus]) -> DiagnosticArray:
+    """Return a message for /diagnostics, with the node's namespace before the names in it.
 
     As diagnostic_updater has it with `use_fqn`: `left/servo_bus: head_pan_joint`.
     """
     namespace = node.get_namespace().strip("/")
-    if namespace:
-        for status in message.status:
-            status.name = f"{namespace}/{status.name}"
+    for status in statuses if namespace else ():
+        status.name = f"{namespace}/{status.name}"
+    message = DiagnosticArray(status=statuses)
+    message.header.stamp = node.get_clock().now().to_msg()
     return message

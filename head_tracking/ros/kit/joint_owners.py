@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import STOPPED, JointOwners
 from head_tracking.dynamixel import StoppedError
+from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.urgent_services import UrgentServices
 
@@ -42,12 +43,8 @@ def control_message(owners: JointOwners, joints: Iterable[str]) -> DiagnosticSta
     stopped = owners.stopped
     fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value)}
     fields |= {f"{_OWNER}{joint}": owner for joint, owner in owners.of(joints).items()}
-    return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if stopped else DiagnosticStatus.OK,
-        name="joint_control",
-        message=STOPPED if stopped else "commands are accepted",
-        values=[KeyValue(key=key, value=value) for key, value in fields.items()],
-    )
+    level, text = (Level.WARN, STOPPED) if stopped else (Level.OK, "commands are accepted")
+    return status_message("joint_control", level, text, fields)
 
 
 def control_from_message(message: DiagnosticStatus) -> JointControl:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
+
 _LINE = "=" * 80
 _NESTED = re.compile(r"([a-zA-Z]\w*)/(\w+)")
 _WORDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
@@ -18,17 +20,24 @@ _KNOWN = {"tf2_msgs/msg/TFMessage": {"transforms": "sequence<geometry_msgs/Trans
 """The fields of types that are written and read also where their packages are not installed."""
 
 
+class MessagesMissingError(HeadTrackingError, LookupError):
+    """A package of messages is not installed; the message says which."""
+
+
 def message_class(name: str) -> Any:
     """The class of a type such as `std_msgs/msg/Bool`.
 
     Raises:
-        LookupError: the package that defines it is not installed.
+        MessagesMissingError: the package that defines it is not installed.
     """
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)
     except (ImportError, AttributeError, ValueError) as error:
-        raise LookupError(f"the messages of {package} are not installed") from error
+        raise MessagesMissingError(
+            f"{package} is not installed; it comes with a ROS 2 installation "
+            f"(ros-jazzy-{package.replace('_', '-')})"
+        ) from error
 
 
 def message_definition(name: str) -> str:

@@ -17,7 +17,7 @@ from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.topic_output import Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.transforms import (
@@ -194,12 +194,3 @@ class JointStatePublisherNode(Node):
         efforts = [state.effort for state in states.values()]
         message.effort = [] if all(map(math.isnan, efforts)) else efforts
         self._output.publish(message)
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(JointStatePublisherNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -72,7 +72,3 @@ def main() -> int:
     """Runs the node until it is interrupted."""
     os.nice(_NICENESS)  # gives way to the robot
     return run_node(RecorderNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

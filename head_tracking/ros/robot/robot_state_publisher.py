@@ -19,7 +19,7 @@ from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,
@@ -204,12 +204,3 @@ def _check_model(parameters: RobotStatePublisherParameters) -> None:
         parameters.model()
     except (HeadTrackingError, FileNotFoundError) as error:
         raise ParameterError(str(error)) from error
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(RobotStatePublisherNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

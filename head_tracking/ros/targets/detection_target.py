@@ -13,20 +13,11 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of
+from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import MEASUREMENT
-from head_tracking.ros.kit.spinning import run_node
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.targets.detections import (
-    Detection2DArray,
-    Detection3DArray,
-    IdsList,
-    NormalizedRegionOfInterest2D,
-    candidates,
-    places,
-    region_candidate,
-    require_messages,
-)
+from head_tracking.ros.targets.detections import candidates, places, region_candidate
 from head_tracking.ros.targets.sighted_target import NEWEST, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -40,6 +31,12 @@ from head_tracking.vision import (
     ImageError,
     require_opencv,
 )
+
+_MESSAGES = {
+    "detections_2d": "vision_msgs/msg/Detection2DArray",
+    "detections_3d": "vision_msgs/msg/Detection3DArray",
+}
+"""What comes on `detections`; other sources are ROS4HRI's."""
 
 _DEPTHS_KEPT = 30
 """Who detects takes its time; the depth image of the same moment has to wait for it."""
@@ -86,11 +83,7 @@ class DetectionTargetNode(Node):
         super().__init__("detection_target", **options)
         self._parameters_read = NodeParameters(self, DetectionTargetParameters)
         p = self._parameters_read.value
-        package, kind = {
-            "detections_2d": ("vision_msgs", Detection2DArray),
-            "detections_3d": ("vision_msgs", Detection3DArray),
-        }.get(p.source, ("hri_msgs", IdsList))
-        require_messages(package, kind)
+        kind = message_class(_MESSAGES.get(p.source, "hri_msgs/msg/IdsList"))
         if p.source != "detections_3d":
             require_opencv()
         self._detector = GivenDetector()
@@ -107,15 +100,14 @@ class DetectionTargetNode(Node):
         self._regions: dict[str, Subscription] = {}
         self._newest: dict[str, Any] = {}
         self._name = self.create_publisher(String, "~/id", 10)
-        if p.source == "detections_3d":
-            self.create_subscription(Detection3DArray, "detections", self._working.offer, NEWEST)
-            return
-        self.create_subscription(Image, "depth", self._on_depth, NEWEST)
-        if p.source == "detections_2d":
-            self.create_subscription(Detection2DArray, "detections", self._working.offer, NEWEST)
+        if p.source in _MESSAGES:
+            self.create_subscription(kind, "detections", self._working.offer, NEWEST)
         else:
+            self._region_class = message_class("hri_msgs/msg/NormalizedRegionOfInterest2D")
             tracked = f"{p.humans}/{p.source}/tracked"
-            self.create_subscription(IdsList, tracked, self._on_ids, MEASUREMENT)
+            self.create_subscription(kind, tracked, self._on_ids, MEASUREMENT)
+        if p.source != "detections_3d":
+            self.create_subscription(Image, "depth", self._on_depth, NEWEST)
 
     def destroy_node(self) -> None:
         """Ends the thread that places what is found, too."""
@@ -134,7 +126,7 @@ class DetectionTargetNode(Node):
             self._newest.pop(gone, None)
         for new in set(message.ids) - self._regions.keys():
             self._regions[new] = self.create_subscription(
-                NormalizedRegionOfInterest2D,
+                self._region_class,
                 f"{p.humans}/{p.source}/{new}/roi",
                 lambda region, name=new: self._on_region(name, region),
                 NEWEST,
@@ -218,12 +210,3 @@ class DetectionTargetNode(Node):
         if near is None or abs(near[0] - stamp) * 1e-9 > tolerance:
             return None
         return depth_of(near[1])
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(DetectionTargetNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

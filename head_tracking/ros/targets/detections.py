@@ -1,4 +1,4 @@
-"""What other programs have found: vision_msgs and hri_msgs, where they are installed."""
+"""What other programs have found: messages of vision_msgs and hri_msgs as candidates."""
 
 from __future__ import annotations
 
@@ -6,50 +6,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
 from head_tracking.vision.candidate import Candidate
 from head_tracking.vision.identity import Located
-
-try:
-    from vision_msgs.msg import Detection2DArray, Detection3DArray
-except ImportError:
-    Detection2DArray = Detection3DArray = None
-try:
-    from hri_msgs.msg import IdsList, NormalizedRegionOfInterest2D
-except ImportError:
-    IdsList = NormalizedRegionOfInterest2D = None
-
-
-__all__ = [
-    "Detection2DArray",
-    "Detection3DArray",
-    "IdsList",
-    "MessagesMissingError",
-    "NormalizedRegionOfInterest2D",
-    "candidates",
-    "places",
-    "region_candidate",
-    "require_messages",
-]
-
-
-class MessagesMissingError(HeadTrackingError, ImportError):
-    """A package of messages is not installed; the message says which."""
-
-
-def require_messages(package: str, kind: type[Any] | None) -> None:
-    """Refuses what cannot be done without a package of messages.
-
-    Raises:
-        MessagesMissingError: it is not installed.
-    """
-    if kind is None:
-        raise MessagesMissingError(
-            f"{package} is not installed; it comes with a ROS 2 installation "
-            f"(ros-jazzy-{package.replace('_', '-')})"
-        )
 
 
 def candidates(detections: Iterable[Any], wanted: str) -> list[Candidate]:

@@ -13,7 +13,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.ros.kit.topic_output import Output
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
@@ -74,12 +74,3 @@ def _marker(target: PointStamped) -> Any:
     marker.scale.x = marker.scale.y = marker.scale.z = 0.1
     marker.color.r, marker.color.g, marker.color.a = 1.0, 0.6, 1.0
     return marker
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(FictitiousTargetNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

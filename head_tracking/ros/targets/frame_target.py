@@ -12,7 +12,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
@@ -65,12 +65,3 @@ class FrameTargetNode(Node):
             return
         if target is not None:
             self._targets.publish(target_message(target))
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(FrameTargetNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

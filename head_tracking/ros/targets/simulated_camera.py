@@ -16,7 +16,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.targets.placed_target import NewestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
@@ -226,12 +226,3 @@ class SimulatedCameraNode(Node):
 def _publish(messages: list[tuple[Publisher, Any]]) -> None:
     for publisher, message in messages:
         publisher.publish(message)
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(SimulatedCameraNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

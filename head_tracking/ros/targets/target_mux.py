@@ -16,7 +16,7 @@ from head_tracking.ros.kit.listening import TopicListener
 from head_tracking.ros.kit.messages import target_from_message, target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.switch import Switch
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
@@ -226,12 +226,3 @@ class TargetMuxNode(Node):
             )
         except TransformException:
             return 0.0, 0.0, 0.0
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(TargetMuxNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

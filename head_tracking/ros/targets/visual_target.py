@@ -14,7 +14,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.targets.sighted_target import NEWEST, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
@@ -283,12 +283,3 @@ def _size(frame: Frame) -> tuple[int, int]:
 def _region(box: Box, frame: Frame) -> RegionOfInterest:
     x, y, width, height = (round(number) for number in box.clipped(*_size(frame)))
     return RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
-
-
-def main() -> int:
-    """Runs the node until it is interrupted."""
-    return run_node(VisualTargetNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
