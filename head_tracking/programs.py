@@ -5,6 +5,7 @@ setup.py reads this file without the package: it imports the standard library on
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -66,6 +67,8 @@ def __getattr__(name: str) -> Callable[[], int]:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def main() -> int:
+        # before NumPy comes: its threads would wait for each other on all cores, for small matrices
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         chosen = name
         command = "".join(sys.argv[1:2]).replace("-", "_")  # new-robot is new_robot
         if name == "head_tracking" and command in COMMANDS:
