@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
@@ -87,7 +86,6 @@ class ServoModel:
         feedback_order: Where in that block the five of them stand.
         goal: What one write sets: goal position and speed, and perhaps more that is 0.
         goal_order: Where in that block goal position and speed stand.
-        goal_layout: Packs goal position and speed, in the order of their addresses.
         position_limits: Names of the registers with the lowest and highest goal position.
         ticks: Number of positions.
         endless: Whether the ticks go round a whole turn, so that each stands for many positions.
@@ -120,7 +118,6 @@ class ServoModel:
     feedback_order: tuple[int, int, int, int, int]
     goal: Block
     goal_order: tuple[int, int]
-    goal_layout: struct.Struct
     position_limits: tuple[str, str]
     ticks: int
     endless: bool
@@ -164,9 +161,10 @@ class ServoModel:
 
     def goal_values(self, ticks: int, speed: int) -> tuple[int, ...]:
         """Return the values of the goal block for a position and a speed, in counts."""
+        values = [0] * len(self.goal.registers)
         position_at, speed_at = self.goal_order
-        places = range(len(self.goal.registers))
-        return tuple([ticks if i == position_at else speed if i == speed_at else 0 for i in places])
+        values[position_at], values[speed_at] = ticks, speed
+        return tuple(values)
 
 
 @cache
@@ -270,7 +268,6 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         feedback=table.block(*read),
         feedback_order=(a, b, c, d, e),
         goal=table.block(*written),
-        goal_layout=_goal_layout(table, table.block(*written), goal),
         goal_order=(written.index(goal["position"]), written.index(goal["speed"])),
         position_limits=(lowest, highest),
         center=int(units["position"].zero),
@@ -290,14 +287,6 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         aliases=tuple(facts.pop("aliases", ())),
         **facts,
     )
-
-
-def _goal_layout(table: ControlTable, block: Block, goal: Mapping[str, str]) -> struct.Struct:
-    """Return what packs position and speed into the bytes of a block, with zeros for the others."""
-    names = sorted((goal["position"], goal["speed"]), key=lambda name: table[name].address)
-    both = table.block(*names)
-    form = both.layout.format
-    return struct.Struct(f"{form[0]}{both.address - block.address}x{form[1:]}")
 
 
 def _sign_value(register: Register) -> int:

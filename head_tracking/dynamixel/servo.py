@@ -204,8 +204,6 @@ class Servo:
         self._protocol = model.protocol
         self._speed_unit = model.speed_unit
         self._unpack = model.feedback.layout.unpack
-        self._pack = model.goal_layout.pack
-        self._position_first = model.goal_order[0] < model.goal_order[1]
         self.fastest = model.speed_maximum
         self._order = model.feedback_order
         self._signs = model.signs
@@ -592,7 +590,7 @@ class Servo:
             count = self.fastest
         elif count < self.model.speed_minimum:  # 0 would be full speed
             count = self.model.speed_minimum
-        return self._pack(ticks, count) if self._position_first else self._pack(count, ticks)
+        return self.model.goal.layout.pack(*self.model.goal_values(ticks, count))
 
     def limit_speed(self, limit: float) -> None:
         """Never encode a goal speed above a limit, rad/s."""

@@ -14,7 +14,6 @@ from dynamixel_fakes import PAN, TILT, FakePort, submit
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
 
-from head_tracking.configuration.bus_parameters import EepromParameters
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
@@ -25,6 +24,7 @@ from head_tracking.dynamixel import (
     CorruptReplyError,
     DynamixelError,
     DynamixelPort,
+    EepromSettings,
     EventKind,
     Goal,
     GoalError,
@@ -171,7 +171,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
-    changed = run(rig.bus.writing_eeprom("j1", EepromParameters().settings), rig.bench.pass_time)
+    changed = run(rig.bus.writing_eeprom("j1", EepromSettings()), rig.bench.pass_time)
     assert "Return Delay Time" in changed[1]
     assert rig.servos[0].register("Shutdown") == before
 
@@ -189,7 +189,7 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     rig.servos[0].overload()
     rig.step(5)
     recovering = submit(rig.bus, rig.bus.recovering(["j1"], 3.0))
-    writing = submit(rig.bus, rig.bus.writing_eeprom("j3", EepromParameters().settings))
+    writing = submit(rig.bus, rig.bus.writing_eeprom("j3", EepromSettings()))
     on = submit(rig.bus, rig.bus.switching_torque(["j3"], True))
     rig.step(2)
     assert not (recovering.done() or writing.done() or on.done())
@@ -232,7 +232,7 @@ def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
 def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):  # keep the steps of the goal waiting
-        submit(rig.bus, rig.bus.writing_eeprom("j2", EepromParameters().settings))
+        submit(rig.bus, rig.bus.writing_eeprom("j2", EepromSettings()))
     rig.step()
     rig.bus.command({"j1": Goal(0.2)})
     rig.step(cycles)

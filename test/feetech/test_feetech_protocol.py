@@ -54,7 +54,7 @@ def test_the_driver_reads_what_the_maker_prints() -> None:
 def test_a_goal_is_what_the_maker_prints_with_an_acceleration_of_0_before() -> None:
     values = STS.goal_values(2048, 1000)
     assert STS.goal.encode(*values) == b"\0" + SPEED_1000
-    assert STS.goal_layout.pack(2048, 1000) == b"\0" + SPEED_1000
+    assert STS.goal.layout.pack(*STS.goal_values(2048, 1000)) == b"\0" + SPEED_1000
     assert STS.goal.address == 41
 
 

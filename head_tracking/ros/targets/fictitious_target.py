@@ -12,9 +12,8 @@ from rclpy.time import Time
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.target_output import TargetOutput
 from head_tracking.ros.kit.topic_output import Output
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
@@ -44,12 +43,9 @@ class FictitiousTargetNode(Node):
         self._target = FictitiousTarget(
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
-        self._targets = self.create_publisher(
-            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
-        )
+        self._targets = TargetOutput(self)
         self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._sent: Time | None = None
-        self._switch = Switch(self)
         steady_timer(self, 1.0 / p.rate, self._publish)
 
     def _on_parameters(self, parameters: FictitiousTargetParameters) -> None:
@@ -57,12 +53,12 @@ class FictitiousTargetNode(Node):
 
     def _publish(self) -> None:
         now = self.get_clock().now()
-        if not self._switch.on or now == self._sent:
+        if not self._targets.on or now == self._sent:
             return  # (simulated time stands still, and so does the target)
         elapsed = (now - self._sent).nanoseconds * 1e-9 if self._sent is not None else 0.0
         self._sent = now
         target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))
-        self._targets.publish(target_message(target))
+        self._targets.publish(target)
         if self._marker is not None and self._marker.wanted:
             self._marker.publish(_marker(target_message(target)))
 

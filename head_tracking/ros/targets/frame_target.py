@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.target_output import TargetOutput
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch
@@ -41,10 +38,7 @@ class FrameTargetNode(Node):
             self._buffer,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
-        self._switch = Switch(self)
-        self._targets = self.create_publisher(
-            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
-        )
+        self._targets = TargetOutput(self)
         steady_timer(self, 1.0 / rate, self._publish)
 
     def _on_parameters(self, parameters: FrameTargetParameters) -> None:
@@ -56,7 +50,7 @@ class FrameTargetNode(Node):
             self.get_logger().warning(happened)
             if not self._clock_watch.standing:
                 self._buffer.clear()
-        if not self._switch.on:
+        if not self._targets.on:
             return
         try:
             target = self._target.newest(self.get_clock().now().nanoseconds)
@@ -64,4 +58,4 @@ class FrameTargetNode(Node):
             self.get_logger().warning(f"no target: {error}", throttle_duration_sec=2.0)
             return
         if target is not None:
-            self._targets.publish(target_message(target))
+            self._targets.publish(target)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
@@ -14,10 +13,8 @@ from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_of, frame_pose
-from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.target_output import TargetOutput
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
@@ -61,7 +58,7 @@ class SightedTarget:
         worker: does what takes its time.
 
     Attributes:
-        switch: enables and disables the node.
+        output: publishes targets while the node is enabled.
         tracker: keeps to one of the things that are found.
     """
 
@@ -83,10 +80,7 @@ class SightedTarget:
         self.find_by(detector)
         self._camera: tuple[Camera, str] | None = None
         self._placed = False
-        self.switch = Switch(node)
-        self._targets = node.create_publisher(
-            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
-        )
+        self.output = TargetOutput(node)
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
         node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
         node.create_service(Trigger, "~/reset", self._on_reset)
@@ -94,7 +88,7 @@ class SightedTarget:
     @property
     def wanted(self) -> bool:
         """Whether anybody wants to know what is found."""
-        return self.switch.on or self._confidence.get_subscription_count() > 0
+        return self.output.on or self._confidence.get_subscription_count() > 0
 
     def find_by(self, detector: Detector) -> None:
         """Looks for other things from now on."""
@@ -129,8 +123,7 @@ class SightedTarget:
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Sends the target that was sighted, unless that is switched off, and how sure it is."""
         if sighting is not None:
-            if self.switch.on:
-                self._targets.publish(target_message(Target(stamp, frame_id, sighting.point)))
+            self.output.publish(Target(stamp, frame_id, sighting.point))
         elif self.tracker.without_distance:
             self.complain(
                 "something is found, but not how far away: there is no depth for it; without a "

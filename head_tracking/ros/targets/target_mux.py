@@ -13,11 +13,11 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.listening import TopicListener
-from head_tracking.ros.kit.messages import target_from_message, target_message
+from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.switch import Switch
+from head_tracking.ros.kit.target_output import TargetOutput
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
@@ -111,15 +111,12 @@ class TargetMuxNode(Node):
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
         self._looked_at: tuple[Vector3, float] | None = None
-        self._switch = Switch(self, "targets are", "passed on")
-        self._targets = self.create_publisher(
-            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
-        )
+        self._targets = TargetOutput(self, "targets are", "passed on")
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
         self.create_subscription(String, "~/pin", self._on_pin, 10)
         for name, p in self._sources.items():
-            if self.resolve_topic_name(p.topic) == self._targets.topic_name:
+            if self.resolve_topic_name(p.topic) == self._targets.topic:
                 raise ParameterError(
                     f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
                     "topic of its own"
@@ -193,7 +190,7 @@ class TargetMuxNode(Node):
                 self._transition.begin(point, self._now, self._wiring.value.switch_time)
 
     def _send(self, target: Target) -> None:
-        if not self._switch.on:
+        if not self._targets.on:
             return
         point = self._placed(target)
         if point is not None and self._transition.under_way(self._now):
@@ -201,7 +198,7 @@ class TargetMuxNode(Node):
             point = self._transition.at(point, self._now, self._centre())
             target = Target(target.stamp, frame, point)
         self._looked_at = None if point is None else (point, self._now)
-        self._targets.publish(target_message(target))
+        self._targets.publish(target)
 
     def _placed(self, target: Target) -> Vector3 | None:
         """Where a target is in the fixed frame; None if that is not known."""

@@ -125,12 +125,12 @@ class VisualTargetNode(Node):
     @property
     def enabled(self) -> bool:
         """Whether targets are published."""
-        return self._target.switch.on
+        return self._target.output.on
 
     @enabled.setter
     def enabled(self, enabled: bool) -> None:
         if enabled != self.enabled:
-            self._target.switch.set(enabled)
+            self._target.output.set(enabled)
 
     def destroy_node(self) -> None:
         """Ends the thread that looks too."""

@@ -1,31 +1,44 @@
-"""Nodes that can be switched on and off: a service to ask, a latched topic that tells."""
+"""What a node that sends targets offers: `target_point`, a service to disable it, its state."""
 
 from __future__ import annotations
 
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.messages import target_message
+from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.tracking import Target
 
 
-class Switch:
-    """Offers `~/enable`, and publishes `~/enabled`, so that nobody else has to remember it.
+class TargetOutput:
+    """Publishes `target_point`; offers `~/enable` and tells `~/enabled`, so that nobody else must.
 
     Args:
-        node: is switched.
+        node: sends targets.
         subject, done: the answer says that this is done, or not done any more.
 
     Attributes:
-        on: whether the node is switched on; it is at the start.
+        on: whether the node is enabled; it is at the start.
+        topic: the full name of `target_point`.
     """
 
     def __init__(self, node: Node, subject: str = "the target is", done: str = "sent") -> None:
         self.on = True
         self._subject, self._done = subject, done
+        targets = node.create_publisher(
+            PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
+        )
+        self.topic, self._publish = targets.topic_name, targets.publish
         self._publisher = node.create_publisher(Bool, "~/enabled", LATCHED)
         node.create_service(SetBool, "~/enable", self._on_enable)
         self._publisher.publish(Bool(data=True))
+
+    def publish(self, target: Target) -> None:
+        """Publish a target if the node is enabled."""
+        if self.on:
+            self._publish(target_message(target))
 
     def set(self, on: bool) -> None:
         """Enable or disable the node."""
