@@ -1,15 +1,35 @@
-"""Types for argparse whose errors say what is allowed."""
+"""Command lines: types for argparse whose errors say what is allowed, and exit codes."""
 
 from __future__ import annotations
 
 import math
 import re
+import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+
 Value = TypeVar("Value")
+
+DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
+"""Exit codes of tools; 2 is argparse's, for a wrong command line."""
+
+
+def exit_code(tool: str, work: Callable[[], int]) -> int:
+    """Do a tool's work and return its exit code; print an error that its user can mend."""
+    try:
+        return work()
+    except RefusedError as error:
+        print(f"{tool}: refused: {error}", file=sys.stderr)
+        return REFUSED
+    except (HeadTrackingError, OSError) as error:
+        print(f"{tool}: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        return INTERRUPTED
 
 
 def finite(text: str) -> float:
@@ -64,6 +84,11 @@ def point_in_frame(text: str) -> PointInFrame:
 def with_points(arguments: Sequence[str]) -> list[str]:
     """The command line, so that argparse takes a point that begins with a minus for no option."""
     return [f" {word}" if re.match(r"-[\d.]\S*@", word) else word for word in arguments]
+
+
+def with_numbers(arguments: Sequence[str]) -> list[str]:
+    """The command line, so that argparse takes a value such as -30deg for no option."""
+    return [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
 
 
 def servo_id(text: str) -> int:

@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "targets": {"tracking", "transforms", "parameters"},
     "vision": {"transforms", "parameters"},
     "scene": {"vision", "transforms", "parameters"},
-    "dynamixel": {"feetech"},
+    "dynamixel": {"feetech", "parameters"},
     "feetech": set(),
     "simulation": set(),
     "configuration": {"dynamixel", "parameters"},

@@ -11,16 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from head_tracking.calibration import Calibration, summary
-from head_tracking.command_line import between
-from head_tracking.exceptions import HeadTrackingError
+from head_tracking.command_line import DONE, REFUSED, between, exit_code
 from head_tracking.head.program import Head
 from head_tracking.transforms import Rotation, Transform
 
 if TYPE_CHECKING:
     from head_tracking.vision import Pixels
-
-DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
-"""Exit codes; 2 is argparse's, for a wrong command line."""
 
 SIMULATED_MOUNTING: Final = Transform(
     (0.006, -0.004, 0.008), Rotation.from_rpy(0.02, math.radians(3.0), math.radians(-2.0))
@@ -42,30 +38,28 @@ def main(arguments: Sequence[str] | None = None, ask: Callable[[str], str] = inp
         ask: asks the person a question, and returns the answer.
     """
     options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-    output = Path(options.output)
-    try:
-        from head_tracking.vision import MarkerParameters, camera_with_view
+    return exit_code("calibrate", lambda: _calibrate(options, ask))
 
-        marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
-        with _open(options) as head:
-            if not options.yes and not _confirmed(ask):
-                print("calibrate: not confirmed; nothing has moved")
-                return REFUSED
-            source = _simulated_pictures(head) if options.sim else options.camera
-            width, height = (320, 240) if options.sim else options.size
-            calibration = head.calibrate(
-                source,
-                marker=marker,
-                model=camera_with_view(width, height, math.radians(options.view)),
-                focal_length=options.focal_length,
-                report=lambda text: print(text, file=sys.stderr),
-            )
-        calibration.save(output)
-    except (HeadTrackingError, OSError, ValueError) as error:
-        print(f"calibrate: {error}", file=sys.stderr)
-        return FAILED
-    except KeyboardInterrupt:
-        return INTERRUPTED
+
+def _calibrate(options: argparse.Namespace, ask: Callable[[str], str]) -> int:
+    from head_tracking.vision import MarkerParameters, camera_with_view
+
+    output = Path(options.output)
+    marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
+    with _open(options) as head:
+        if not options.yes and not _confirmed(ask):
+            print("calibrate: not confirmed; nothing has moved")
+            return REFUSED
+        source = _simulated_pictures(head) if options.sim else options.camera
+        width, height = (320, 240) if options.sim else options.size
+        calibration = head.calibrate(
+            source,
+            marker=marker,
+            model=camera_with_view(width, height, math.radians(options.view)),
+            focal_length=options.focal_length,
+            report=lambda text: print(text, file=sys.stderr),
+        )
+    calibration.save(output)
     _show(calibration)
     print(
         f"written: {output}\nuse it:  head_tracking --robot {options.robot} --calibration {output}"

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from head_tracking.exceptions import HeadTrackingError
+from head_tracking.command_line import exit_code
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModel, load_robot_model
 from head_tracking.transforms.robot_model import walk
@@ -44,11 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="check_model", description="Checks a robot model and prints its tree."
     )
     parser.add_argument("model", help="a URDF or xacro file, or the name of a robot")
-    try:
-        model = load_robot_model(robot_file(parser.parse_args(arguments).model))
-        print(tree_text(model))
-        print(summary(model))
-    except HeadTrackingError as error:
-        print(f"check_model: {error}", file=sys.stderr)
-        return 1
+    name = parser.parse_args(arguments).model
+    return exit_code("check_model", lambda: _check(name))
+
+
+def _check(name: str) -> int:
+    model = load_robot_model(robot_file(name))
+    print(tree_text(model))
+    print(summary(model))
     return 0

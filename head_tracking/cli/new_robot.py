@@ -11,27 +11,21 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from statistics import median
-from typing import Final, NamedTuple
+from typing import Final
 
 from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop, find_servo
-from head_tracking.cli.servo.calibrate import Wanted, configuration, mount_of, with_memory
+from head_tracking.cli.servo.calibrate import Motion, configuration, mount_of, ticks_by_hand
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, FoundServo, find_servos
-from head_tracking.command_line import between, servo_id
+from head_tracking.command_line import DONE, between, exit_code, servo_id, with_numbers
 from head_tracking.configuration import configured_head
 from head_tracking.dynamixel.configuration import ServoCalibration
-from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.servo import Servo
-from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.exceptions import RefusedError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import share_directory
 from head_tracking.transforms import load_robot_model
 
-DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
-"""Exit codes; 2 is argparse's, for a wrong command line."""
-
 _MODEL: Final = "pan_tilt_head.xacro"
-_READINGS: Final = 9
 _MARGIN: Final = 0.03  # rad that the limits stay away from the ends found by hand
 _MOVED: Final = 0.1  # rad: a servo that turned less was not meant
 _ALIKE: Final = 0.85  # of the way: two servos of one joint turn at least so far alike
@@ -60,22 +54,6 @@ Poses = Mapping[str, Mapping[int, int]]
 """The tick of each servo id in each pose of _POSES."""
 
 
-class Motion(NamedTuple):
-    """The servo of a joint, and its tick at three poses.
-
-    Attributes:
-        link: the servo.
-        zero: tick with the camera straight ahead.
-        low: tick at the lowest position (right, or up).
-        high: tick at the highest position (left, or down).
-    """
-
-    link: Servo
-    zero: int
-    low: int
-    high: int
-
-
 def main(
     arguments: Sequence[str] | None = None,
     workshop: Callable[[Terminal, str, int], Workshop] = Workshop,
@@ -89,25 +67,24 @@ def main(
         show: runs the command that shows the head in the page.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args([f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
+    options = _parser().parse_args(with_numbers(words))
+    return exit_code("new-robot", lambda: _describe(options, workshop, show))
+
+
+def _describe(
+    options: argparse.Namespace,
+    workshop: Callable[[Terminal, str, int], Workshop],
+    show: Callable[[Sequence[str]], int],
+) -> int:
     terminal = Terminal(assume_yes=options.yes)
-    try:
-        files = _new_files(options)
-        measures = {name: _measure(terminal, options, name) for name in _MEASURES}
-        rate, mounts = _calibrate(options, lambda baud: workshop(terminal, options.port, baud))
-        calibrations = [mount for mount, *_ in mounts]
-        seconds = {mount.joint_name: other for mount, *others in mounts for other in others}
-        model = _model(options, calibrations, measures)
-        text = configuration(calibrations, options.port, rate, "head_tracking new-robot", seconds)
-        _check_and_write(files, (model, text))
-    except RefusedError as error:
-        terminal.say(f"new-robot: refused: {error}")
-        return REFUSED
-    except (HeadTrackingError, OSError) as error:
-        terminal.say(f"new-robot: {error}")
-        return FAILED
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    files = _new_files(options)
+    measures = {name: _measure(terminal, options, name) for name in _MEASURES}
+    rate, mounts = _calibrate(options, lambda baud: workshop(terminal, options.port, baud))
+    calibrations = [mount for mount, *_ in mounts]
+    seconds = {mount.joint_name: other for mount, *others in mounts for other in others}
+    model = _model(options, calibrations, measures)
+    text = configuration(calibrations, options.port, rate, "head_tracking new-robot", seconds)
+    _check_and_write(files, (model, text))
     urdf = files[0]
     print(
         f"written: {files[0]}, {files[1]}\n"
@@ -237,15 +214,10 @@ def _calibrate(
             motions = _by_hand(bench, links)
         margin = 0.0 if wanted else _MARGIN
         mounts = [
-            [_mounted(name, motion, margin) for motion in found]
+            [mount_of(name, *motion, margin) for motion in found]
             for name, found in zip((_PAN, _TILT), motions, strict=True)
         ]
     return rate, mounts
-
-
-def _mounted(name: str, motion: Motion, margin: float) -> ServoCalibration:
-    link, zero, low, high = motion
-    return with_memory(mount_of(Wanted(name, link.id), link.model, zero, low, high, margin), link)
 
 
 def _find_rate(
@@ -300,11 +272,7 @@ def _by_hand(bench: Workshop, links: Sequence[Servo]) -> list[list[Motion]]:
             link.set_torque(False)
     poses: dict[str, dict[int, int]] = {}
     for pose, prompt in _POSES.items():
-        bench.terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: _ticks_text(links))
-        poses[pose] = {
-            link.id: round(median(link.get("Present Position") for _ in range(_READINGS)))
-            for link in links
-        }
+        poses[pose] = ticks_by_hand(bench.terminal, links, prompt)
     pan = _moved(bench.terminal, links, poses, ("right", "left"))
     rest = [link for link in links if link not in [motion.link for motion in pan]]
     tilt = _moved(bench.terminal, rest, poses, ("up", "down"))
@@ -339,16 +307,6 @@ def _moved(
             )
         terminal.confirm(f"Servos {ids} turned alike. Do they drive one joint together?")
     return [Motion(link, poses["ahead"][link.id], low[link.id], high[link.id]) for link in moved]
-
-
-def _ticks_text(links: Sequence[Servo]) -> str:
-    words = []
-    for link in links:
-        try:
-            words.append(f"servo {link.id}: {link.get('Present Position')}")
-        except CommunicationError:
-            words.append(f"servo {link.id}: no answer")
-    return "  " + "   ".join(words)
 
 
 # The files

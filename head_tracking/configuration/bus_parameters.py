@@ -8,7 +8,6 @@ from typing import Any, Final
 from head_tracking.dynamixel import (
     BusSettings,
     ConfigurationError,
-    EepromSettings,
     JointConfiguration,
     ServoCalibration,
     servo_model,
@@ -98,31 +97,6 @@ class TemperatureParameters:
         maximum=100.0,
         fixed=True,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class EepromParameters:
-    """What the service write_eeprom puts into the memory of the servos."""
-
-    return_delay: float = parameter(
-        0.0, "Time before a servo answers.", unit="microseconds", minimum=0.0, maximum=508.0
-    )
-    angle_limits: bool = parameter(True, "The servo itself refuses goals beyond min and max.")
-    shutdown: tuple[str, ...] = parameter(
-        (),
-        "Errors upon which a servo switches itself off, such as overload and overheating; none: "
-        "those that it has.",
-    )
-    status_return_level: int = parameter(
-        2, "What a servo answers: 1 pings and reads, 2 everything.", minimum=1, maximum=2
-    )
-
-    @property
-    def settings(self) -> EepromSettings:
-        """The same for the servo bus."""
-        return EepromSettings(
-            self.return_delay, self.angle_limits, self.shutdown or None, self.status_return_level
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from enum import IntFlag
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
+from head_tracking.parameters import parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,20 +293,20 @@ class BusSettings:
 
 @dataclass(frozen=True, slots=True)
 class EepromSettings:
-    """What the servos of a bus shall keep. None leaves a setting as it is.
+    """What the service write_eeprom puts into the memory of the servos."""
 
-    Attributes:
-        return_delay: Time a servo waits before it answers, microseconds.
-        angle_limits: Whether the servo itself shall refuse goals outside the joint's range.
-        shutdown: Errors upon which it switches itself off, such as ("overload", "overheating");
-            None: those that it has.
-        status_return_level: What it answers: 0 pings, 1 also reads, 2 everything.
-    """
-
-    return_delay: float | None = 0.0
-    angle_limits: bool = True
-    shutdown: tuple[str, ...] | None = None
-    status_return_level: int | None = 2
+    return_delay: float = parameter(
+        0.0, "Time before a servo answers.", unit="microseconds", minimum=0.0, maximum=508.0
+    )
+    angle_limits: bool = parameter(True, "The servo itself refuses goals beyond min and max.")
+    shutdown: tuple[str, ...] = parameter(
+        (),
+        "Errors upon which a servo switches itself off, such as overload and overheating; none: "
+        "those that it has.",
+    )
+    status_return_level: int = parameter(
+        2, "What a servo answers: 1 pings and reads, 2 everything.", minimum=1, maximum=2
+    )
 
     def registers(self, model: ServoModel, tick_range: tuple[int, int]) -> dict[str, int]:
         """Return the register values for a servo, by name.
@@ -319,16 +320,15 @@ class EepromSettings:
         """
         wanted: dict[str, int] = {}
         table = model.control_table
-        if self.return_delay is not None and "Return Delay Time" in table:
+        if "Return Delay Time" in table:
             register = table["Return Delay Time"]
             wanted[register.name] = register.from_unit(self.return_delay)
         if self.angle_limits:
             wanted.update(zip(model.position_limits, tick_range, strict=True))
-        if self.shutdown is not None:
+        if self.shutdown:
             wanted["Shutdown"] = sum(_named_errors(model, self.shutdown))
-        if self.status_return_level is not None:
-            highest = table["Status Return Level"].maximum or 0  # Feetech has no level for pings
-            wanted["Status Return Level"] = self.status_return_level - 2 + highest
+        highest = table["Status Return Level"].maximum or 0  # Feetech has no level for pings
+        wanted["Status Return Level"] = self.status_return_level - 2 + highest
         for name, value in wanted.items():
             if not table[name].admits(value):
                 raise ConfigurationError(

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -90,11 +91,8 @@ class Recorder:
         buffer: TransformBuffer,
         values: Callable[[], Mapping[str, Mapping[str, Any]]],
     ) -> None:
-        self._beside = beside
-        self._belongs = belongs
         self._parameters = parameters
-        self._buffer = buffer
-        self._values = values
+        self._begin = partial(_Session, beside, belongs, buffer, values)
         self._lock = threading.Lock()
         self._session: _Session | None = None
 
@@ -133,14 +131,7 @@ class Recorder:
             try:
                 self.directory.mkdir(parents=True, exist_ok=True)
                 file = _new_file(self.directory)
-                self._session = _Session(
-                    self._beside,
-                    file,
-                    self._belongs,
-                    self._buffer,
-                    self._values,
-                    self._parameters.record_limit * 1_000_000,
-                )
+                self._session = self._begin(file, self._parameters.record_limit * 1_000_000)
             except OSError as error:
                 return Outcome(
                     False, f"nothing is recorded: {error}; see the parameter record_directory"
@@ -228,10 +219,10 @@ class _Session:
     def __init__(
         self,
         beside: Node,
-        file: Path,
         belongs: Callable[[str], bool],
         buffer: TransformBuffer,
         values: Callable[[], Mapping[str, Mapping[str, Any]]],
+        file: Path,
         limit: int,
     ) -> None:
         self.file = file

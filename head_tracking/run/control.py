@@ -26,7 +26,7 @@ from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.run.child import SupervisorLine
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
-from head_tracking.run.run_monitor import RunMonitor, RunSources
+from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, carry_out
 from head_tracking.run.true_positions import TruePositionsOutput
@@ -292,12 +292,10 @@ def _run(
     get_logger("head_tracking").info(threads.executor)
     head_node = head.nodes.get(plan.head_node)
     monitor = RunMonitor(
-        RunSources(
-            head=head_node.interface.control if head_node else None,
-            bus_status=head.nodes["servo_bus"].status,
-            true_position=head.true_position,
-            stopped=lambda: head.loop.owners.stopped,
-        )
+        head_node.interface.control if head_node else None,
+        head.nodes["servo_bus"].status,
+        head.true_position,
+        lambda: head.loop.owners.stopped,
     )
 
     def look() -> None:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 
-from head_tracking.tf.buffer_interface import AnyTime, BufferInterface, convert
+from head_tracking.tf.buffer_interface import AnyTime, BufferInterface, convert, why_not
 from head_tracking.tf.conversions import seconds, stamp_to_ns
 from head_tracking.tf.do_transform import MAKERS
 from head_tracking.tf.messages import header, read, transform_stamped
@@ -109,13 +109,12 @@ class BufferCore:
         fixed_frame: str,
     ) -> tuple[bool, str]:
         """Whether `lookup_transform_full_core` would answer, and why not."""
-        try:
-            self.lookup_transform_full_core(
+        reason = why_not(
+            lambda: self.lookup_transform_full_core(
                 target_frame, target_time, source_frame, source_time, fixed_frame
             )
-        except TransformException as error:
-            return False, str(error)
-        return True, ""
+        )
+        return not reason, reason
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """The newest time at which both frames are known; zero if nothing ever changes.
@@ -255,26 +254,6 @@ class Buffer(BufferCore, BufferInterface):
             return self.core.can_transform(target_frame, source_frame, stamp, patience)
         reason = self.core.why_not(target_frame, source_frame, stamp, patience)
         return not reason, reason
-
-    def can_transform_full(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-        return_debug_tuple: bool = False,
-    ) -> bool | tuple[bool, str]:
-        """Whether `lookup_transform_full` would answer; see `can_transform`."""
-        reason = ""
-        try:
-            self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
-            )
-        except TransformException as error:
-            reason = str(error)
-        return (not reason, reason) if return_debug_tuple else not reason
 
     def lookup_velocity(
         self,

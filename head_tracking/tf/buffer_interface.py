@@ -190,14 +190,16 @@ class BufferInterface:
         raise NotImplementedException
 
     def can_transform(
-        self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
-    ) -> Any:
-        """Whether `lookup_transform` would answer."""
-        try:
-            self.lookup_transform(target_frame, source_frame, time, timeout)
-        except TransformException:
-            return False
-        return True
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: AnyTime,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> bool | tuple[bool, str]:
+        """Whether `lookup_transform` would answer; with the reason if `return_debug_tuple`."""
+        reason = why_not(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))
+        return (not reason, reason) if return_debug_tuple else not reason
 
     def can_transform_full(
         self,
@@ -207,15 +209,24 @@ class BufferInterface:
         source_time: AnyTime,
         fixed_frame: str,
         timeout: Duration | None = None,
-    ) -> Any:
-        """Whether `lookup_transform_full` would answer."""
-        try:
-            self.lookup_transform_full(
+        return_debug_tuple: bool = False,
+    ) -> bool | tuple[bool, str]:
+        """Whether `lookup_transform_full` would answer; see `can_transform`."""
+        reason = why_not(
+            lambda: self.lookup_transform_full(
                 target_frame, target_time, source_frame, source_time, fixed_frame, timeout
             )
-        except TransformException:
-            return False
-        return True
+        )
+        return (not reason, reason) if return_debug_tuple else not reason
+
+
+def why_not(lookup: Callable[[], object]) -> str:
+    """Return why a lookup is not answered; empty if it is."""
+    try:
+        lookup()
+    except TransformException as error:
+        return str(error)
+    return ""
 
 
 def _registered(table: dict[Any, Callable[[Any], Any]], key: Any) -> Callable[[Any], Any]:

@@ -11,13 +11,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.vision.camera import Box
 from head_tracking.vision.opencv import cv2
 
 Pixels: TypeAlias = npt.NDArray[np.uint8]
 
 
-class ImageError(ValueError):
+class ImageError(HeadTrackingError, ValueError):
     """An image can't be used; the message says why."""
 
 

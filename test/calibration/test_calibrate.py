@@ -9,6 +9,7 @@ from head_tracking import Head
 from head_tracking.calibration import Calibration, calibrated, gathering
 from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
+from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
 from head_tracking.scene import film
 from head_tracking.share import robot_file, robot_parameters
@@ -27,7 +28,7 @@ def quick(monkeypatch):
 def test_from_a_wrong_mounting_to_a_right_one(quick, tmp_path):
     output = tmp_path / "camera.yaml"
     arguments = ["camera", "--sim", "--yes", "--output", str(output)]
-    assert calibrate.main(arguments) == calibrate.DONE
+    assert calibrate.main(arguments) == DONE
     model = load_robot_model(robot_file("kinectbot"))
     found = calibrated(model, output).transform("neck_link", "camera_optical_frame", {})
     true = model.transform("neck_link", "camera_optical_frame", {}) @ calibrate.SIMULATED_MOUNTING
@@ -44,14 +45,14 @@ def test_nothing_moves_before_somebody_agrees(tmp_path):
         return "no"
 
     refused = calibrate.main(["camera", "--sim", "--output", str(output)], ask)
-    assert refused == calibrate.REFUSED
+    assert refused == REFUSED
     assert not output.exists()
 
 
 def test_no_marker_in_view_is_a_failure(quick, tmp_path):
     output = tmp_path / "camera.yaml"
     arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
-    assert calibrate.main(arguments) == calibrate.FAILED
+    assert calibrate.main(arguments) == FAILED
     assert not output.exists()
 
 

@@ -13,8 +13,8 @@ from simulated_device import Bench
 
 from head_tracking import Head
 from head_tracking.cli import new_robot
-from head_tracking.cli.new_robot import DONE, FAILED, REFUSED
 from head_tracking.cli.servo.bench import Terminal, Workshop
+from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 

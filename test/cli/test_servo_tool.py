@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,9 +13,9 @@ import yaml
 
 from head_tracking.cli.servo import main as tool
 from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop
-from head_tracking.cli.servo.calibrate import Wanted, mount_of
-from head_tracking.cli.servo.main import DONE, FAILED, REFUSED
+from head_tracking.cli.servo.calibrate import mount_of
 from head_tracking.cli.servo.register_values import find_register, in_words, parse_value
+from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import all_models, servo_model
@@ -600,7 +601,7 @@ def test_calibrate_asks_before_it_replaces_a_file(bench: Bench, tmp_path: Path) 
 def test_poses_that_make_no_sense_are_refused(poses: tuple[int, int, int]) -> None:
     model = AX_12 if max(poses) < 1024 else XL430
     with pytest.raises(RefusedError):
-        mount_of(Wanted("head_pan", 1), model, *poses, margin=0.0)
+        mount_of("head_pan", SimpleNamespace(id=1, model=model), *poses, margin=0.0)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.run.run_monitor import SETTLING, RunMonitor, RunSources
+from head_tracking.run.run_monitor import SETTLING, RunMonitor
 
 
 class FakeControl:
@@ -49,8 +49,7 @@ def run(control):
         faults=0,
         in_short="",
     )
-    sources = RunSources(control, lambda: bus, true_position=lambda joint: 0.0)
-    monitor = RunMonitor(sources, lambda: steady[0])
+    monitor = RunMonitor(control, lambda: bus, lambda joint: 0.0, clock=lambda: steady[0])
 
     def run(seconds):
         for _ in range(round(10 * seconds)):

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.bench import ToolError, Workshop, find_servo
+from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop, find_servo
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.models import ServoModel
@@ -63,8 +63,10 @@ def calibrate(
                 f"\n{servo.name}: servo {servo.id}, {link.model.name}. It is relaxed: move it by "
                 "hand."
             )
-            zero, low, high = (_pose(workshop, link, prompt) for prompt in _PROMPTS)
-            mounts.append(with_memory(mount_of(servo, link.model, zero, low, high, margin), link))
+            zero, low, high = (
+                ticks_by_hand(terminal, [link], prompt)[servo.id] for prompt in _PROMPTS
+            )
+            mounts.append(mount_of(servo.name, link, zero, low, high, margin))
     text = configuration(mounts, workshop.port_name, workshop.baud_rate)
     if output is None:
         terminal.show(text)
@@ -80,14 +82,26 @@ def calibrate(
     return 0
 
 
+class Motion(NamedTuple):
+    """The servo of a joint, and its tick at three poses; see `mount_of`."""
+
+    link: Servo
+    zero: int
+    low: int
+    high: int
+
+
 def mount_of(
-    servo: Wanted, model: ServoModel, zero: int, low: int, high: int, margin: float
+    name: str, link: Servo, zero: int, low: int, high: int, margin: float
 ) -> ServoCalibration:
     """Return how a servo is mounted, from the ticks at three poses.
 
+    With it come the settings of the servo's memory that its ticks depend on: the bus refuses a
+    servo whose offset or direction is another one later.
+
     Args:
-        servo: The servo.
-        model: Its model.
+        name: Of the joint, as in the configuration.
+        link: The servo.
         zero: Tick at position 0.
         low: Tick at the lowest position; above `high` for a servo that is mounted reversed.
         high: Tick at the highest position.
@@ -96,20 +110,26 @@ def mount_of(
     Raises:
         RefusedError: The poses make no sense.
     """
+    model = link.model
     span = abs(high - low) * model.radians_per_tick
     if span - 2.0 * margin < _SMALLEST_RANGE:
         raise RefusedError(
-            f"{servo.name}: lowest and highest position are only {span:.2f} rad apart; was the "
+            f"{name}: lowest and highest position are only {span:.2f} rad apart; was the "
             "right joint moved?"
         )
     inward = round(margin / model.radians_per_tick) * (1 if high > low else -1)
     try:
-        return ServoCalibration(servo.name, servo.id, zero, low + inward, high - inward, model)
+        mount = ServoCalibration(name, link.id, zero, low + inward, high - inward, model)
     except ConfigurationError as error:
         raise RefusedError(
             f"{error}. Zero was at tick {zero}, lowest at {low}, highest at {high}. Mount the horn "
             f"so that the joint's zero is near tick {model.center}"
         ) from error
+    return replace(
+        mount,
+        offset=None if model.offset is None else model.offset.counts(link.get(model.offset.name)),
+        reverse=bool(link.get("Drive Mode") & 1) if "Drive Mode" in model.modes else None,
+    )
 
 
 def configuration(
@@ -158,27 +178,17 @@ def _values(mount: ServoCalibration) -> str:
     return text + ("" if mount.reverse is None else f", reverse: {int(mount.reverse)}")
 
 
-def with_memory(mount: ServoCalibration, link: Servo) -> ServoCalibration:
-    """Return a calibration with the settings of the servo's memory that its ticks depend on.
+def ticks_by_hand(terminal: Terminal, links: Sequence[Servo], prompt: str) -> dict[int, int]:
+    """Return, by id, the ticks at which servos are held when Enter is pressed."""
 
-    The bus refuses a servo whose offset or direction is another one later.
-    """
-    offset = link.model.offset
-    return replace(
-        mount,
-        offset=None if offset is None else offset.counts(link.get(offset.name)),
-        reverse=bool(link.get("Drive Mode") & 1) if "Drive Mode" in link.model.modes else None,
-    )
-
-
-def _pose(workshop: Workshop, link: Servo, prompt: str) -> int:
-    """Return the tick at which the joint is held when Enter is pressed."""
-
-    def read() -> str:
+    def read(link: Servo) -> str:
         try:
-            return f"  tick {link.get('Present Position')}"
+            return f"  servo {link.id}: {link.get('Present Position')}"
         except CommunicationError:
-            return "  no answer"
+            return f"  servo {link.id}: no answer"
 
-    workshop.terminal.wait_for_enter(f"{prompt}, and press Enter.", read)
-    return round(median(link.get("Present Position") for _ in range(_READINGS)))
+    terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: " ".join(map(read, links)))
+    return {
+        link.id: round(median(link.get("Present Position") for _ in range(_READINGS)))
+        for link in links
+    }

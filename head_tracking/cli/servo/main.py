@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Sequence
 
-from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop
+from head_tracking.cli.servo.bench import Terminal, Workshop
 from head_tracking.cli.servo.calibrate import Wanted, calibrate
 from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, info, monitor, scan
-from head_tracking.command_line import between, named_id, read_by, servo_id, writable_file
-from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
+from head_tracking.command_line import (
+    between,
+    exit_code,
+    named_id,
+    read_by,
+    servo_id,
+    with_numbers,
+    writable_file,
+)
+from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.exceptions import RefusedError
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
-
-DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
-"""Exit codes; 2 is argparse's, for a wrong command line."""
 
 _EPILOG = """\
 exit codes: 0 done; 1 failed (no port, no answer, no such register); 2 wrong command line;
@@ -32,26 +35,10 @@ def main(
 ) -> int:
     """Carry out a command; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args([_as_value(word) for word in words])
+    options = _parser().parse_args(with_numbers(words))
     terminal = Terminal(assume_yes=options.yes)
-    try:
-        code: int = options.run(
-            workshop(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE), options
-        )
-        return code
-    except RefusedError as error:
-        terminal.say(f"servo: refused: {error}")
-        return REFUSED
-    except (ToolError, DynamixelError) as error:
-        terminal.say(f"servo: {error}")
-        return FAILED
-    except KeyboardInterrupt:
-        return INTERRUPTED
-
-
-def _as_value(word: str) -> str:
-    """Return a word such that argparse takes -30deg as a value, not as an option."""
-    return f" {word}" if re.match(r"-\.?\d", word) else word
+    bench = workshop(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE)
+    return exit_code("servo", lambda: options.run(bench, options))
 
 
 def _common() -> argparse.ArgumentParser:

@@ -15,7 +15,6 @@ from std_msgs.msg import Float64
 
 from head_tracking.configuration.bus_parameters import (
     ControllerParameters,
-    EepromParameters,
     MotorParameters,
     ServoBusParameters,
     TemperatureParameters,
@@ -29,6 +28,7 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     DynamixelError,
     DynamixelPort,
+    EepromSettings,
     EventKind,
     Goal,
     JointConfiguration,
@@ -93,7 +93,7 @@ class ServoBusNode(Node):
         self.failure: BaseException | None = None
         p = NodeParameters(self, ServoBusParameters).value
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
-        self._eeprom = NodeParameters(self, EepromParameters, "eeprom.")
+        self._eeprom = NodeParameters(self, EepromSettings, "eeprom.")
         self._settings = bus_settings(p, temperature)
         self._loop = loop = loop or ControlLoop(None)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
@@ -127,7 +127,7 @@ class ServoBusNode(Node):
             self,
             self.backend,
             loop,
-            lambda: self._eeprom.value.settings,
+            lambda: self._eeprom.value,
             short_names=p.short_names,
         )
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
