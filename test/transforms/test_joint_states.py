@@ -1,3 +1,5 @@
+from dataclasses import astuple
+
 import pytest
 
 from head_tracking.transforms import JointState, JointStates, RobotModelError, parse_robot_model
@@ -13,6 +15,11 @@ CHAIN = """
 </robot>"""
 
 
+def is_same(one, other):
+    """Compare two states; since Python 3.13 a dataclass with NaN is not equal to itself."""
+    return astuple(one) == pytest.approx(astuple(other), nan_ok=True)
+
+
 @pytest.fixture
 def model():
     return parse_robot_model(CHAIN)
@@ -20,9 +27,9 @@ def model():
 
 def test_what_follows_a_measured_joint_is_added_in_any_order(model):
     states = JointStates(model, {}).complete({"first": JointState(0.5, 1.0, 0.2)})
-    assert states["first"] == JointState(0.5, 1.0, 0.2)
-    assert states["second"] == JointState(1.0, 2.0)
-    assert states["third"] == JointState(4.0, 6.0)
+    assert is_same(states["first"], JointState(0.5, 1.0, 0.2))
+    assert is_same(states["second"], JointState(1.0, 2.0))
+    assert is_same(states["third"], JointState(4.0, 6.0))
 
 
 def test_nothing_is_invented(model):
@@ -31,13 +38,13 @@ def test_nothing_is_invented(model):
 
 def test_a_stated_default_stands_until_it_is_measured(model):
     states = JointStates(model, {"first": 0.25})
-    assert states.complete({})["third"] == JointState(2.5)
-    assert states.complete({"first": JointState(0.5)})["first"] == JointState(0.5)
+    assert is_same(states.complete({})["third"], JointState(2.5))
+    assert is_same(states.complete({"first": JointState(0.5)})["first"], JointState(0.5))
 
 
 def test_a_measured_follower_is_believed(model):
     states = JointStates(model, {}).complete({"first": JointState(0.5), "second": JointState(0.9)})
-    assert states["second"] == JointState(0.9)
+    assert is_same(states["second"], JointState(0.9))
 
 
 @pytest.mark.parametrize("name", ["nose", "second"])
