@@ -184,8 +184,10 @@ class JointOwners:
         self._notify()
         return resumed
 
-    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> None:
-        """Do as the servo bus of another process.
+    def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> bool:
+        """Do as the servo bus of another process, and return whether it knows of the STOP here.
+
+        One that was started anew does not: nobody has called `resume`, so it must be stopped, too.
 
         Args:
             stopped: whether it is stopped.
@@ -193,6 +195,8 @@ class JointOwners:
             owners: of its joints. What an owner of this process loses there, it loses here.
         """
         with self._lock:
+            if self.stopped and not stopped and epoch != self.epoch.value:
+                return False
             before, self._elsewhere = self._elsewhere, dict(owners or {})
             changed = (stopped, epoch) != (self.stopped, self.epoch.value)
             self.epoch.value = epoch
@@ -207,6 +211,7 @@ class JointOwners:
                     changed = True
         if changed:
             self._notify()
+        return True
 
     def elsewhere(self, joints: Iterable[str]) -> str:
         """Return who owns one of these joints at a servo bus of another process; empty: nobody."""

@@ -216,7 +216,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
         plan = parse_arguments(arguments)
         start_ros(plan.ros_arguments)
         with ExitStack() as resources, closing(threads):
-            kept = None if plan.simulated else KeptStop(plan.arguments)
+            kept = KeptStop(plan.arguments) if plan.keeps_stop else None
             _run(plan, threads, resources, stop, status, line, kept)
             if kept is not None and threads.exit_code() == 0:
                 kept.forget()

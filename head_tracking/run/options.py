@@ -42,6 +42,7 @@ class Run:
         allow_others: whether it starts and goes on beside other heads; the last command wins then.
         keeps_to_itself: whether other machines do not hear of it.
         hold_on_crash: whether the servos hold, instead of relaxing, if the control process dies.
+        keeps_stop: whether a head that was stopped when its last run crashed begins stopped.
         reversed: joints whose simulated servos are mounted the wrong way round.
     """
 
@@ -54,6 +55,7 @@ class Run:
     allow_others: bool
     keeps_to_itself: bool
     hold_on_crash: bool
+    keeps_stop: bool
     reversed: tuple[str, ...]
 
     @property
@@ -134,6 +136,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "(default: %(default)s)",
     )
     parser.add_argument(
+        "--keep-stop",
+        action="store_true",
+        help="begin stopped if the run before was stopped and crashed: for what starts the head "
+        "again by itself, as systemd does",
+    )
+    parser.add_argument(
         "--reverse",
         action="append",
         default=[],
@@ -182,6 +190,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         options.allow_others,
         options.sim and not options.network,
         options.on_crash == "hold",
+        options.keep_stop,
         tuple(options.reverse),
     )
 

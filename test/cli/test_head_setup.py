@@ -73,7 +73,7 @@ def test_the_unit_is_complete(workspace: Path) -> None:
     unit.read_string(text)
     start = unit["Service"]["ExecStart"]
     assert f'source "{workspace.parent}/setup.bash"' in start
-    assert f'exec "{workspace}/lib/head_tracking/head_tracking" --port' in start
+    assert f'exec "{workspace}/lib/head_tracking/head_tracking" --keep-stop --port' in start
     assert unit["Service"]["KillSignal"] == "SIGINT"
     assert "@" not in text.partition("[Unit]")[2]
 

@@ -110,14 +110,14 @@ def test_a_crash_does_not_end_a_stop(tmp_path):
     with closing(Bench(tmp_path)) as bench:
         person = bench.person
         for how in (signal.SIGKILL, signal.SIGTERM):
-            run = bench.run("--target", "smooth")
+            run = bench.run("--target", "smooth", "--keep-stop")
             wait_for(lambda: person.state("head_tracker") == "tracking")
             assert person.call("stop").success
             wait_for(lambda: bench.servos.torque == [0, 0])
             before = bench.servos.at_rest()
             os.kill(child(run, "control") if how is signal.SIGKILL else run.process.pid, how)
             run.end()
-            run = bench.run("--target", "smooth")
+            run = bench.run("--target", "smooth", "--keep-stop")
             wait_for(lambda how=how: person.stopped is (how is signal.SIGKILL))
             if how is signal.SIGKILL:
                 time.sleep(2.0)  # targets come
@@ -127,22 +127,6 @@ def test_a_crash_does_not_end_a_stop(tmp_path):
                 assert person.call("resume").success
             wait_for(lambda: person.state("head_tracker") == "tracking")
             assert run.end(signal.SIGINT) == 0
-
-
-def test_a_servo_bus_alone_keeps_a_stop_until_resume(tmp_path):
-    with closing(Bench(tmp_path)) as bench:
-        person, bus = bench.person, start_bus(bench)
-        for how in (signal.SIGKILL, signal.SIGTERM):
-            wait_for(lambda: person.stopped is False)
-            assert person.call("stop").success
-            wait_for(lambda: person.stopped)
-            bus.end(how)
-            bus = start_bus(bench)
-            time.sleep(0.5)  # the last message of the one before
-            wait_for(lambda: person.stopped)
-            assert not person.call("torque_enable", True).success
-            assert person.call("resume").success
-            assert person.call("torque_enable", True).success
 
 
 def test_a_stopped_head_refuses_every_service_but_resume(bench, person):

@@ -44,7 +44,6 @@ from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
-from head_tracking.ros.kit.kept_stop import KeptStop
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
@@ -414,8 +413,6 @@ def main() -> int:
 
 def _claiming_node() -> ServoBusNode:
     """Return the node of a head that is no run, and goes on whoever else is there."""
-    loop = ControlLoop(None)
-    KeptStop(sys.argv).guard(loop.owners)
-    node = ServoBusNode(loop=loop)
+    node = ServoBusNode()
     HeadClaim(node, simulated=False).begin()
     return node

@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.joint_owners import control_from_message, sender
 from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.spinning import steady_timer
+
+_AGAIN = 0.1  # s
 
 
 class JointTopics:
@@ -35,6 +39,9 @@ class JointTopics:
             JointState, "joint_commands", 1, qos_overriding_options=OVERRIDABLE
         )
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
+        self._stop = node.create_client(Trigger, "stop")
+        self._stopping = steady_timer(node, _AGAIN, self._stop_again)
+        self._stopping.cancel()
 
     def start(self) -> None:
         """See `JointBackend`: listen to the servo bus."""
@@ -76,4 +83,12 @@ class JointTopics:
                 f"joint_control is not used: {error}", throttle_duration_sec=1.0
             )
             return
-        self._loop.owners.follow(control.stopped, control.epoch, control.owners)
+        if self._loop.owners.follow(control.stopped, control.epoch, control.owners):
+            self._stopping.cancel()
+        elif self._stopping.is_canceled():
+            self._node.get_logger().warning("a new servo bus knows of no STOP: it is stopped again")
+            self._stopping.reset()
+
+    def _stop_again(self) -> None:
+        """Ask until the servo bus says that it is stopped: a request may find nobody yet."""
+        self._stop.call_async(Trigger.Request())
