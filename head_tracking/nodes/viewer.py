@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from rclpy.node import Node
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer, listening_buffer
@@ -27,7 +27,7 @@ class ViewerParameters:
     camera_link: str = parameter("camera_link", "The frame that looks.", fixed=True)
 
 
-class ViewerNode(Node):
+class ViewerNode(ClosingNode):
     """Serves the page; nothing of the robot waits for it.
 
     Args:
@@ -59,6 +59,8 @@ class ViewerNode(Node):
         except BaseException:
             self.robot.close()
             raise
+        self.closing.callback(self.robot.close)
+        self.closing.callback(self.page.close)
         self._say_where(page.host, local=is_loopback(page.host))
 
     def create_subscription(
@@ -85,12 +87,6 @@ class ViewerNode(Node):
                 self._complain(f"{type(error).__name__}: {error}")
 
         return surviving
-
-    def destroy_node(self) -> None:
-        """Ends the page; the robot goes on as it is."""
-        self.page.close()
-        self.robot.close()
-        super().destroy_node()
 
     def _complain(self, text: str) -> None:
         self.get_logger().error(f"the page has a problem: {text}", throttle_duration_sec=5.0)

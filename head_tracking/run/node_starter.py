@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.spinning import describe
 from head_tracking.ros.kit.urgent_services import UrgentServices
 
 
-class NodeStarterNode(Node):
+class NodeStarterNode(ClosingNode):
     """Offers a service for each node that can be started, by its name.
 
     Starting takes a while, and waits for other nodes, but not for those of this process.
@@ -31,14 +31,10 @@ class NodeStarterNode(Node):
         self._start = start
         self._starting = threading.Lock()
         self._answering = UrgentServices(self)
+        self.closing.callback(self._answering.close)
         for name in startable:
             self._answering.offer(Trigger, f"~/{name}", partial(self._on_request, name))
         self._answering.start()
-
-    def destroy_node(self) -> None:
-        """Start no more nodes."""
-        self._answering.close()
-        super().destroy_node()
 
     def _on_request(
         self, name: str, _: Trigger.Request, response: Trigger.Response

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -40,6 +39,7 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.bus.joint_configuration import declare_joint
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
@@ -65,7 +65,7 @@ _LOG_PERIOD = 5.0  # s
 _SOMEBODY = "somebody"  # who commands without a name
 
 
-class ServoBusNode(Node):
+class ServoBusNode(ClosingNode):
     """Publishes what the servos measure and takes commands for them.
 
     Args:
@@ -122,13 +122,15 @@ class ServoBusNode(Node):
         self._connect(p.allow_missing)
         loop.attach(self.backend)
         self._create_topics()
-        self._bus_services = BusServices(
+        services = BusServices(
             self,
             self.backend,
             loop,
             lambda: self._eeprom.value,
             short_names=p.short_names,
         )
+        self.closing.callback(services.close)
+        self.closing.callback(self.make_safe)
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
         self._owners_output = OwnersOutput(
             self, loop.owners, [joint.joint_name for joint in self.backend.joints]
@@ -145,12 +147,6 @@ class ServoBusNode(Node):
     def status(self) -> BusStatus:
         """Counters, rate and the newest state of every servo that answers, of all buses."""
         return combined(self._statuses())
-
-    def destroy_node(self) -> None:
-        """Stops the head, relaxes the servos and closes the ports."""
-        self.make_safe()
-        self._bus_services.close()
-        super().destroy_node()
 
     def make_safe(self) -> list[str]:
         """Stops the head, relaxes the servos and closes the ports; what went wrong.

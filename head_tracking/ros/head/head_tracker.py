@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 
 from head_tracking.control import ControlLoop
 from head_tracking.head.modes import Following, FollowingSettings
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_interface import HeadInterface
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
@@ -50,7 +50,7 @@ class HeadTrackerParameters:
     )
 
 
-class HeadTrackerNode(Node):
+class HeadTrackerNode(ClosingNode):
     """Follows `target_point`.
 
     Args:
@@ -82,13 +82,9 @@ class HeadTrackerNode(Node):
             1.0 / own.value.rate,
             self.get_logger().info,
         )
+        self.closing.callback(self.interface.close)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.interface.begin()
-
-    def destroy_node(self) -> None:
-        """Ends its part in the loop."""
-        self.interface.close()
-        super().destroy_node()
 
     @property
     def failure(self) -> Exception | None:

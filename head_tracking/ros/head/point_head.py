@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.node import Node
-
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.modes import LookingOnce
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_interface import HeadInterface
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.tf import Buffer
 
@@ -32,7 +31,7 @@ class PointHeadParameters:
     )
 
 
-class PointHeadNode(Node):
+class PointHeadNode(ClosingNode):
     """Points a frame of the head at `target_point`, or as the goals of actions have it.
 
     As long as a goal is under way, points on `target_point` are left alone.
@@ -57,15 +56,11 @@ class PointHeadNode(Node):
             LookingOnce(lambda: pointing.value),
             _PERIOD,
         )
+        self.closing.callback(self.interface.close)
         self.actions = HeadActions(
             self, p.controller_name or "~", self.interface.control, lambda: pointing.value
         )
         self.interface.begin()
-
-    def destroy_node(self) -> None:
-        """Ends its part in the loop."""
-        self.interface.close()
-        super().destroy_node()
 
     @property
     def failure(self) -> Exception | None:

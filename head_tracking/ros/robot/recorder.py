@@ -6,9 +6,8 @@ import os
 from importlib.util import find_spec
 from typing import Any
 
-from rclpy.node import Node
-
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.other_parameters import OtherParameters
@@ -19,7 +18,7 @@ _LOOK_PERIOD = 1.0  # s
 _NICENESS = 10
 
 
-class RecorderNode(Node):
+class RecorderNode(ClosingNode):
     """Records from its start to its end, or until the file is full.
 
     Raises:
@@ -52,13 +51,12 @@ class RecorderNode(Node):
         if not outcome.done:
             raise HeadTrackingError(outcome.text)
         self.get_logger().info(outcome.text)
+        self.closing.callback(self._end)
 
-    def destroy_node(self) -> None:
-        """Ends the file."""
+    def _end(self) -> None:
         if self.recorder.file is not None:
             self.recorder.stop()
             self.get_logger().info(self.recorder.status)
-        super().destroy_node()
 
     def _look(self) -> None:
         self._graph.look()

@@ -6,12 +6,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.images import depth_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.node_parameters import NodeParameters
@@ -72,7 +72,7 @@ class DetectionTargetParameters:
     )
 
 
-class DetectionTargetNode(Node):
+class DetectionTargetNode(ClosingNode):
     """Publishes `target_point` from what other programs detect.
 
     Raises:
@@ -89,6 +89,7 @@ class DetectionTargetNode(Node):
         self._detector = GivenDetector()
         self._buffer = (buffer or listening_buffer(self)).core
         self._working: Worker[Any] = Worker("detection target", self._take)
+        self.closing.callback(self._working.close)
         self._target = SightedTarget(
             self,
             self._detector,
@@ -108,11 +109,6 @@ class DetectionTargetNode(Node):
             self.create_subscription(kind, tracked, self._on_ids, MEASUREMENT)
         if p.source != "detections_3d":
             self.create_subscription(Image, "depth", self._on_depth, NEWEST)
-
-    def destroy_node(self) -> None:
-        """Ends the thread that places what is found, too."""
-        self._working.close()
-        super().destroy_node()
 
     def _on_depth(self, message: Image) -> None:
         self._depths.append((stamp_to_ns(message.header.stamp), message))

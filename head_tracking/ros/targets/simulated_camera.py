@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
@@ -88,7 +88,7 @@ class _Exposure(NamedTuple):
     target: Vector3 | None
 
 
-class SimulatedCameraNode(Node):
+class SimulatedCameraNode(ClosingNode):
     """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws what somebody looks at.
 
     Drawing has a thread of its own: an image that it has no time for is left out.
@@ -131,12 +131,8 @@ class SimulatedCameraNode(Node):
             CameraInfo, "camera_info", 5, qos_overriding_options=OVERRIDABLE
         )
         self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
+        self.closing.callback(self._drawing.close)
         steady_timer(self, 1.0 / p.rate, self._take)
-
-    def destroy_node(self) -> None:
-        """Ends the thread that draws too."""
-        self._drawing.close()
-        super().destroy_node()
 
     def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
         if changed.scene == self._shown:

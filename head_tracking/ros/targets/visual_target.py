@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
+from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
@@ -88,7 +88,7 @@ class _Shot(NamedTuple):
     depth: AnyImage | None
 
 
-class VisualTargetNode(Node):
+class VisualTargetNode(ClosingNode):
     """Publishes `target_point` from `image`, `depth` and `camera_info`.
 
     Looking has a thread of its own, which takes the newest image. While the node is switched off
@@ -105,6 +105,7 @@ class VisualTargetNode(Node):
         self._declare(p.follow)
         self._found = p.follow  # for the thread that looks
         self._looking: Worker[_Shot] = Worker("visual target", self._look)
+        self.closing.callback(self._looking.close)
         self._target = SightedTarget(
             self,
             self._detector(p.follow),
@@ -131,11 +132,6 @@ class VisualTargetNode(Node):
     def enabled(self, enabled: bool) -> None:
         if enabled != self.enabled:
             self._target.output.set(enabled)
-
-    def destroy_node(self) -> None:
-        """Ends the thread that looks too."""
-        self._looking.close()
-        super().destroy_node()
 
     def _detector(self, follow: str) -> Detector:
         """What finds one kind of thing; takes its time."""
