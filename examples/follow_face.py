@@ -12,7 +12,7 @@ from head_tracking import Head
 from head_tracking.scene import film
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     with Head.simulated() if port == "--sim" else Head.open(port) as head:
         if port == "--sim":  # a drawn person who moves from side to side

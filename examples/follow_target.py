@@ -15,7 +15,7 @@ def target(seconds: float) -> tuple[float, float, float]:
     return 2.0, 0.8 * math.cos(1.5 * seconds), 0.6 + 0.4 * math.sin(1.5 * seconds)
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     with Head.simulated() if port == "--sim" else Head.open(port) as head:
         began = time.time()

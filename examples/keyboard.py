@@ -11,7 +11,7 @@ from head_tracking import Head, RefusedCommandError, UnreachableError
 STEPS = {"a": (0.2, 0.0), "d": (-0.2, 0.0), "w": (0.0, 0.15), "s": (0.0, -0.15)}  # rad
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     left = up = 0.0
     with Head.simulated() if port == "--sim" else Head.open(port) as head:

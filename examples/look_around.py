@@ -11,7 +11,7 @@ from head_tracking import Head, UnreachableError
 POINTS = [(2.0, 0.0, 0.6), (2.0, 1.5, 0.9), (2.0, -1.5, 0.2), (-2.0, 0.0, 0.6)]  # m, in base_link
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     with Head.simulated() if port == "--sim" else Head.open(port) as head:
         for point in POINTS:

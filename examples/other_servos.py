@@ -22,7 +22,7 @@ def open_head(port: str) -> Head:
     return Head.open(port, robot="kinectbot", servos=(PAN, TILT), baud_rate=57_600)
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     with open_head(port) as head:
         print(head.look_at((1.0, 0.5, 0.3)))

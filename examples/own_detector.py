@@ -23,7 +23,7 @@ def detect(head: Head) -> tuple[tuple[float, float, float], float]:
     return point, seen
 
 
-def main(port: str) -> None:
+def main(port: str = "--sim") -> None:
     """Run the example."""
     with Head.simulated() if port == "--sim" else Head.open(port) as head:
         time.sleep(0.2)  # there must be a past to look things up in

@@ -16,7 +16,7 @@ SVG = (
 COLOURS = ("crimson", "royalblue")
 
 
-def main(port: str, file: str) -> None:
+def main(port: str = "--sim", file: str = "turn.svg") -> None:
     """Run the example."""
     recorded: list[tuple[float, float]] = []  # pan and tilt [rad], every 20 ms
     with (

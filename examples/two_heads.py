@@ -27,4 +27,4 @@ def main(*ports: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(*(sys.argv[1:] or ("--sim", "--sim")))

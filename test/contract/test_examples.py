@@ -33,7 +33,7 @@ def test_every_example_is_short_and_has_a_test_here():
 
 
 def test_look_around():
-    lines = run("look_around.py", "--sim").splitlines()
+    lines = run("look_around.py").splitlines()
     assert [("arrived" in line, "out of reach" in line) for line in lines] == [
         (True, False), (True, False), (True, False), (False, True),
     ]  # fmt: skip
