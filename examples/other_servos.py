@@ -31,4 +31,4 @@ def main(port: str = "--sim") -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])
