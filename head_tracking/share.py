@@ -43,8 +43,12 @@ def share_directory() -> Path:
 
 
 def state_folder(name: str) -> Path:
-    """Return the folder in which something is kept between runs; see XDG's base directories."""
-    folder = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    """Return the folder in which something is kept between runs; see XDG's base directories.
+
+    Of users without a home it is below /tmp.
+    """
+    home = os.path.expanduser("~").replace("~", "/tmp")
+    folder = os.environ.get("XDG_STATE_HOME") or Path(home) / ".local" / "state"
     return Path(folder) / PACKAGE / name
 
 

@@ -8,6 +8,7 @@ from closed_loop import ClosedLoop, Conditions
 from plant import PlainServo
 
 from head_tracking.head.servo_memory import ServoMemory
+from head_tracking.share import state_folder
 from head_tracking.tracking import LAWS, ServoValues, Tracker
 
 VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
@@ -98,3 +99,11 @@ def test_a_folder_that_cannot_be_written_keeps_nothing(tmp_path):
     memory.save({"pan": VALUES})
     memory.forget()
     assert memory.load() == {}
+
+
+def test_a_user_without_a_home_starts_too(monkeypatch):
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 999_999)
+    assert state_folder("servos").is_absolute()
+    assert ServoMemory({}).load() == {}
