@@ -6,6 +6,7 @@ import ctypes
 import fcntl
 import os
 import select
+import socket
 import struct
 import threading
 import time
@@ -13,6 +14,7 @@ import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
@@ -29,6 +31,7 @@ _T = TypeVar("_T")
 _LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
 _CHUNK: Final = 4096
 _SPIN: Final = 150_000  # ns before the end of a wait
+_PTYS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29
 _TCGETS2: Final = 0x802C542A
 _TERMIOS2: Final = 44  # bytes of struct termios2
@@ -52,14 +55,14 @@ class PseudoTerminal:
     def __init__(self, link: str | None = None) -> None:
         # The slave stays open here too: else the master reads EIO whenever a client closes it.
         self.descriptor, self._slave = os.openpty()
+        self._claim = socket.socket(socket.AF_UNIX)
         self.link = link
         try:
             tty.setraw(self._slave)
             os.set_blocking(self.descriptor, False)
             self.name = os.ttyname(self._slave)
-            # How another simulator knows that this one is alive; serial programs use flock.
-            fcntl.fcntl(self._slave, fcntl.F_OFD_SETLK, _lock(fcntl.F_RDLCK))
-            self._make_link()
+            if link is not None:
+                self._make_link(link)
         except BaseException:
             self._close()
             raise
@@ -91,57 +94,45 @@ class PseudoTerminal:
         self._close()
 
     def _close(self) -> None:
+        self._claim.close()
         os.close(self.descriptor)
         os.close(self._slave)
 
-    def _make_link(self) -> None:
-        if self.link is None:
-            return
-        if os.path.lexists(self.link) and not os.path.islink(self.link):
+    def _make_link(self, link: str) -> None:
+        if os.path.lexists(link) and not os.path.islink(link):
             raise PortLinkError(
-                f"cannot make the link {self.link}: something else has that name; remove it or "
+                f"cannot make the link {link}: something else has that name; remove it or "
                 "choose another path"
             )
+        target = os.path.realpath(link)
+        # Where a link of ours leads tells nothing: the system gives a killed program's pty out
+        # again. The name in the kernel ends with whoever holds it, however they end.
+        taken = os.path.exists(target) and os.path.islink(link) and not target.startswith(_PTYS)
         try:
-            if os.path.islink(self.link):
-                target = os.path.realpath(self.link)
-                ours = target == self.name  # a killed one's number, given out again
-                if os.path.exists(target) and not ours and not _is_abandoned(target):
-                    raise PortLinkError(
-                        f"cannot make the link {self.link}: it leads to {target}, which is in use, "
-                        "perhaps by another simulated bus; end that one, or choose another path"
-                    )
-                os.unlink(self.link)
-            os.symlink(self.name, self.link)
+            self._claim.bind(_claim_of(link))
+        except OSError:
+            taken = True
+        if taken:
+            raise PortLinkError(
+                f"cannot make the link {link}: it leads to {target}, which is in use, "
+                "perhaps by another simulated bus; end that one, or choose another path"
+            )
+        try:
+            if os.path.islink(link):
+                os.unlink(link)
+            os.symlink(self.name, link)
         except OSError as cause:
             raise PortLinkError(
-                f"cannot make the link {self.link}: {cause.strerror}; choose a path in a "
+                f"cannot make the link {link}: {cause.strerror}; choose a path in a "
                 "directory you may write to"
             ) from cause
 
 
-def _lock(kind: int) -> bytes:
-    return struct.pack("hhqqi", kind, os.SEEK_SET, 0, 0, 0)
-
-
-def _is_abandoned(device: str) -> bool:
-    """Return whether a device is a pseudo-terminal that no simulator serves any more.
-
-    Numbers of pseudo-terminals are given out again: what a killed simulator's link leads to may be
-    anybody's terminal by now, or another simulator's.
-    """
-    if not device.startswith("/dev/pts/"):
-        return False
-    try:
-        descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError:
-        return False
-    try:
-        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _lock(fcntl.F_WRLCK))
-    finally:
-        os.close(descriptor)
-    kind: int = struct.unpack_from("h", found)[0]
-    return kind == fcntl.F_UNLCK
+def _claim_of(link: str) -> bytes:
+    """Return the abstract socket address of whoever serves a link."""
+    directory, name = os.path.split(link)
+    path = os.path.join(os.path.realpath(directory), name)
+    return b"\0head_tracking " + sha256(os.fsencode(path)).hexdigest().encode()
 
 
 class SimulatedPort:
