@@ -319,8 +319,13 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     choose(page, "source", "none")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) is None, PATIENCE)
     choose(page, "source", "")
-    robot.node.destroy_timer(timer)
-    robot.node.destroy_publisher(camera)
+
+    def end() -> None:
+        robot.node.destroy_timer(timer)
+        robot.node.destroy_publisher(camera)
+
+    # in the thread that publishes, or it would use what is destroyed
+    wait_for(robot.node.executor.create_task(end).done)
 
 
 @pytest.mark.parametrize(

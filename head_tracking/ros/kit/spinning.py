@@ -51,7 +51,7 @@ class NodeDied(Exception):
     def __init__(self, name: str, error: Exception) -> None:
         super().__init__(f"{name} died: {error or type(error).__name__}")
         self.name = name
-        self.error = error
+        self.error = self.__cause__ = error
 
 
 def describe(error: Exception) -> str:
