@@ -37,7 +37,8 @@ class FollowingSettings:
         law_parameters: of this law, of its class `Parameters`.
         estimator: what counts as the same target.
         state: what to do without one.
-        learning: a name in `Learning`.
+        servo_learning: what becomes of what is learned of the servos, a name in `Learning`.
+        camera_learning: the same for a camera on the head.
     """
 
     law: str = "predictive"
@@ -45,7 +46,8 @@ class FollowingSettings:
     law_parameters: Any = None
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     state: TargetStateParameters = field(default_factory=TargetStateParameters)
-    learning: str = Learning.LEARN
+    servo_learning: str = Learning.LEARN
+    camera_learning: str = Learning.LEARN
 
 
 class Following(TargetMode):
@@ -83,8 +85,8 @@ class Following(TargetMode):
         self._learn(tracker, settings)
 
     def _learn(self, tracker: Tracker, settings: FollowingSettings) -> None:
-        tracker.learn(Learning(settings.learning))
-        if settings.learning == Learning.FORGET:
+        tracker.learn(Learning(settings.servo_learning), Learning(settings.camera_learning))
+        if settings.servo_learning == Learning.FORGET:
             self._memory.forget()
 
     def use(self, control: HeadControl, head: PanTiltHead, base: HeadBase | None) -> None:

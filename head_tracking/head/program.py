@@ -415,22 +415,35 @@ class Head:
         with self._control.lock:
             return self._tracker.learned
 
-    def learn(self, how: str = "learn", *, servo_delay: float = 0.0) -> None:
+    def learn(
+        self,
+        how: str = "learn",
+        *,
+        servos: str | None = None,
+        camera: str | None = None,
+        servo_delay: float = 0.0,
+    ) -> None:
         """Choose what becomes of what tracking learns.
 
         Args:
             how: "learn": it is learned; "freeze": it stays as it is; "forget": it is forgotten.
+            servos: `how`, for what is learned of the servos only.
+            camera: `how`, for what is learned of a camera on the head only.
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
 
         Raises:
             ValueError: there is no such way to learn, or the delay is not from 0 to 0.15 s.
         """
-        if how not in tuple(Learning):
-            raise ValueError(f"how to learn is {how!r}; allowed are {', '.join(Learning)}")
+        chosen = [how if each is None else each for each in (servos, camera)]
+        for each in (how, *chosen):
+            if each not in tuple(Learning):
+                raise ValueError(f"how to learn is {each!r}; allowed are {', '.join(Learning)}")
         (known,) = [each for each in fields(PredictiveLawParameters) if each.name == "servo_delay"]
         delay = checked(known.name, parameter_info(known), 0.0, servo_delay)
         law = PredictiveLawParameters(servo_delay=delay)
-        self._settings = FollowingSettings(law_parameters=law, learning=how)
+        self._settings = FollowingSettings(
+            law_parameters=law, servo_learning=chosen[0], camera_learning=chosen[1]
+        )
         with self._control.lock:
             self._following.tune()
 

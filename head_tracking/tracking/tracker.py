@@ -106,7 +106,7 @@ class Tracker:
             FollowingWatch(head.tilt_joint),
         )
         self._readings = JointReadings()
-        self._learning = Learning.LEARN
+        self._camera_learning = Learning.LEARN
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
@@ -137,17 +137,24 @@ class Tracker:
         """What was learned of the servos and of a camera on the head, by name."""
         return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
 
-    def learn(self, how: Learning) -> None:
-        """Learn from now on, keep what was learned as it is, or forget it."""
-        self._learning = how
-        if how is Learning.FORGET:
+    def learn(self, servos: Learning, camera: Learning) -> None:
+        """Learn from now on, keep what was learned as it is, or forget it.
+
+        Args:
+            servos: what becomes of what is learned of the servos.
+            camera: what becomes of what is learned of a camera on the head.
+        """
+        self._camera_learning = camera
+        if servos is Learning.FORGET:
             self.law.forget_learned()
+        if camera is Learning.FORGET:
             self.camera = self._new_camera()
-        self.law.is_learning = self.camera.is_learning = how is Learning.LEARN
+        self.law.is_learning = servos is Learning.LEARN
+        self.camera.is_learning = camera is Learning.LEARN
 
     def _new_camera(self) -> HeadCamera:
         camera = HeadCamera(self.head, self._readings, self._base)
-        camera.is_learning = self._learning is Learning.LEARN
+        camera.is_learning = self._camera_learning is Learning.LEARN
         return camera
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
@@ -271,7 +278,7 @@ class Tracker:
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
         before, self.camera = self.camera, self._new_camera()
-        if self._learning is Learning.FREEZE:
+        if self._camera_learning is Learning.FREEZE:
             self.camera.keep(before)
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")

@@ -120,35 +120,47 @@ def test_each_joint_is_predicted_at_its_own_delay(head):
     assert max(learned[name].deviation for name in learned if "delay" in name) < 0.03
 
 
-@pytest.mark.parametrize("how", list(Learning))
-def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, how):
+@pytest.mark.parametrize(
+    ("servos", "camera"),
+    [
+        *((how, how) for how in Learning),
+        (Learning.FREEZE, Learning.LEARN),
+        (Learning.LEARN, Learning.FORGET),
+    ],
+)
+def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     steered = tracker(head)
     before = steered.learned
     ordinary = replace(BESIDE, duration=8.0, servos=PlainServo(dead_time=0.02), on_head=True)
     ClosedLoop(swing, ordinary).run(steered)
     learned = steered.learned
     assert {each.source for each in learned.values()} >= {"learned"}
-    steered.learn(how)
+    steered.learn(servos, camera)
     steered.reset("a new run", 0.0)
     other = replace(ordinary, servos=PlainServo(dead_time=0.12), stamp_error=0.09)
     ClosedLoop(swing, other).run(steered)
     now = steered.learned
     assert list(now) == list(learned)
-    (pan, tilt), camera = (name for name in now if "delay" in name), list(now)[-1]
-    if how is Learning.LEARN:
+    (pan, tilt), (*of_servos, stamps) = (name for name in now if "delay" in name), now
+    if servos is Learning.LEARN:
         assert now[pan].value > learned[pan].value + 0.015
-        assert now[camera].value == pytest.approx(0.09, abs=0.02)
-    elif how is Learning.FREEZE:
-        assert [now[name].value for name in (tilt, camera)] == [
-            learned[name].value for name in (tilt, camera)
-        ]
+    elif servos is Learning.FREEZE:
+        assert now[tilt].value == learned[tilt].value
         assert now[pan].value == pytest.approx(learned[pan].value, abs=0.02)
-        assert [now[name].source for name in now] == [learned[name].source for name in now]
-        assert now[camera].source == now[pan].source == "learned"
+        assert [now[name].source for name in of_servos] == [
+            learned[name].source for name in of_servos
+        ]
+        assert now[pan].source == "learned"
     else:
-        assert {each.source for each in now.values()} == {"not observable"}
-        assert [each.value for each in now.values()] == [each.value for each in before.values()]
-    steered.learn(Learning.LEARN)
+        assert {now[name].source for name in of_servos} == {"not observable"}
+        assert [now[name].value for name in of_servos] == [before[name].value for name in of_servos]
+    if camera is Learning.LEARN:
+        assert now[stamps].value == pytest.approx(0.09, abs=0.02)
+    elif camera is Learning.FREEZE:
+        assert (now[stamps].value, now[stamps].source) == (learned[stamps].value, "learned")
+    else:
+        assert (now[stamps].value, now[stamps].source) == (before[stamps].value, "not observable")
+    steered.learn(Learning.LEARN, Learning.LEARN)
     steered.law.parameters = replace(steered.law.parameters, servo_delay=0.05)
     ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
     assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")

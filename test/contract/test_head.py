@@ -129,11 +129,18 @@ def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
     swing_until_learned(head, pan)
     head.learn("freeze")
     assert head.learned[pan].source == "learned"
-    head.learn("forget")
+    head.learn(camera="forget")
+    assert head.learned[pan].source == "learned"
+    head.learn("freeze", servos="forget")
     assert head.learned[pan].source == "not observable"
     head.learn(servo_delay=0.06)
     wait_for(lambda: head.learned[pan].source == "given")
-    for wrong in ({"how": "never"}, {"servo_delay": 9.0}, {"servo_delay": "long"}):
+    for wrong in (
+        {"how": "never"},
+        {"camera": "never"},
+        {"servo_delay": 9.0},
+        {"servo_delay": "long"},
+    ):
         with pytest.raises(ValueError):
             head.learn(**wrong)
 

@@ -26,6 +26,7 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
+_LEARNING = "learn: it is learned; freeze: it stays as it is; forget: it is forgotten."
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +43,15 @@ class HeadTrackerParameters:
         + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
     )
-    learning: str = parameter(
+    servo_learning: str = parameter(
         Learning.LEARN.value,
-        "What becomes of what is learned of servos and camera: learn: it is learned; freeze: it "
-        "stays as it is; forget: it is forgotten.",
-        choices=tuple(each.value for each in Learning),
+        f"What becomes of what is learned of the servos: {_LEARNING}",
+        choices=tuple(Learning),
+    )
+    camera_learning: str = parameter(
+        Learning.LEARN.value,
+        f"What becomes of what is learned of a camera on the head: {_LEARNING}",
+        choices=tuple(Learning),
     )
 
 
@@ -100,7 +105,8 @@ class HeadTrackerNode(ClosingNode):
             self._laws[law].value,
             self._estimator.value,
             self._target_state.value,
-            own.learning,
+            own.servo_learning,
+            own.camera_learning,
         )
 
     def _tune(self, _: object) -> None:
