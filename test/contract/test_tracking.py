@@ -35,7 +35,11 @@ def bench(running):
     assert person.call("torque_enable", True).success
     assert person.call("head_tracker/enable", True).success
     wait_for(lambda: person.call("head_tracker/recenter").success)
-    wait_for(lambda: person.looks_at(0.0, 0.0))
+    try:
+        wait_for(lambda: person.looks_at(0.0, 0.0))
+    except AssertionError:
+        state = person.latched("head_tracker/state")
+        pytest.fail(f"{state}; pan {person.pan}, tilt {person.tilt}; log: {person.log[-9:]}")
     person.log.clear()
     return running
 

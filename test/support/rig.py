@@ -434,7 +434,7 @@ class Bench:
     def run(self, *arguments: str, ros: tuple[str, ...] = ()) -> Program:
         """Start a run of the head with this bench's servos."""
         # (the servos share a process with the test, and answer when that has time)
-        ros = ("-p", "servo_bus:reply_timeout:=0.1", *ros)
+        ros = ("-p", "servo_bus:reply_timeout:=0.3", *ros)
         return self.start(
             "head_tracking", "--port", self.servos.name, *arguments, "--ros-args", *ros
         )
