@@ -26,8 +26,8 @@ from head_tracking.ros.kit.qos import LATCHED
 # a depth of 1 is that of all publishers together, this one's included
 _ALL: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-LOOK_TIME: Final = 3.0
-"""So long [s] a head looks for others: they are heard after 0.5 s, after a lost packet later."""
+LOOK_TIME: Final = 1.5
+"""So long [s] a head looks for others, who say four times a second that they are there."""
 
 
 class HeadClaim:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import re
 import sys
 import tempfile
@@ -17,6 +18,10 @@ from rclpy.utilities import remove_ros_args
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import output_may_get_lost
 from head_tracking.ros.kit import parameter_sources
+from head_tracking.share import share_directory
+
+_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Where Fast DDS 2 and 3 look for settings."""
 
 
 class StartError(HeadTrackingError):
@@ -26,7 +31,8 @@ class StartError(HeadTrackingError):
 def start_ros(arguments: Sequence[str] | None = None) -> None:
     """`rclpy.init`, without its signal handlers.
 
-    Where no log file can be written none is, and that is said.
+    Where no log file can be written none is, and that is said. Fast DDS gets config/fastdds.xml,
+    unless the user has settings of their own.
 
     Args:
         arguments: the command line; None: `sys.argv`.
@@ -39,6 +45,8 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     if reason:
         print(f"no log file is written: {reason}", file=sys.stderr)
         arguments += ["--ros-args", "--disable-external-lib-logs", "--"]
+    if not any(map(os.environ.get, _PROFILES)):
+        os.environ.update(dict.fromkeys(_PROFILES, str(share_directory() / "config/fastdds.xml")))
     try:
         with parameter_sources.rules_in_namespace(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
