@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+
 from test.support.ros_domain import own_domain
 
 PROGRAM = """
