@@ -2,6 +2,8 @@
 
 import math
 import random
+import threading
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -94,14 +96,19 @@ def test_visual_target_survives_every_image(follow):
                 picture = None
             elif rnd.random() < 0.5:
                 depth = None
-            node._look(_Shot(picture or depth, picture, depth))
+            # in the thread that looks: selections are carried out there
+            node._looking.do(partial(node._look, _Shot(picture or depth, picture, depth)))
             if rnd.random() < 0.1:
                 sizes = (0, 1, 20, 64, 2**32 - 1)
                 x, y, width, height = (rnd.choice(sizes) for _ in range(4))
                 node._on_select(
                     RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
                 )
+        done = threading.Event()
+        node._looking.do(done.set)
+        done.wait(60.0)
         assert node._looking._error is None
+        assert done.is_set()
     finally:
         node.destroy_node()
         rclpy.shutdown()
