@@ -8,8 +8,10 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import rclpy
+from ament_index_python.packages import get_package_prefix
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logging_directory
 from rclpy.signals import SignalHandlerOptions
@@ -20,8 +22,11 @@ from head_tracking.output import output_may_get_lost
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.share import share_directory
 
-_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Where Fast DDS 2 and 3 look for settings."""
+_PROFILES = {
+    "fastrtps": "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "fastdds": "FASTDDS_DEFAULT_PROFILES_FILE",
+}
+"""Where Fast DDS 2 and 3 look for settings; 3 warns of the name of 2."""
 
 
 class StartError(HeadTrackingError):
@@ -45,14 +50,24 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     if reason:
         print(f"no log file is written: {reason}", file=sys.stderr)
         arguments += ["--ros-args", "--disable-external-lib-logs", "--"]
-    if not any(map(os.environ.get, _PROFILES)):
-        os.environ.update(dict.fromkeys(_PROFILES, str(share_directory() / "config/fastdds.xml")))
+    if not any(map(os.environ.get, _PROFILES.values())):
+        settings = str(share_directory() / "config/fastdds.xml")
+        os.environ.update({_PROFILES[name]: settings for name in _fast_dds()})
     try:
         with parameter_sources.rules_in_namespace(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
     parameter_sources.remember(arguments)
+
+
+def _fast_dds() -> list[str]:
+    """Which Fast DDS is installed beside ROS."""
+    try:
+        share = Path(get_package_prefix("rmw_fastrtps_cpp")) / "share"
+    except (LookupError, OSError):  # another middleware; or AMENT_PREFIX_PATH is not set
+        return []
+    return [name for name in _PROFILES if (share / name).is_dir()]
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
