@@ -238,18 +238,21 @@ def _slow(watch: _Watch) -> str:
 
 
 def _stuck(watch: _Watch) -> str:
-    """Find that it stands away from its goal for 0.12 s; what it drives tells why.
+    """Find that it stands away from its goal; what it drives tells why.
 
-    A servo that holds a weight stands a little off, driving. One that has to turn round may take
-    0.1 s more; of a late cycle only 0.02 s count, for the goal may have come late.
+    It stands if it has not gone a short way in the time that this takes at the speed that was
+    asked, with 0.1 s to gather that speed. A servo that holds a weight stands a little off,
+    driving. One that has to turn round may take 0.1 s more; of a late cycle only 0.02 s count, for
+    the goal may have come late.
     """
     servo, error, now, tick = watch.servo, watch.error, watch.now, watch.tick
-    off, load = abs(error), abs(servo.load)
-    turns, watch.rest_error = error * watch.rest_error < 0.0, error
-    if turns or abs(watch.position - watch.rest_position) >= max(0.012, 3.0 * tick):
+    off, load, way = abs(error), abs(servo.load), max(0.012, 2.5 * tick)
+    turns = error * watch.rest_error < 0.0
+    watch.rest_error = error or watch.rest_error
+    if turns or abs(watch.position - watch.rest_position) >= way:
         watch.rest_since, watch.rest_position = now, watch.position
         watch.owed = -0.1 if turns else 0.0
-    patience = max(0.12, 8.0 * tick / max(watch.asked, 1e-3))
+    patience = max(0.12, 0.1 + 1.3 * way / max(watch.asked, 1e-3))
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
         watch.owed += min(watch.elapsed, 0.02)
         if watch.owed < patience:

@@ -52,15 +52,25 @@ class Rig:
         model: of both servos.
         seed: of all that is random.
         pair: whether two servos drive the pan joint.
+        loss: share of what is sent either way that is damaged or lost.
+        delay: from a goal to the begin of the motion [s].
     """
 
-    def __init__(self, model=AX, seed: int = 1, *, pair: bool = False, loss: float = 0.0) -> None:
+    def __init__(
+        self,
+        model=AX,
+        seed: int = 1,
+        *,
+        pair: bool = False,
+        loss: float = 0.0,
+        delay: float = 0.03,
+    ) -> None:
         self.random = Random(seed)
         ids = (1, 2, 3) if pair else (1, 2)
         self.faults = Faults(Random(seed), loss, [Fault.CORRUPT, Fault.DROP])
         servos = [
             SimulatedServo(
-                each, model, position_noise=0.4, start_delay=0.03, random=Random(seed + each)
+                each, model, position_noise=0.4, start_delay=delay, random=Random(seed + each)
             )
             for each in ids
         ]
@@ -459,6 +469,25 @@ def test_a_joint_that_slows_down_and_turns_round_meets_no_obstacle() -> None:
     rig = Rig(AX, 5).connect()
     rig.each_cycle.append(lambda: rig.bus.command({PAN: turning(rig)}))
     rig.run(30.0)
+    texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
+    assert not texts
+
+
+@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.3, 0.4])
+@pytest.mark.parametrize("delay", [0.03, 0.08], ids="delay {} s".format)
+def test_a_joint_that_begins_slowly_meets_no_obstacle(model, speed: float, delay: float) -> None:
+    """It rests at its goal, then the goal leads, to one side and to the other in turns."""
+    rig = Rig(model, 3, delay=delay).connect()
+    rig.still = True
+    rig.run(0.5)
+
+    def lead() -> None:
+        side = (0.0, 1.0, 0.0, -1.0)[int(rig.time) % 4]
+        rig.bus.command({PAN: Goal(rig.states[PAN].position + 0.09 * side, speed)})
+
+    rig.each_cycle.append(lead)
+    rig.run(12.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
 
