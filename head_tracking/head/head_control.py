@@ -746,7 +746,7 @@ class HeadControl:
             watch.patience = _START_TIME + delay
         goals = [point.position for point in desired]
         speeds = [abs(point.velocity or 0.0) for point in desired]
-        standing = stalled(self._watches, goals, speeds, reading.positions, reading.now)
+        standing = stalled(self._watches, goals, speeds, reading.positions, reading.stamp)
         return "; ".join(filter(None, map(self._loop.stuck.get, self.joints))) or standing
 
     def _stop(self, reading: HeadReading) -> HeadCommand | None:

@@ -234,14 +234,14 @@ class Tracker:
             self.machine.followed(gaze, error, now)
             ahead = self._message_age + 0.5 * self._interval + self.law.horizon
             self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
-            self._watch_servos(command, joints, now)
+            self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
         goal = self.machine.goal(joints.positions, now)
         if goal is None:
             return TrackingStep()
         speed = min(self.machine.parameters.default_joint_speed, self.law.at_most)
         command = self.law.go_to(goal, speed, joints, now)
-        self._watch_servos(command, joints, now)
+        self._watch_servos(command, joints)
         return TrackingStep(command)
 
     def enable(self, on: bool, now: float) -> HeadCommand | None:
@@ -310,9 +310,10 @@ class Tracker:
             estimate, self.head, lambda time: base.pose(time).rotation.inverse() @ upright, now
         )
 
-    def _watch_servos(self, command: HeadCommand, joints: JointReading, now: float) -> None:
+    def _watch_servos(self, command: HeadCommand, joints: JointReading) -> None:
         goals, speeds = (command.pan, command.tilt), (command.pan_speed, command.tilt_speed)
-        self.machine.stalled = stalled(self._stall_watches, goals, speeds, joints.positions, now)
+        watches, stamp = self._stall_watches, joints.stamp
+        self.machine.stalled = stalled(watches, goals, speeds, joints.positions, stamp)
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +352,7 @@ def stalled(
     goals: Sequence[float],
     speeds: Sequence[float],
     positions: Sequence[float],
-    now: float,
+    stamp: float,
 ) -> str:
     """Which joints stand still although their goals are elsewhere, for a person; empty: none.
 
@@ -360,12 +361,12 @@ def stalled(
         goals: of the newest commands [rad].
         speeds: of the newest commands [rad/s].
         positions: as measured [rad].
-        now: the time [s].
+        stamp: when they were measured [s]; while they are not measured, no time passes.
     """
     standing = [
         watch.joint
         for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
-        if watch.check(goal, speed, position, now)
+        if watch.check(goal, speed, position, stamp)
     ]
     return (
         f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"

@@ -244,3 +244,12 @@ def test_no_message_makes_a_command_that_is_no_number(head, law, seed):
                 way = goals[index] - joints[index]
                 joints[index] += min(max(way, -0.02 * speed), 0.02 * speed)
     assert tracker.state in (TargetState.TRACKING, TargetState.ACQUIRING)
+
+
+def test_joints_that_are_not_measured_are_not_taken_for_stalled(make, law):
+    bench = Bench(make(law)).run(0.04, TARGET)
+    for _ in range(100):
+        bench.now += DT
+        bench.tracker.target_seen(bench.now, TARGET, bench.now)
+        bench.tracker.step(bench.now)
+        assert bench.tracker.state is not TargetState.STALLED
