@@ -29,6 +29,7 @@ from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
 from waiting import wait_for
 
+from head_tracking.recording.recording import RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.transforms import Rotation, Transform
@@ -95,6 +96,16 @@ def point_left(robot: Robot, page: Any) -> None:
     choose_mode(page, "point")
     point_head(page, "base_link", 1.0, 0.5, 0.5)
     wait_for(lambda: abs(robot.true("head_pan_joint") - bearing(0.5, 1.0)) < 2 * DEGREE, PATIENCE)
+
+
+def shows_pan(file: Path, pan: float) -> bool:
+    """Whether a recording, which may be written still, ends with the head at a pan angle."""
+    try:
+        with file.open("rb") as stream:
+            last = read_recording(stream).seen[-1]
+    except RecordingError:
+        return False
+    return abs(last.joints["head_pan_joint"] - pan) < 2 * DEGREE
 
 
 def joint_field(page: Any, joint: str) -> Any:
@@ -441,6 +452,30 @@ def test_a_server_that_is_silent_is_disconnected_and_takes_no_input(viewer, page
     wait_for(lambda: not page.evaluate("document.getElementById('live').inert"), PATIENCE)
 
 
+def test_why_the_server_refused_a_browser_stays_on_its_page(page):
+    why = page.locator("#why")
+    page.evaluate("headPage.connect = () => {}; headPage.socket.close()")
+    wait_for(lambda: word(page) == "disconnected", PATIENCE)
+    said = why.inner_text()
+    page.evaluate("headPage.heard = performance.now() - 10000")  # long ago
+    page.wait_for_timeout(1500)
+    assert why.inner_text() == said
+    page.evaluate("delete headPage.connect; headPage.connect()")
+    wait_for(lambda: word(page) != "disconnected", PATIENCE)
+
+
+def test_a_replay_goes_on_as_one_after_the_server_was_silent(page):
+    open_tab(page, "record")
+    press(page, "Replay the last minute")
+    wait_for(lambda: word(page) == "replay", PATIENCE)
+    page.evaluate("headPage.socket.onmessage = () => {}")
+    wait_for(lambda: word(page) == "disconnected", PATIENCE)
+    page.evaluate("headPage.socket.close()")
+    wait_for(lambda: word(page) == "replay", PATIENCE)
+    press(page, "Back to the robot")
+    wait_for(lambda: word(page) not in ("replay", "disconnected"), PATIENCE)
+
+
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     wait_for(lambda: is_relaxed(robot), PATIENCE)
     open_tab(page, "joints")
@@ -519,9 +554,10 @@ def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer,
     press(page, "Record everything")
     page.get_by_role("button", name="End recording").wait_for()
     robot.look_at(1.0, 0.2, 0.5, "base_link")
+    (file,) = viewer.robot.recorder.files()
+    wait_for(lambda: shows_pan(file, bearing(0.2, 1.0)), PATIENCE)
     press(page, "End recording")
     page.get_by_role("button", name="Record everything").wait_for()
-    (file,) = viewer.robot.recorder.files()
     press(page, f"Replay {file.name}")
     wait_for(lambda: word(page) == "replay", PATIENCE)
     press(page, "Play")

@@ -18,6 +18,7 @@ class Page {
   constructor() {
     this.state = null;
     this.about = null;
+    this.silent = ""; // why nothing is heard of the robot
     this.failing = {}; // why a part can't be shown here, by part
     this.scene = new RobotScene(by("scene"), (point) => this.steer.command("look", { point, take_over: true }));
     this.chart = new Chart(by("lines"));
@@ -39,7 +40,7 @@ class Page {
     this.makeTheme();
     this.makeView();
     this.connect();
-    setInterval(() => { if (performance.now() - this.heard > SILENT && !document.hidden) this.disconnected("no state has come for 3 s"); }, 500);
+    setInterval(() => { if (this.socket.readyState === WebSocket.OPEN && performance.now() - this.heard > SILENT && !document.hidden) this.setSilent("no state has come for 3 s"); }, 500);
     if (!localStorage.getItem("head-welcomed")) this.welcome(0);
   }
 
@@ -128,7 +129,7 @@ class Page {
     socket.onopen = () => this.chooseCamera();
     socket.onmessage = async ({ data }) => {
       this.heard = performance.now();
-      this.setInert(false);
+      this.setSilent("");
       if (typeof data !== "string") {
         if (!this.replay.opened && by("source").value !== "none") { // one may be on its way still
           await this.camera.show(data);
@@ -143,19 +144,17 @@ class Page {
       else if (!this.replay.opened) this.show(said);
     };
     socket.onclose = ({ code, reason }) => {
-      this.disconnected(code === 4008 ? reason : "the page's server does not answer; trying again");
+      this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
       setTimeout(() => this.connect(), 1000);
     };
   }
 
-  disconnected(why) {
-    this.setInert(true);
-    this.showWord("disconnected", why);
-  }
-
-  /** Take no input for the robot while nothing is heard of it; STOP stays. */
-  setInert(isInert) {
-    for (const place of ["live", "joints"]) if (by(place).inert !== isInert) by(place).inert = isInert;
+  /** Say why nothing is heard of the robot, and take no input for it until it is; STOP stays. */
+  setSilent(why) {
+    if (this.silent === why) return;
+    this.silent = why;
+    for (const place of ["live", "joints"]) by(place).inert = Boolean(why);
+    this.showWord();
   }
 
   chooseCamera() {
@@ -188,29 +187,31 @@ class Page {
     const values = by("angles").querySelectorAll("dd");
     if (!values.length) for (const name of ["pan", "tilt"]) { const part = element(by("angles"), "div"); element(part, "dt", {}, name); element(part, "dd", { id: name }); }
     else [pan, tilt].forEach((value, number) => write(values[number], Number.isFinite(value) ? `${degrees(value).toFixed(1)}°` : "–"));
-    if (state.word) this.showWord(state.word, state.text);
-    else if (this.about) this.showLiveWord();
+    this.showWord();
   }
 
-  showLiveWord() {
-    const { word, text, stop } = this.about, { error } = this.state ?? {};
-    const off = error == null || word === "stopped" ? "" : `${degrees(error).toFixed(1)}° off`;
-    this.showWord(word, [text, stop, off].filter(Boolean).join(" · "));
-  }
-
-  showWord(word, why) {
+  /** Show what the head does, in the live robot or in the recording. */
+  showWord() {
+    const { word, text: why } = this.silent ? { word: "disconnected", text: this.silent } : this.state?.word ? this.state : this.live();
+    if (!word) return; // nothing has come yet
     by("pill").dataset.word = word;
     write(by("word"), word);
     write(by("why"), why);
     by("pill").title = why;
   }
 
+  live() {
+    const { word, text, stop } = this.about ?? {}, { error } = this.state ?? {};
+    const off = error == null || word === "stopped" ? "" : `${degrees(error).toFixed(1)}° off`;
+    return { word, text: [text, stop, off].filter(Boolean).join(" · ") };
+  }
+
   /** Show modes, servos and health: what changes four times a second at most. */
   showAbout(about) {
     showFailing({ ...about.failing, ...this.failing });
     if (!about.word) { // nothing is known about the robot now, so nothing older is called its state
-      this.about = null;
-      return this.showWord("fault", "the state of the robot can't be shown");
+      this.about = { word: "fault", text: "the state of the robot can't be shown" };
+      return this.showWord();
     }
     this.about = about;
     by("resume").hidden = !about.can_resume;
