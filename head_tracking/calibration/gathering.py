@@ -28,6 +28,8 @@ _SPEED: Final = 0.6  # rad/s
 _SETTLING: Final = 0.4  # s after an arrival: a camera's pictures come late
 _STILL: Final = 1.0  # px between two pictures
 _PATIENCE: Final = 1.5  # s for a still picture of a marker
+_LATE: Final = 0.5  # s that a measurement of the joints may come after a picture
+_POLL: Final = 0.005  # s
 _REACH: Final = 0.75  # of half the picture, to which the marker is brought
 _DISTANCE: Final = 2.0  # m: of what is looked at
 _STEPS: Final = 5  # in each direction
@@ -123,44 +125,74 @@ class _Observer:
         self._head, self._source, self._camera = head, source, camera
         self._detector = MarkerDetector(marker)
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
+        self._arrived = math.nan
 
     def views(self) -> list[View]:
-        """Return the markers that are seen as soon as the pictures stand still; none: no marker."""
-        arrived = time.time()
-        self._note_directions()
+        """Return the markers that are seen as soon as the pictures stand still; none: no marker.
+
+        The joints stand from a measurement before these pictures to one after them: on a busy
+        computer measurements come late, and the head may begin to turn late.
+        """
+        self._note_motion()
+        self._arrived, _ = self._joints()
+        end = self._arrived + _SETTLING + _PATIENCE
         before: dict[int, View] = {}
         for stamp, picture in self._source:
-            if stamp < arrived + _SETTLING:
+            if stamp < self._arrived + _SETTLING:
                 continue
-            pan, tilt = self._head.joints.values()
-            frame = Frame(round(stamp * 1e9), self._camera, Picture(picture))
-            directions = self._directions[0], self._directions[1]
-            found = {
-                int(each.label): View(
-                    pan, tilt, int(each.label), np.asarray(each.points, float), directions
-                )
-                for each in self._detector.detect(frame, [])
-            }
+            self._wait_for_joints(stamp)
+            found = {} if self._note_motion() else self._detect(stamp, picture)
             still = [
                 view
                 for number, view in found.items()
                 if number in before
                 and float(np.abs(view.corners - before[number].corners).max()) < _STILL
             ]
-            if still or stamp > arrived + _SETTLING + _PATIENCE:
+            if still or stamp > end:
                 return still
             before = found
         raise _no_picture()
 
-    def _note_directions(self) -> None:
-        """Note in which direction each joint has turned since the last views."""
-        positions = tuple(self._head.joints.values())
-        for joint, (before, now) in enumerate(zip(self._positions, positions, strict=True)):
-            if abs(now - before) > _CROSSED:
-                self._directions[joint] = 1 if now > before else -1
-            elif abs(now - before) > _STOOD:
+    def _detect(self, stamp: float, picture: Pixels) -> dict[int, View]:
+        frame = Frame(round(stamp * 1e9), self._camera, Picture(picture))
+        pan, tilt = self._head.joints.values()
+        directions = self._directions[0], self._directions[1]
+        return {
+            int(each.label): View(
+                pan, tilt, int(each.label), np.asarray(each.points, float), directions
+            )
+            for each in self._detector.detect(frame, [])
+        }
+
+    def _joints(self) -> tuple[float, tuple[float, ...]]:
+        """Return when the joints were measured last [s], and their positions [rad]."""
+        positions = self._head.joints
+        found = [self._head.frames.latest_joint_position(name) for name in positions]
+        stamps = [each[0] * 1e-9 for each in found if each is not None]
+        return min(stamps, default=-math.inf), tuple(positions.values())
+
+    def _wait_for_joints(self, stamp: float) -> None:
+        """Wait until the joints have been measured after a picture.
+
+        Where the camera's clock is ahead of the joints', that takes too long to be waited for.
+        """
+        end = time.monotonic() + _LATE
+        while self._joints()[0] < stamp and time.monotonic() < end:
+            time.sleep(_POLL)
+
+    def _note_motion(self) -> bool:
+        """Return whether a joint has turned since it was asked last; note in which direction."""
+        stamp, positions = self._joints()
+        ways = [now - before for before, now in zip(self._positions, positions, strict=True)]
+        if all(abs(way) <= _STOOD for way in ways):
+            return False
+        for joint, way in enumerate(ways):
+            if abs(way) > _CROSSED:
+                self._directions[joint] = 1 if way > 0.0 else -1
+            elif abs(way) > _STOOD:
                 self._directions[joint] = 0
-        self._positions = positions
+        self._arrived, self._positions = stamp, positions
+        return True
 
 
 def _no_picture() -> CalibrationError:

@@ -198,6 +198,7 @@ class HeadControl:
         self._placed: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_WAITING)
         self._listening_since = round(self.now * 1e9)
         self._stepped, self._fresh = (0.0, 0.0), False
+        self._wrong_since, self._is_wrong = math.inf, False
         self._cautious_for = 0.0  # s, with a target
         self._rejected = ""
         self._before: HeadTask | None = None  # what the task replaces
@@ -277,8 +278,8 @@ class HeadControl:
         """Notice what has changed; called by `update` and, lest nothing is measured, by others."""
         with self.lock:
             self._notice_owners()
-            self.reading()
-            if self.trouble:
+            self._look()
+            if self._is_wrong:
                 self.end_task(self.trouble)
 
     def _notice_owners(self) -> None:
@@ -304,7 +305,7 @@ class HeadControl:
         """Decide where the joints go now, and send it; see `ControlLoop`."""
         with self.lock:
             self._notice_owners()
-            reading = self.reading()
+            reading = self._look()
             while self._placer is not None and self._inbox:
                 self._placer.offer(*self._inbox.popleft())
             if reading is None:
@@ -319,12 +320,22 @@ class HeadControl:
     def publish(self) -> None:
         """Let others know, after the write."""
         with self.lock:
-            if self.trouble:
+            if self._is_wrong:
                 self.end_task(self.trouble)
             if self.task is not None:
                 self.task.report(self.now)
         error, self._fresh = self.error if self._fresh else None, False
         self._observer(error)
+
+    def _look(self) -> HeadReading | None:
+        """Return the reading. What is wrong in two looks, half a cycle apart, ends a task.
+
+        At the first of them, this program itself may have been held up.
+        """
+        reading, now = self.reading(), time.monotonic()
+        self._wrong_since = min(self._wrong_since, now) if self.trouble else math.inf
+        self._is_wrong = now - self._wrong_since > 0.5 * self.period
+        return reading
 
     def _is_due(self, reading: HeadReading) -> bool:
         before, measured = self._stepped

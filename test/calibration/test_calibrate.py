@@ -1,20 +1,24 @@
 """The head looks around a marker by itself, with a simulated camera that is mounted wrong."""
 
 import math
+import time
+from collections import deque
 
 import numpy as np
 import pytest
 
 from head_tracking import Head
 from head_tracking.calibration import Calibration, calibrated, gathering
+from head_tracking.calibration.gathering import calibrate_camera
 from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
+from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.simulation import SimulatedJoints
-from head_tracking.transforms import load_robot_model
+from head_tracking.transforms import TransformBuffer, load_robot_model
 from head_tracking.vision import MarkerParameters
 
 
@@ -60,6 +64,50 @@ def test_a_camera_without_pictures_is_named():
     with Head.simulated() as head, pytest.raises(CalibrationError) as refusal:
         head.calibrate([], marker=MarkerParameters("4X4_50", -1, 0.16))
     assert refusal.value.reason is Reason.NO_PICTURE
+
+
+class LateHead:
+    """A head that turns at once, and whose joints are heard of late, as on a busy computer."""
+
+    def __init__(self, model, late):
+        self.frames, self._late = TransformBuffer(), late
+        self.frames.set_model(model)
+        self.head = PanTiltHead(model, "head_pan_joint", "head_tilt_joint", "camera_link")
+        self.true = {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
+        self._reports = deque([(0.0, self.true)])
+        self.hear()
+
+    def hear(self):
+        """Receive what was measured some time ago."""
+        now = time.time()
+        self._reports.append((now, self.true))
+        while self._reports and self._reports[0][0] <= now - self._late:
+            stamp, positions = self._reports.popleft()
+            self.frames.set_joint_positions(round(1e9 * stamp), positions)
+
+    @property
+    def joints(self):
+        self.hear()
+        return {name: self.frames.latest_joint_position(name)[1] for name in self.true}
+
+    def look_at(self, point, frame, *, max_velocity):
+        gaze = self.head.gaze(point, *self.true.values())
+        self.true = dict(zip(self.true, (gaze.pan, gaze.tilt), strict=True))
+
+
+def test_a_view_counts_only_while_the_joints_stand(quick, monkeypatch):
+    monkeypatch.setattr(gathering, "_SETTLING", 0.0)
+    model = load_robot_model(robot_file("kinectbot"))
+    head = LateHead(model, 0.15)
+
+    def camera(stamp):
+        return model.transform("base_link", "camera_optical_frame", head.true)
+
+    found = calibrate_camera(
+        head, film("still marker", camera), marker=MarkerParameters("4X4_50", -1, 0.16)
+    )
+    assert found.views > 8
+    assert abs(found.estimates["camera yaw"].value) < math.radians(0.5)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1.0])

@@ -348,6 +348,20 @@ def test_a_servo_that_falls_silent_ends_a_turn_with_an_error(head, servos):
     wait_for(lambda: head.state == HeadState.HOLDING)
 
 
+def test_a_computer_that_is_busy_for_a_moment_ends_no_turn(head, servos):
+    """Its programs stand still between a measurement and what follows from it."""
+    with ThreadPoolExecutor() as threads:
+        turning = threads.submit(head.look_at, LEFT, max_velocity=0.3, timeout=30.0)
+        for turned in (0.05, 0.2):
+            wait_for(lambda turned=turned: abs(servos.true[0]) > turned)
+            known = head.frames.latest_joint_position("head_pan_joint")
+            head.frames.when(
+                lambda known=known: head.frames.latest_joint_position("head_pan_joint") != known,
+                lambda: time.sleep(0.8),
+            )
+        assert turning.result(30.0).arrived
+
+
 def test_an_exception_and_a_port_that_has_gone_end_it(servos, kinectbot):
     with pytest.raises(LookupError), Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         head.look_at((2.0, 0.3, 0.6))
