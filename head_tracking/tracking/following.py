@@ -1,4 +1,4 @@
-"""The one definition of a joint that does not follow its commands."""
+"""A joint that does not follow its commands, by its position."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class NotFollowing:
 class FollowingWatch:
     """Detect a joint that does not follow its commands: relaxed, shut down or blocked.
 
-    The tracker, the actions, the joint controllers and the bus ask this class; nothing else decides
-    whether a joint follows. A joint does not follow if it has moved less than 20 % of the
-    commanded way, and less than `AT_GOAL`, within `patience`, and has not arrived at its goal. It
-    follows again once it has moved by more than that, or its goal is reached or lies on its other
-    side.
+    The tracker, the actions and the joint controllers ask this class. What a servo that stands
+    drives only the bus knows; its diagnosis tells sooner, and why. A joint does not follow if it
+    has moved less than 20 % of the commanded way, and less than `AT_GOAL`, within `patience`, and
+    has not arrived at its goal. It follows again once it has moved by more than that, or its goal
+    is reached or lies on its other side.
 
     Args:
         joint: name of the joint.

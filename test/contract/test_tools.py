@@ -3,7 +3,6 @@
 import re
 import shlex
 import signal
-import time
 from contextlib import closing
 from importlib.util import find_spec
 
@@ -144,7 +143,13 @@ def test_a_recording_holds_what_was_published(bench):
         return any(listener.node_name.startswith("recorder") for listener in listeners)
 
     wait_for(lambda: all(map(hears, recorded)))
-    time.sleep(2.0)
+    heard = set()
+
+    def has_heard():
+        heard.add(bench.person.joint_stamps[JOINTS[0]])
+        return len(heard) > 60
+
+    wait_for(has_heard)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     (file,) = folder.glob("*.mcap")
     with file.open("rb") as stream:

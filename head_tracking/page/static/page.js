@@ -20,11 +20,11 @@ class Page {
     this.about = null;
     this.silent = ""; // why nothing is heard of the robot
     this.failing = {}; // why a part can't be shown here, by part
-    this.scene = new RobotScene(by("scene"), (point) => this.steer.command("look", { point, take_over: true }));
+    this.scene = new RobotScene(by("scene"), (point) => this.steer.lead("look", { point, take_over: true }));
     this.chart = new Chart(by("lines"));
     this.steer = new Steering(() => this.canSteer());
     this.camera = new CameraPicture(
-      (u, v, stamp) => this.steer.command("look", { u, v, stamp, topic: by("source").value, take_over: true }),
+      (u, v, stamp) => this.steer.lead("look", { u, v, stamp, topic: by("source").value, take_over: true }),
       (frame) => this.steer.command("mode", { mode: "follow a frame", frame }),
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));

@@ -120,17 +120,19 @@ export class Steering {
     this.aim({ [robot.pan]: within(this.left() * -x * reach(robot.pan_limits), robot.pan_limits), [robot.tilt]: within(y * reach(robot.tilt_limits) * this.down(), robot.tilt_limits) });
   }
 
-  /** Send joint positions; while one is under way only the latest is kept. */
-  async aim(joints) {
-    this.wanted = { ...this.wanted, ...joints };
-    if (this.aiming) return;
-    this.aiming = true;
+  aim(joints) { return this.lead("aim", { joints: { ...this.wanted?.body.joints, ...joints } }); }
+
+  /** Send what is led by hand. While a command is under way only the latest is kept: none overtakes another. */
+  async lead(name, body) {
+    this.wanted = { name, body };
+    if (this.leading) return;
+    this.leading = true;
     while (this.wanted) {
       const next = this.wanted;
       this.wanted = null;
-      await this.command("aim", { joints: next });
+      await this.command(next.name, next.body);
     }
-    this.aiming = false;
+    this.leading = false;
   }
 
   /** Return 1 where a positive pan looks left, -1 where it looks right. */
