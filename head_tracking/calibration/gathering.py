@@ -125,7 +125,6 @@ class _Observer:
         self._head, self._source, self._camera = head, source, camera
         self._detector = MarkerDetector(marker)
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
-        self._arrived = math.nan
 
     def views(self) -> list[View]:
         """Return the markers that are seen as soon as the pictures stand still; none: no marker.
@@ -134,14 +133,17 @@ class _Observer:
         computer measurements come late, and the head may begin to turn late.
         """
         self._note_motion()
-        self._arrived, _ = self._joints()
-        end = self._arrived + _SETTLING + _PATIENCE
+        arrived = self._measured()
+        end = arrived + _SETTLING + _PATIENCE
         before: dict[int, View] = {}
         for stamp, picture in self._source:
-            if stamp < self._arrived + _SETTLING:
+            if stamp < arrived + _SETTLING:
                 continue
             self._wait_for_joints(stamp)
-            found = {} if self._note_motion() else self._detect(stamp, picture)
+            if self._note_motion():
+                arrived, found = self._measured(), {}
+            else:
+                found = self._detect(stamp, picture)
             still = [
                 view
                 for number, view in found.items()
@@ -164,12 +166,10 @@ class _Observer:
             for each in self._detector.detect(frame, [])
         }
 
-    def _joints(self) -> tuple[float, tuple[float, ...]]:
-        """Return when the joints were measured last [s], and their positions [rad]."""
-        positions = self._head.joints
-        found = [self._head.frames.latest_joint_position(name) for name in positions]
-        stamps = [each[0] * 1e-9 for each in found if each is not None]
-        return min(stamps, default=-math.inf), tuple(positions.values())
+    def _measured(self) -> float:
+        """Return when the joints were measured last [s]."""
+        found = map(self._head.frames.latest_joint_position, self._head.joints)
+        return min((each[0] * 1e-9 for each in found if each is not None), default=-math.inf)
 
     def _wait_for_joints(self, stamp: float) -> None:
         """Wait until the joints have been measured after a picture.
@@ -177,12 +177,12 @@ class _Observer:
         Where the camera's clock is ahead of the joints', that takes too long to be waited for.
         """
         end = time.monotonic() + _LATE
-        while self._joints()[0] < stamp and time.monotonic() < end:
+        while self._measured() < stamp and time.monotonic() < end:
             time.sleep(_POLL)
 
     def _note_motion(self) -> bool:
         """Return whether a joint has turned since it was asked last; note in which direction."""
-        stamp, positions = self._joints()
+        positions = tuple(self._head.joints.values())
         ways = [now - before for before, now in zip(self._positions, positions, strict=True)]
         if all(abs(way) <= _STOOD for way in ways):
             return False
@@ -191,7 +191,7 @@ class _Observer:
                 self._directions[joint] = 1 if way > 0.0 else -1
             elif abs(way) > _STOOD:
                 self._directions[joint] = 0
-        self._arrived, self._positions = stamp, positions
+        self._positions = positions
         return True
 
 

@@ -143,6 +143,7 @@ def test_a_recording_holds_what_was_published(bench):
         return any(listener.node_name.startswith("recorder") for listener in listeners)
 
     wait_for(lambda: all(map(hears, recorded)))
+    bench.person.wait_for_joints()
     heard = set()
 
     def has_heard():
